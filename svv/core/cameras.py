@@ -1,0 +1,247 @@
+"""Pinhole cameras and the directions from which a volume is looked at.
+
+Convention: OpenGL camera-to-world matrices (x right, y up, the camera looks along -z), world y up, square pixels,
+the principal point in the middle of the image. Lengths are in the volume's own world units, angles in radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from svv.errors import BadInput
+
+Array = NDArray[np.float64]
+
+ROTATION_TOLERANCE = 1e-3
+"""Largest entry of |R^T R - I| that still counts as a rotation: view sets round theirs to 1e-8 ... 1e-4."""
+
+POLE_LIMIT = np.radians(89.99)
+"""Latitude at which the orbit stops short of the pole, where 'up' would be undefined (as the paper's code does)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera.
+
+    Args:
+        camera_to_world: (4, 4) float64, OpenGL convention. Its last row is set to (0, 0, 0, 1) exactly.
+        fov_x: Full horizontal angle of view in radians, in (0, pi).
+        width: Pixels, >= 1.
+        height: Pixels, >= 1.
+
+    Raises:
+        BadInput: The matrix is not finite, its 3x3 part is no rotation, or an angle or a size is out of range.
+    """
+
+    camera_to_world: Array
+    fov_x: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        matrix = np.array(self.camera_to_world, dtype=np.float64)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise BadInput("A camera matrix must be a 4x4 matrix of finite numbers; check transform_matrix.")
+        if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > ROTATION_TOLERANCE:
+            raise BadInput("A camera matrix must end with the row 0, 0, 0, 1; check transform_matrix.")
+        rotation = matrix[:3, :3]
+        off = np.abs(rotation.T @ rotation - np.eye(3)).max()
+        if off > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+            raise BadInput(
+                "A camera matrix must hold a rotation (no scale, no shear, no mirror), but its 3x3 part is not one "
+                f"(R^T R is off by {off:.3g}, determinant {np.linalg.det(rotation):.3g}); check transform_matrix."
+            )
+        if not 0.0 < self.fov_x < np.pi:
+            raise BadInput(f"A camera's angle of view must lie between 0 and pi radians, not {self.fov_x}.")
+        if self.width < 1 or self.height < 1:
+            raise BadInput(f"A camera's image needs at least one pixel, not {self.width} x {self.height}.")
+        matrix[3] = (0.0, 0.0, 0.0, 1.0)  # other people's files carry 1e-8 here
+        matrix.setflags(write=False)
+        object.__setattr__(self, "camera_to_world", matrix)
+
+    @cached_property
+    def position(self) -> Array:
+        """Where the camera stands, (3,) world units."""
+        return self.camera_to_world[:3, 3]
+
+    @property
+    def focal(self) -> float:
+        """Focal length in pixels."""
+        return 0.5 * self.width / float(np.tan(0.5 * self.fov_x))
+
+    def rays(self) -> tuple[Array, Array]:
+        """Rays through the pixel centres, row 0 at the top.
+
+        Returns:
+            Origins (height, width, 3) in world units and unit directions (height, width, 3).
+        """
+        x = (np.arange(self.width) + 0.5 - 0.5 * self.width) / self.focal
+        y = (0.5 * self.height - np.arange(self.height) - 0.5) / self.focal
+        local = np.stack(np.broadcast_arrays(x[None, :], y[:, None], -1.0), axis=-1)  # (h, w, 3)
+        directions = local @ self.camera_to_world[:3, :3].T
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        return np.broadcast_to(self.position, directions.shape).copy(), directions
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same camera with another image size; the horizontal angle of view stays."""
+        return replace(self, width=width, height=height)
+
+
+def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0.0)) -> Array:
+    """Camera-to-world matrix of a camera at ``position`` that looks at ``target``.
+
+    Where ``up`` is parallel to the view direction, the axis least parallel to it stands in.
+
+    Args:
+        position: (3,) world units.
+        target: (3,) world units, different from ``position``.
+        up: (3,) direction that shall point up in the image.
+
+    Returns:
+        (4, 4) float64.
+
+    Raises:
+        BadInput: Position and target coincide.
+    """
+    eye, aim = np.asarray(position, dtype=np.float64), np.asarray(target, dtype=np.float64)
+    length = np.linalg.norm(eye - aim)
+    if not length > 0:
+        raise BadInput("A camera cannot look at its own position; move it away from its target.")
+    back = (eye - aim) / length
+    right = np.cross(np.asarray(up, dtype=np.float64), back)
+    if np.linalg.norm(right) < 1e-9 * max(1.0, float(np.linalg.norm(up))):
+        axis = np.array([(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)][int(abs(back[2]) > 0.9)])
+        right = np.cross(axis, back)
+    right /= np.linalg.norm(right)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
+    matrix[:3, 3] = eye
+    return matrix
+
+
+def geodesic_class(n: int) -> tuple[int, int] | None:
+    """The (h, k), h >= k >= 0, with n = 10 (h^2 + h k + k^2) + 2, or None where n is no geodesic count."""
+    t, rest = divmod(n - 2, 10)
+    if rest or t < 1:
+        return None
+    for k in range(int(t**0.5) + 1):
+        for h in range(k, int(t**0.5) + 1):
+            if h * h + h * k + k * k == t:
+                return h, k
+    return None
+
+
+def geodesic_directions(n: int) -> Array:
+    """``n`` directions spread evenly over the sphere.
+
+    Vertices of the geodesic icosahedron of class (h, k) (Caspar & Klug 1962) where n = 10 T + 2 with
+    T = h^2 + h k + k^2 (12, 32, 42, 72, 92, 122, 132, 162, 192, 212, ..., 312); the 92, 42 and 312 viewpoints of
+    StyleRF-VolVis are of this kind. Any other n gives a Fibonacci spiral.
+
+    Args:
+        n: Number of directions, >= 3.
+
+    Returns:
+        (n, 3) unit vectors, from y = -1 upwards.
+
+    Raises:
+        BadInput: n < 3.
+    """
+    if n < 3:
+        raise BadInput(f"At least 3 views are needed, not {n}.")
+    found = geodesic_class(n)
+    if found is None:
+        y = -1.0 + (2.0 * np.arange(n) + 1.0) / n
+        angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n)
+        ring = np.sqrt(1.0 - y * y)
+        return np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
+    h, k = found
+    t = h * h + h * k + k * k
+    # Barycentric coordinates (times T) of the triangular lattice's points (i, j) in the triangle (0, 0), (h, k),
+    # (-k, h + k): whole numbers, so that the points on an edge are told exactly.
+    i, j = np.meshgrid(np.arange(-k, h + 1), np.arange(h + k + 1), indexing="ij")
+    b, c = (h + k) * i + k * j, h * j - k * i
+    inside = (b >= 0) & (c >= 0) & (b + c <= t)
+    weights = np.stack([t - b - c, b, c], axis=-1)[inside] / t  # (points, 3)
+    corners, faces = icosahedron()
+    points = np.einsum("pc,fcx->fpx", weights, corners[faces]).reshape(-1, 3)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    _, first = np.unique(np.round(points, 9) + 0.0, axis=0, return_index=True)  # edges belong to two faces
+    points = points[first]
+    return points[np.lexsort((points[:, 0], points[:, 2], np.round(points[:, 1], 9)))]
+
+
+def icosahedron() -> tuple[Array, NDArray[np.intp]]:
+    """Vertices (12, 3) on the unit sphere and faces (20, 3), all turning the same way seen from outside."""
+    golden = 0.5 * (1.0 + np.sqrt(5.0))
+    signs = [(a, b) for a in (-1.0, 1.0) for b in (-golden, golden)]
+    corners = np.array([np.roll((0.0, b, a), shift) for shift in range(3) for a, b in signs])
+    edge = np.linalg.norm(corners[:, None] - corners[None], axis=-1).round(9) == 2.0
+    faces = []
+    for p in range(12):
+        for q in range(12):
+            for r in range(12):
+                if p < q and p < r and edge[p, q] and edge[q, r] and edge[r, p]:
+                    if np.linalg.det(corners[[p, q, r]]) > 0:
+                        faces.append((p, q, r))
+    return corners / np.linalg.norm(corners[0]), np.array(faces)
+
+
+def sphere_cameras(n: int, centre: ArrayLike, radius: float, fov_x: float, size: int) -> list[Camera]:
+    """``n`` cameras on a sphere (see ``geodesic_directions``) that look at its centre.
+
+    Args:
+        n: Number of cameras, >= 3.
+        centre: (3,) world units.
+        radius: World units, > 0.
+        fov_x: Full horizontal angle in radians.
+        size: Width and height of the square images, pixels.
+
+    Raises:
+        BadInput: Fewer than 3 cameras, or a radius, an angle or a size out of range.
+    """
+    return [_on_sphere(direction, centre, radius, fov_x, size) for direction in geodesic_directions(n)]
+
+
+def orbit_cameras(
+    n: int = 181,
+    centre: ArrayLike = (0.0, 0.0, 0.0),
+    radius: float = 4.0311,
+    fov_x: float = np.pi / 6,
+    size: int = 800,
+) -> list[Camera]:
+    """The path on which results are shown and tested: from the south to the north pole in one whole turn.
+
+    phi = -90 ... 90 degrees in n steps, theta = 2 phi, direction (cos phi cos theta, sin phi, -cos phi sin theta):
+    the 181 inference views of StyleRF-VolVis. Its first and last view stand 0.01 degree off the poles.
+
+    Args:
+        n: Number of views, >= 2.
+        centre: (3,) world units.
+        radius: World units, > 0.
+        fov_x: Full horizontal angle in radians.
+        size: Width and height of the square images, pixels.
+
+    Raises:
+        BadInput: Fewer than 2 views, or a radius, an angle or a size out of range.
+    """
+    if n < 2:
+        raise BadInput(f"An orbit needs at least 2 views, not {n}.")
+    phi = np.linspace(-0.5 * np.pi, 0.5 * np.pi, n)
+    theta = 2.0 * phi
+    phi = np.clip(phi, -POLE_LIMIT, POLE_LIMIT)
+    directions = np.stack([np.cos(phi) * np.cos(theta), np.sin(phi), -np.cos(phi) * np.sin(theta)], axis=1)
+    return [_on_sphere(direction, centre, radius, fov_x, size) for direction in directions]
+
+
+def _on_sphere(direction: Array, centre: ArrayLike, radius: float, fov_x: float, size: int) -> Camera:
+    if not (np.isfinite(radius) and radius > 0):
+        raise BadInput(f"The cameras' distance must be a positive number, not {radius}.")
+    # The rotation comes from the direction alone, so that it is the same however small or far off the volume is.
+    matrix = look_at(direction, np.zeros(3))
+    matrix[:3, 3] = np.asarray(centre, dtype=np.float64) + radius * direction
+    return Camera(matrix, fov_x, size, size)

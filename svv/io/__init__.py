@@ -1,0 +1,1 @@
+"""Files in and out: view sets, scene files and images."""

@@ -1,0 +1,311 @@
+"""View sets: images with straight alpha and the cameras that took them, in the NeRF-synthetic layout.
+
+On disk: ``transforms_<split>.json`` beside a folder ``<split>`` of PNG files. The JSON file holds
+``camera_angle_x`` (radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``), and, in
+the sets that we write, what made them under the key ``svv``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from svv.core.cameras import Camera
+from svv.errors import BadInput, Progress, silent
+
+Images = NDArray[np.uint8]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+SUFFIXES = ("", ".png", ".PNG", ".jpg", ".jpeg", ".tif", ".tiff")
+"""What may be missing at the end of ``file_path``; NeRF-synthetic sets leave ``.png`` out."""
+
+PNG_LEVEL = 1
+"""zlib level: level 6 takes five times as long to save a sixth of the bytes."""
+
+CORNER_SPREAD = 16
+"""Levels by which corner pixels may differ and still count as one background colour (JPEG noise)."""
+
+MIN_TRAIN_VIEWS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class ViewSet:
+    """Images of one scene and the cameras that took them.
+
+    Args:
+        cameras: One camera per image, all of the images' size.
+        images: (n, height, width, 4) uint8, straight alpha.
+        names: File names without suffix, all different.
+        meta: What is known about how they were made (JSON). In our own sets: ``bounds`` (world, of the visible
+            data), ``volume``, ``tf``, ``mapper``, ``sample_distance``, ``seconds`` ...; ``assumed`` holds one
+            sentence where an image had no alpha.
+
+    Raises:
+        BadInput: No view at all, or counts, sizes or types that do not fit each other.
+    """
+
+    cameras: tuple[Camera, ...]
+    images: Images
+    names: tuple[str, ...]
+    meta: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.images.ndim != 4 or self.images.shape[-1] != 4 or self.images.dtype != np.uint8:
+            raise BadInput("The images of a view set must be an array (n, height, width, 4) of uint8.")
+        n, height, width = self.images.shape[:3]
+        if n == 0:
+            raise BadInput("A view set needs at least one view.")
+        if len(self.cameras) != n or len(self.names) != n or len(set(self.names)) != n:
+            raise BadInput("A view set needs one camera and one name of its own for each image.")
+        if any((camera.width, camera.height) != (width, height) for camera in self.cameras):
+            raise BadInput(f"All cameras of a view set must have the images' size, {width} x {height}.")
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def take(self, indices: Sequence[int]) -> ViewSet:
+        """The views with these indices, in this order."""
+        return ViewSet(
+            tuple(self.cameras[i] for i in indices),
+            self.images[list(indices)],
+            tuple(self.names[i] for i in indices),
+            self.meta,
+        )
+
+    @classmethod
+    def read(cls, folder: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
+        """Read ``transforms_<split>.json`` and its images.
+
+        Images without alpha: where their corners all show one colour, that colour is taken as empty, every other
+        pixel as opaque, and ``meta["assumed"]`` says so; otherwise they are refused.
+
+        Args:
+            folder: Where the JSON file lies.
+            split: ``train`` (at least 3 views), ``test``, ``val``.
+            progress: Told after each image.
+
+        Raises:
+            BadInput: A missing or broken file, frames of different sizes, no alpha and no uniform background,
+                a camera that is no rotation, too few views.
+        """
+        path = Path(folder) / f"transforms_{split}.json"
+        scene, frames = _read_transforms(path)
+        if split == "train" and len(frames) < MIN_TRAIN_VIEWS:
+            raise BadInput(f"{path} has {len(frames)} views; at least {MIN_TRAIN_VIEWS} are needed.")
+        files = [_image_file(path, frame) for frame in frames]
+        decoded = list(_in_threads(_decode, files, progress, f"Reading {split} views"))
+        height, width = decoded[0].shape[:2]
+        for file, image in zip(files, decoded, strict=True):
+            if image.shape[:2] != (height, width):
+                raise BadInput(
+                    f"All images of a view set must have one size, but {files[0].name} has {width} x {height} and "
+                    f"{file} has {image.shape[1]} x {image.shape[0]} pixels."
+                )
+        meta = dict(scene.get("svv") or {})
+        images, assumed = _with_alpha(decoded, files)
+        if assumed:
+            meta["assumed"] = assumed
+        cameras = tuple(_camera(path, scene, frame, width, height) for frame in frames)
+        return cls(cameras, images, _names(frames), meta)
+
+    def write(self, folder: str | Path, split: str = "train", progress: Progress = silent) -> None:
+        """Write the set so that ``read`` gives it back bit by bit.
+
+        Everything is written beside its place first and moved there at the end, the JSON file last: a failure
+        or a cancelled run leaves what was there before.
+
+        Args:
+            folder: Made where it is missing.
+            split: Name of the split, see ``read``.
+            progress: Told after each image.
+
+        Raises:
+            BadInput: The folder cannot be written to, or the disk is full.
+        """
+        target = Path(folder)
+        with _storage_errors(target):
+            target.mkdir(parents=True, exist_ok=True)
+            staging = Path(tempfile.mkdtemp(prefix=f".{split}-", dir=target))
+        try:
+            with _storage_errors(target):
+                jobs = [(staging / f"{name}.png", image) for name, image in zip(self.names, self.images, strict=True)]
+                for _ in _in_threads(_encode, jobs, progress, f"Writing {split} views"):
+                    pass
+                manifest = staging / f"transforms_{split}.json"
+                manifest.write_text(json.dumps(self._transforms(split), indent=1, allow_nan=False))
+                self._move_in(staging, target, split, manifest)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+    def _transforms(self, split: str) -> dict[str, Any]:
+        first = self.cameras[0]
+        frames = []
+        for name, camera in zip(self.names, self.cameras, strict=True):
+            frame: dict[str, Any] = {"file_path": f"./{split}/{name}"}
+            if camera.fov_x != first.fov_x:
+                frame["camera_angle_x"] = camera.fov_x
+            frame["transform_matrix"] = camera.camera_to_world.tolist()
+            frames.append(frame)
+        size = {"w": first.width, "h": first.height}
+        return {"camera_angle_x": first.fov_x, **size, "svv": self.meta, "frames": frames}
+
+    def _move_in(self, staging: Path, target: Path, split: str, manifest: Path) -> None:
+        final = target / manifest.name
+        stale = _own_images(final) - {target / split / f"{name}.png" for name in self.names}
+        (target / split).mkdir(exist_ok=True)
+        for name in self.names:
+            os.replace(staging / f"{name}.png", target / split / f"{name}.png")
+        os.replace(manifest, final)
+        for file in stale:
+            file.unlink(missing_ok=True)
+
+
+def _own_images(path: Path) -> set[Path]:
+    """Images of the set that stands there, if it is one of ours; other people's files are never removed."""
+    try:
+        scene = json.loads(path.read_text())
+        frames = scene["frames"] if "svv" in scene else []
+        return {path.parent / f"{frame['file_path']}.png" for frame in frames}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+@contextmanager
+def _storage_errors(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise BadInput(f"Cannot write views to {folder}: {error.strerror or error}.") from error
+
+
+def _read_transforms(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    try:
+        scene = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise BadInput(f"There is no {path}; a folder of views needs one (NeRF-synthetic layout).") from None
+    except OSError as error:
+        raise BadInput(f"Cannot read {path}: {error.strerror or error}.") from error
+    except ValueError as error:
+        raise BadInput(f"{path} is not valid JSON ({error}); write the views again.") from error
+    frames = scene.get("frames") if isinstance(scene, dict) else None
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
+        raise BadInput(f"{path} has no list of frames; it must follow the NeRF-synthetic layout.")
+    if not frames:
+        raise BadInput(f"{path} has no views.")
+    return scene, frames
+
+
+def _image_file(path: Path, frame: dict[str, Any]) -> Path:
+    name = frame.get("file_path")
+    if not isinstance(name, str) or not name:
+        raise BadInput(f"{path} has a frame without file_path.")
+    for suffix in SUFFIXES:
+        file = path.parent / (name + suffix)
+        if file.is_file():
+            return file
+    raise BadInput(f"{path} names the image {name}, but there is no such file (with or without .png).")
+
+
+def _camera(path: Path, scene: dict[str, Any], frame: dict[str, Any], width: int, height: int) -> Camera:
+    angle = frame.get("camera_angle_x", scene.get("camera_angle_x"))
+    try:
+        matrix = np.array(frame.get("transform_matrix"), dtype=np.float64)
+        fov_x = float(angle)  # type: ignore[arg-type]  # None or text is the file's fault, told below
+    except (TypeError, ValueError):
+        raise BadInput(
+            f"{path}, frame {frame['file_path']}: camera_angle_x must be a number of radians and transform_matrix a "
+            "4x4 matrix of numbers."
+        ) from None
+    try:
+        return Camera(matrix, fov_x, width, height)
+    except BadInput as error:
+        raise BadInput(f"{path}, frame {frame['file_path']}: {error}") from None
+
+
+def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
+    """File stems; where two frames of different folders share one, their whole paths with _ for /."""
+    paths = [str(frame["file_path"]).removeprefix("./").replace("\\", "/") for frame in frames]
+    bare = [p[: p.rfind(".")] if p.lower().endswith(SUFFIXES[1:]) else p for p in paths]
+    stems = [p.rsplit("/", 1)[-1] for p in bare]
+    if len(set(stems)) == len(stems):
+        return tuple(stems)
+    return tuple(p.replace("/", "_") for p in bare)
+
+
+def _decode(file: Path) -> Images:
+    """(h, w, 4) uint8 with straight alpha, or (h, w, 3) where the file has none."""
+    try:
+        with Image.open(file) as image:
+            if image.mode.startswith("I") or image.mode == "F":  # PIL would clip instead of scale
+                raise BadInput(f"{file} is a greyscale image of high depth; views must be 8-bit RGBA.")
+            alpha = "A" in image.getbands() or "transparency" in image.info
+            return np.asarray(image.convert("RGBA" if alpha else "RGB"))
+    except BadInput:
+        raise
+    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
+        raise BadInput(f"Cannot read the image {file} ({error}); it is truncated or no image.") from error
+
+
+def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[Images, str | None]:
+    channels = [image.shape[-1] for image in decoded]
+    if min(channels) == 4:
+        return np.stack(decoded), None
+    if max(channels) == 4:
+        with_, without = files[channels.index(4)], files[channels.index(3)]
+        raise BadInput(f"{with_.name} has alpha and {without} has none; all images of a view set need it.")
+    colours = np.stack(decoded)  # (n, h, w, 3)
+    edge = max(1, min(colours.shape[1:3]) // 50)
+    corners = colours[:, [*range(edge), *range(-edge, 0)]][:, :, [*range(edge), *range(-edge, 0)]].reshape(-1, 3)
+    background = np.median(corners, axis=0).astype(np.int16)
+    spread = int(np.abs(corners.astype(np.int16) - background).max())
+    if spread > CORNER_SPREAD:
+        raise BadInput(
+            f"The images of {files[0].parent} have no alpha, and their corners show no uniform background that could "
+            "stand for it; save them as RGBA with straight alpha."
+        )
+    images = np.empty((*colours.shape[:3], 4), np.uint8)
+    images[..., :3] = colours
+    for image in images:
+        difference = np.abs(image[..., :3].astype(np.int16) - background).max(axis=-1)
+        image[..., 3] = np.where(difference <= max(2, spread), 0, 255)
+    colour = ", ".join(str(int(c)) for c in background)
+    return images, (
+        f"The images have no alpha: pixels of the background colour ({colour}) count as empty, all others as opaque."
+    )
+
+
+def _encode(job: tuple[Path, Images]) -> None:
+    path, image = job
+    Image.fromarray(image, "RGBA").save(path, compress_level=PNG_LEVEL)
+
+
+def _in_threads(
+    work: Callable[[Item], Result], items: Sequence[Item], progress: Progress, label: str
+) -> Iterator[Result]:
+    """Results in order; the pool stops at the first error, and when ``progress`` raises."""
+    stop = threading.Event()
+
+    def guarded(item: Item) -> Result | None:
+        return None if stop.is_set() else work(item)
+
+    with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
+        try:
+            for done, result in enumerate(pool.map(guarded, items), start=1):
+                yield result  # type: ignore[misc]  # None only after stop, when nobody reads any more
+                progress(done / len(items), label)
+        finally:
+            stop.set()

@@ -1,0 +1,118 @@
+"""Files that are either written whole or not at all.
+
+A run that is stopped, or a disk that fills up, must never leave half a scene under the name of a good one:
+every writer of the project fills a temporary file beside its target and moves it into place at the end.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from svv.errors import BadInput
+
+_REASONS = {
+    errno.ENOSPC: "the disk is full; free some space or choose another place",
+    errno.EDQUOT: "your disk quota is used up; free some space or choose another place",
+    errno.EFBIG: "it is larger than the system lets a file grow; choose another place or raise the limit",
+    errno.EROFS: "the disk is read-only; choose another place",
+    errno.EACCES: "you may not write there; choose another place",
+    errno.EPERM: "you may not write there; choose another place",
+    errno.ENOENT: "its folder does not exist; create it or choose another place",
+    errno.ENOTDIR: "a part of its path is a file and not a folder; choose another place",
+    errno.ENAMETOOLONG: "its name is too long for the disk; choose a shorter one",
+}
+
+
+def cannot_write(path: str | Path, error: OSError) -> BadInput:
+    """The sentence for a file that the system refused to write, as an error to raise."""
+    reason = _REASONS.get(error.errno or 0, error.strerror or str(error))
+    return BadInput(f"Cannot write {path}: {reason}.")
+
+
+@contextmanager
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """Give a temporary path beside ``path``, with its suffix; on success it takes the name ``path``.
+
+    If the body raises anything (a cancelled run included), the temporary file is removed and ``path`` keeps
+    whatever it held before.
+
+    Raises:
+        BadInput: the folder is missing or not writable, the disk is full or read-only, or it is a folder.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise BadInput(f"Cannot write {target}: it is a folder; give the name of a file.")
+    # Hidden, and with the target's suffix, since picture and movie writers choose their format by it.
+    temporary = target.with_name(f".{target.stem[:100]}-{secrets.token_hex(6)}{target.suffix}")
+    try:
+        temporary.open("xb").close()  # fails before the work is done rather than after it
+    except OSError as error:
+        raise cannot_write(target, error) from error
+    try:
+        yield temporary
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())  # the name must not move to a file whose bytes are still on their way
+        os.replace(temporary, target)
+    except OSError as error:
+        # An error about another file, say an input read inside the body, is not this file's.
+        if error.filename is not None and Path(os.fsdecode(error.filename)) not in (temporary, target):
+            raise
+        raise cannot_write(target, error) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def make_folder(path: str | Path) -> Path:
+    """Create a folder for results, with its parents, if it is not there yet.
+
+    Raises:
+        BadInput: it cannot be created, or a file has its name.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise BadInput(f"Cannot write into {folder}: it is a file and not a folder.") from error
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    return folder
+
+
+def to_json(data: object, indent: int | None = None) -> str:
+    """JSON text that every reader accepts: NumPy values become plain ones, NaN and infinities null."""
+    return json.dumps(_plain(data), indent=indent, allow_nan=False)
+
+
+def write_json(path: str | Path, data: object) -> None:
+    """Write ``data`` as indented JSON, whole or not at all.
+
+    Raises:
+        BadInput: see :func:`atomic_path`.
+    """
+    text = to_json(data, indent=2) + "\n"
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

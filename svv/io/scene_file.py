@@ -1,0 +1,88 @@
+"""The container of a scene: named arrays and a JSON header in one safetensors file (``.svv``).
+
+Nothing is pickled: opening a scene that somebody sent never runs code. Any safetensors reader opens the file;
+the header is the JSON under the metadata key ``svv``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from svv.errors import BadInput
+from svv.io.atomic import atomic_path, to_json
+
+FORMAT_VERSION = 1
+"""Raised whenever an older program could not make sense of a newer file, or the other way round."""
+
+_KEY = "svv"
+_REMEDY = "copy it again or make it anew"
+_OUR_START = b'{"__metadata__":{"svv":'
+"""How the header of our files begins behind its length; tells a truncated scene from a foreign file."""
+
+
+def write_scene_file(path: str | Path, header: dict[str, Any], tensors: dict[str, np.ndarray]) -> None:
+    """Write a scene, whole or not at all.
+
+    Args:
+        path: The file, by custom ``NAME.svv``.
+        header: What JSON can hold; NumPy numbers and arrays are turned into plain ones, NaN into null.
+        tensors: Arrays of bool, integer or float type (also float16), any shape.
+
+    Raises:
+        BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+    """
+    text = to_json({"version": FORMAT_VERSION, "header": header})
+    # safetensors takes a strided array's memory as it lies, so its values would come back in another order.
+    arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}
+    content = save(arrays, metadata={_KEY: text})
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Read the header and the arrays of a scene.
+
+    Raises:
+        BadInput: the file is missing, unreadable, truncated, not a scene, or of another format version.
+    """
+    file = Path(path)
+    try:
+        with file.open("rb") as stream:
+            start = stream.read(8 + len(_OUR_START))[8:]
+    except FileNotFoundError as error:
+        raise BadInput(f"There is no scene file {file}.") from error
+    except IsADirectoryError as error:
+        raise BadInput(f"{file} is a folder; give the scene file (.svv) inside it.") from error
+    except OSError as error:
+        raise BadInput(f"The scene file {file} cannot be read: {error.strerror}.") from error
+    if start != _OUR_START:
+        raise BadInput(f"{file} is not a scene file of svv; make one with `svv train`.")
+    try:
+        with safe_open(file, framework="numpy") as opened:
+            text = opened.metadata()[_KEY]
+            tensors = {name: opened.get_tensor(name) for name in opened.keys()}
+    except SafetensorError as error:
+        raise BadInput(f"The scene file {file} is truncated or damaged; {_REMEDY}.") from error
+    return _checked_header(file, text), tensors
+
+
+def _checked_header(file: Path, text: str) -> dict[str, Any]:
+    try:
+        content = json.loads(text)
+        version, header = content["version"], content["header"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise BadInput(f"The header of the scene file {file} is damaged; {_REMEDY}.") from error
+    if version != FORMAT_VERSION:
+        raise BadInput(
+            f"{file} is a scene file of format {version}, and this program reads format {FORMAT_VERSION}; "
+            "use the version of svv that made it, or train the scene again."
+        )
+    if not isinstance(header, dict):
+        raise BadInput(f"The header of the scene file {file} is damaged; {_REMEDY}.")
+    return header

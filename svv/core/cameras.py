@@ -1,7 +1,8 @@
 """Pinhole cameras and the directions from which a volume is looked at.
 
-Convention: OpenGL camera-to-world matrices (x right, y up, the camera looks along -z), world y up, square pixels,
-the principal point in the middle of the image. Lengths are in the volume's own world units, angles in radians.
+Convention: OpenGL camera-to-world matrices (x right, y up, the camera looks along -z), world y up, square
+pixels, the principal point in the middle of the image. Lengths are in the volume's own world units, angles in
+radians.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ ROTATION_TOLERANCE = 1e-3
 """Largest entry of |R^T R - I| that still counts as a rotation: view sets round theirs to 1e-8 ... 1e-4."""
 
 POLE_LIMIT = np.radians(89.99)
-"""Latitude at which the orbit stops short of the pole, where 'up' would be undefined (as the paper's code does)."""
+"""Latitude at which the orbit stops short of the pole, where 'up' is undefined (as the paper's code does)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class Camera:
         height: Pixels, >= 1.
 
     Raises:
-        BadInput: The matrix is not finite, its 3x3 part is no rotation, or an angle or a size is out of range.
+        BadInput: The matrix is not finite, its 3x3 part is no rotation, or an angle or size is out of range.
     """
 
     camera_to_world: Array
@@ -52,8 +53,9 @@ class Camera:
         off = np.abs(rotation.T @ rotation - np.eye(3)).max()
         if off > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
             raise BadInput(
-                "A camera matrix must hold a rotation (no scale, no shear, no mirror), but its 3x3 part is not one "
-                f"(R^T R is off by {off:.3g}, determinant {np.linalg.det(rotation):.3g}); check transform_matrix."
+                "A camera matrix must hold a rotation (no scale, shear or mirror), but its 3x3 part is none "
+                f"(R^T R is off by {off:.3g}, its determinant is {np.linalg.det(rotation):.3g}); "
+                "check transform_matrix."
             )
         if not 0.0 < self.fov_x < np.pi:
             raise BadInput(f"A camera's angle of view must lie between 0 and pi radians, not {self.fov_x}.")
@@ -139,8 +141,8 @@ def geodesic_directions(n: int) -> Array:
     """``n`` directions spread evenly over the sphere.
 
     Vertices of the geodesic icosahedron of class (h, k) (Caspar & Klug 1962) where n = 10 T + 2 with
-    T = h^2 + h k + k^2 (12, 32, 42, 72, 92, 122, 132, 162, 192, 212, ..., 312); the 92, 42 and 312 viewpoints of
-    StyleRF-VolVis are of this kind. Any other n gives a Fibonacci spiral.
+    T = h^2 + h k + k^2 (12, 32, 42, 72, 92, 122, 132, 162, 192, 212, ..., 312); the 92, 42 and 312 viewpoints
+    of StyleRF-VolVis are of this kind. Any other n gives a Fibonacci spiral.
 
     Args:
         n: Number of directions, >= 3.
@@ -161,8 +163,8 @@ def geodesic_directions(n: int) -> Array:
         return np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
     h, k = found
     t = h * h + h * k + k * k
-    # Barycentric coordinates (times T) of the triangular lattice's points (i, j) in the triangle (0, 0), (h, k),
-    # (-k, h + k): whole numbers, so that the points on an edge are told exactly.
+    # Barycentric coordinates (times T) of the triangular lattice's points (i, j) in the triangle (0, 0),
+    # (h, k), (-k, h + k): whole numbers, so that the points on an edge are told exactly.
     i, j = np.meshgrid(np.arange(-k, h + 1), np.arange(h + k + 1), indexing="ij")
     b, c = (h + k) * i + k * j, h * j - k * i
     inside = (b >= 0) & (c >= 0) & (b + c <= t)
@@ -216,8 +218,9 @@ def orbit_cameras(
 ) -> list[Camera]:
     """The path on which results are shown and tested: from the south to the north pole in one whole turn.
 
-    phi = -90 ... 90 degrees in n steps, theta = 2 phi, direction (cos phi cos theta, sin phi, -cos phi sin theta):
-    the 181 inference views of StyleRF-VolVis. Its first and last view stand 0.01 degree off the poles.
+    phi = -90 ... 90 degrees in n steps, theta = 2 phi, direction
+    (cos phi cos theta, sin phi, -cos phi sin theta): the 181 inference views of StyleRF-VolVis. Its first and
+    last view stand 0.01 degree off the poles.
 
     Args:
         n: Number of views, >= 2.
@@ -241,7 +244,7 @@ def orbit_cameras(
 def _on_sphere(direction: Array, centre: ArrayLike, radius: float, fov_x: float, size: int) -> Camera:
     if not (np.isfinite(radius) and radius > 0):
         raise BadInput(f"The cameras' distance must be a positive number, not {radius}.")
-    # The rotation comes from the direction alone, so that it is the same however small or far off the volume is.
+    # The rotation comes from the direction alone, so it is the same however small or far off the volume is.
     matrix = look_at(direction, np.zeros(3))
     matrix[:3, 3] = np.asarray(centre, dtype=np.float64) + radius * direction
     return Camera(matrix, fov_x, size, size)

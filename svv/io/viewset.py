@@ -1,8 +1,8 @@
 """View sets: images with straight alpha and the cameras that took them, in the NeRF-synthetic layout.
 
 On disk: ``transforms_<split>.json`` beside a folder ``<split>`` of PNG files. The JSON file holds
-``camera_angle_x`` (radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``), and, in
-the sets that we write, what made them under the key ``svv``.
+``camera_angle_x`` (radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``),
+and, in the sets that we write, what made them under the key ``svv``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,6 +24,7 @@ from PIL import Image
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, silent
+from svv.io.atomic import atomic_path, cannot_write, make_folder, to_json
 
 Images = NDArray[np.uint8]
 Item = TypeVar("Item")
@@ -50,9 +50,9 @@ class ViewSet:
         cameras: One camera per image, all of the images' size.
         images: (n, height, width, 4) uint8, straight alpha.
         names: File names without suffix, all different.
-        meta: What is known about how they were made (JSON). In our own sets: ``bounds`` (world, of the visible
-            data), ``volume``, ``tf``, ``mapper``, ``sample_distance``, ``seconds`` ...; ``assumed`` holds one
-            sentence where an image had no alpha.
+        meta: What is known about how they were made (JSON). In our own sets: ``bounds`` (world, of the
+            visible data), ``volume``, ``tf``, ``mapper``, ``sample_distance``, ``seconds`` ...; ``assumed``
+            holds one sentence where the images had no alpha.
 
     Raises:
         BadInput: No view at all, or counts, sizes or types that do not fit each other.
@@ -90,8 +90,8 @@ class ViewSet:
     def read(cls, folder: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
         """Read ``transforms_<split>.json`` and its images.
 
-        Images without alpha: where their corners all show one colour, that colour is taken as empty, every other
-        pixel as opaque, and ``meta["assumed"]`` says so; otherwise they are refused.
+        Images without alpha: where their corners all show one colour, that colour is taken as empty, every
+        other pixel as opaque, and ``meta["assumed"]`` says so; otherwise they are refused.
 
         Args:
             folder: Where the JSON file lies.
@@ -112,8 +112,8 @@ class ViewSet:
         for file, image in zip(files, decoded, strict=True):
             if image.shape[:2] != (height, width):
                 raise BadInput(
-                    f"All images of a view set must have one size, but {files[0].name} has {width} x {height} and "
-                    f"{file} has {image.shape[1]} x {image.shape[0]} pixels."
+                    f"All images of a set must have one size, but {files[0].name} has {width} x {height} "
+                    f"and {file} has {image.shape[1]} x {image.shape[0]} pixels."
                 )
         meta = dict(scene.get("svv") or {})
         images, assumed = _with_alpha(decoded, files)
@@ -136,18 +136,16 @@ class ViewSet:
         Raises:
             BadInput: The folder cannot be written to, or the disk is full.
         """
-        target = Path(folder)
-        with _storage_errors(target):
-            target.mkdir(parents=True, exist_ok=True)
-            staging = Path(tempfile.mkdtemp(prefix=f".{split}-", dir=target))
+        target = make_folder(folder)
         try:
-            with _storage_errors(target):
-                jobs = [(staging / f"{name}.png", image) for name, image in zip(self.names, self.images, strict=True)]
-                for _ in _in_threads(_encode, jobs, progress, f"Writing {split} views"):
-                    pass
-                manifest = staging / f"transforms_{split}.json"
-                manifest.write_text(json.dumps(self._transforms(split), indent=1, allow_nan=False))
-                self._move_in(staging, target, split, manifest)
+            staging = Path(tempfile.mkdtemp(prefix=f".{split}-", dir=target))
+        except OSError as error:
+            raise cannot_write(target, error) from error
+        try:
+            jobs = [(staging / f"{name}.png", image) for name, image in zip(self.names, self.images)]
+            for _ in _in_threads(_encode, jobs, progress, f"Writing {split} views"):
+                pass
+            self._move_in(staging, target, split)
         finally:
             shutil.rmtree(staging, ignore_errors=True)
 
@@ -163,13 +161,14 @@ class ViewSet:
         size = {"w": first.width, "h": first.height}
         return {"camera_angle_x": first.fov_x, **size, "svv": self.meta, "frames": frames}
 
-    def _move_in(self, staging: Path, target: Path, split: str, manifest: Path) -> None:
-        final = target / manifest.name
-        stale = _own_images(final) - {target / split / f"{name}.png" for name in self.names}
-        (target / split).mkdir(exist_ok=True)
-        for name in self.names:
-            os.replace(staging / f"{name}.png", target / split / f"{name}.png")
-        os.replace(manifest, final)
+    def _move_in(self, staging: Path, target: Path, split: str) -> None:
+        final = target / f"transforms_{split}.json"
+        images = make_folder(target / split)
+        stale = _own_images(final) - {images / f"{name}.png" for name in self.names}
+        with atomic_path(final) as manifest:
+            manifest.write_text(to_json(self._transforms(split), indent=1), encoding="utf-8")
+            for name in self.names:
+                os.replace(staging / f"{name}.png", images / f"{name}.png")
         for file in stale:
             file.unlink(missing_ok=True)
 
@@ -182,14 +181,6 @@ def _own_images(path: Path) -> set[Path]:
         return {path.parent / f"{frame['file_path']}.png" for frame in frames}
     except (OSError, ValueError, KeyError, TypeError):
         return set()
-
-
-@contextmanager
-def _storage_errors(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise BadInput(f"Cannot write views to {folder}: {error.strerror or error}.") from error
 
 
 def _read_transforms(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -227,8 +218,8 @@ def _camera(path: Path, scene: dict[str, Any], frame: dict[str, Any], width: int
         fov_x = float(angle)  # type: ignore[arg-type]  # None or text is the file's fault, told below
     except (TypeError, ValueError):
         raise BadInput(
-            f"{path}, frame {frame['file_path']}: camera_angle_x must be a number of radians and transform_matrix a "
-            "4x4 matrix of numbers."
+            f"{path}, frame {frame['file_path']}: camera_angle_x must be a number of radians and "
+            "transform_matrix a 4x4 matrix of numbers."
         ) from None
     try:
         return Camera(matrix, fov_x, width, height)
@@ -269,13 +260,14 @@ def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[Images, str |
         raise BadInput(f"{with_.name} has alpha and {without} has none; all images of a view set need it.")
     colours = np.stack(decoded)  # (n, h, w, 3)
     edge = max(1, min(colours.shape[1:3]) // 50)
-    corners = colours[:, [*range(edge), *range(-edge, 0)]][:, :, [*range(edge), *range(-edge, 0)]].reshape(-1, 3)
+    ends = [*range(edge), *range(-edge, 0)]
+    corners = colours[:, ends][:, :, ends].reshape(-1, 3)
     background = np.median(corners, axis=0).astype(np.int16)
     spread = int(np.abs(corners.astype(np.int16) - background).max())
     if spread > CORNER_SPREAD:
         raise BadInput(
-            f"The images of {files[0].parent} have no alpha, and their corners show no uniform background that could "
-            "stand for it; save them as RGBA with straight alpha."
+            f"The images of {files[0].parent} have no alpha, and their corners no uniform background that "
+            "could stand for it; save them as RGBA with straight alpha."
         )
     images = np.empty((*colours.shape[:3], 4), np.uint8)
     images[..., :3] = colours
@@ -284,13 +276,17 @@ def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[Images, str |
         image[..., 3] = np.where(difference <= max(2, spread), 0, 255)
     colour = ", ".join(str(int(c)) for c in background)
     return images, (
-        f"The images have no alpha: pixels of the background colour ({colour}) count as empty, all others as opaque."
+        f"The images have no alpha: pixels of the background colour ({colour}) count as empty, all others as "
+        "opaque."
     )
 
 
 def _encode(job: tuple[Path, Images]) -> None:
     path, image = job
-    Image.fromarray(image, "RGBA").save(path, compress_level=PNG_LEVEL)
+    try:
+        Image.fromarray(image).save(path, compress_level=PNG_LEVEL)
+    except OSError as error:
+        raise cannot_write(path, error) from error
 
 
 def _in_threads(

@@ -1,0 +1,198 @@
+"""Rendered pictures on disk: PNG, VTK image data (.vti) and movies (.mp4).
+
+The .vti writer needs no VTK, so that the base installation can write what ParaView reads. h and w are height
+and width in pixels, row 0 is the top one everywhere except inside a .vti, whose row 0 is at the bottom.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from svv.errors import BadInput
+from svv.io.atomic import atomic_path
+
+EMPTY_REGION = 255
+"""Index of pixels without a region in a region PNG."""
+
+_VTK_TYPES = {"uint8": "UInt8", "int16": "Int16", "float32": "Float32"}
+
+
+def to_bytes(image: ArrayLike) -> NDArray[np.uint8]:
+    """Values in [0, 1] (clamped; NaN becomes 0) as 8-bit levels, rounded."""
+    values = np.nan_to_num(np.asarray(image, dtype=np.float32), nan=0.0)
+    return np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def on_background(rgba: ArrayLike, background: Sequence[float] = (1.0, 1.0, 1.0)) -> NDArray[np.float32]:
+    """Straight-alpha RGBA (..., 4) in [0, 1] over one colour: a c + (1 - a) b, (..., 3)."""
+    values = np.asarray(rgba, dtype=np.float32)
+    alpha = values[..., 3:]
+    return alpha * values[..., :3] + (1.0 - alpha) * np.asarray(background, dtype=np.float32)
+
+
+def write_png(path: str | Path, image: ArrayLike) -> None:
+    """Write a picture (h, w, 3 or 4) with values in [0, 1], straight alpha, as 8-bit PNG.
+
+    Raises:
+        BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+    """
+    with atomic_path(path) as temporary:
+        Image.fromarray(to_bytes(image)).save(temporary, format="PNG", compress_level=4)
+
+
+def write_depth_png(path: str | Path, depth: ArrayLike) -> tuple[float, float]:
+    """Write depth (h, w) in world units, NaN where empty, as 16-bit grey PNG.
+
+    Level 0 is empty; levels 1 ... 65535 run linearly from the nearest to the farthest depth. The two are noted
+    in the file's text under ``svv:near`` and ``svv:far``.
+
+    Returns:
+        The nearest and the farthest depth (NaN, NaN where the picture is empty).
+    """
+    values = np.asarray(depth, dtype=np.float64)
+    seen = np.isfinite(values)
+    near, far = (float(values[seen].min()), float(values[seen].max())) if seen.any() else (np.nan, np.nan)
+    levels = np.zeros(values.shape, np.uint16)
+    levels[seen] = 1 + np.rint(65534.0 * (values[seen] - near) / max(far - near, np.finfo(float).tiny))
+    text = PngInfo()
+    text.add_text("svv:near", repr(near))
+    text.add_text("svv:far", repr(far))
+    with atomic_path(path) as temporary:
+        Image.fromarray(levels).save(temporary, format="PNG", pnginfo=text)
+    return near, far
+
+
+def write_region_png(path: str | Path, region: ArrayLike, colours: ArrayLike) -> None:
+    """Write a region map (h, w), -1 where empty, as indexed PNG: the index is the region.
+
+    Args:
+        path: The file.
+        region: (h, w) integers in -1 ... 254.
+        colours: (regions, 3) in [0, 1], the colour in which each region is shown.
+    """
+    indices = np.asarray(region, dtype=np.int64)
+    table = np.full((256, 3), 255, np.uint8)
+    shown = to_bytes(colours)
+    table[: len(shown)] = shown
+    picture = Image.fromarray(np.where(indices < 0, EMPTY_REGION, indices).astype(np.uint8))
+    picture.putpalette(table.tobytes())
+    with atomic_path(path) as temporary:
+        picture.save(temporary, format="PNG", transparency=EMPTY_REGION)
+
+
+def region_picture(region: ArrayLike, colours: ArrayLike) -> NDArray[np.float32]:
+    """A region map (h, w) as RGBA picture (h, w, 4), transparent where -1; colours (regions, 3)."""
+    table = np.zeros((len(np.asarray(colours)) + 1, 4), np.float32)
+    table[:-1, :3] = np.asarray(colours)
+    table[:-1, 3] = 1.0
+    return table[np.asarray(region)]  # -1 is the last row
+
+
+def depth_picture(depth: ArrayLike, near: float, far: float) -> NDArray[np.float32]:
+    """Depth (h, w) as RGBA picture (h, w, 4): white at ``near``, dark at ``far``, transparent where empty."""
+    values = np.asarray(depth, dtype=np.float32)
+    grey = 1.0 - 0.85 * np.clip((np.nan_to_num(values, nan=far) - near) / max(far - near, 1e-30), 0.0, 1.0)
+    return np.stack([grey, grey, grey, np.isfinite(values)], axis=-1).astype(np.float32)
+
+
+def write_vti(path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: ArrayLike) -> None:
+    """Write one view as VTK image data: one slice of point scalars ``RGBA``, with ``Depth`` and ``Region``.
+
+    VTK's XML format with appended, zlib-compressed arrays. Row 0 is the bottom one, spacing is one pixel.
+
+    Args:
+        path: The file, by custom ``NAME.vti``.
+        rgba: (h, w, 4) in [0, 1], straight alpha; stored as uint8.
+        depth: (h, w) world units, NaN where empty; stored as float32.
+        region: (h, w), -1 where empty; stored as int16.
+
+    Raises:
+        BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+    """
+    arrays: dict[str, NDArray[np.generic]] = {
+        "RGBA": to_bytes(rgba),
+        "Depth": np.asarray(depth, dtype=np.float32),
+        "Region": np.asarray(region, dtype=np.int16),
+    }
+    height, width = arrays["RGBA"].shape[:2]
+    entries, blocks, offset = [], [], 0
+    for name, array in arrays.items():
+        block = _vtk_block(np.flipud(array))
+        kind = _VTK_TYPES[array.dtype.name]
+        components = 1 if array.ndim == 2 else array.shape[2]
+        entries.append(
+            f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" '
+            f'format="appended" offset="{offset}"/>'
+        )
+        blocks.append(block)
+        offset += len(block)
+    extent = f"0 {width - 1} 0 {height - 1} 0 0"
+    head = (
+        '<?xml version="1.0"?>\n'
+        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
+        'compressor="vtkZLibDataCompressor">\n'
+        f'<ImageData WholeExtent="{extent}" Origin="0 0 0" Spacing="1 1 1">\n<Piece Extent="{extent}">\n'
+        '<PointData Scalars="RGBA">\n' + "\n".join(entries) + "\n</PointData>\n</Piece>\n</ImageData>\n"
+        '<AppendedData encoding="raw">\n_'
+    )
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(head.encode() + b"".join(blocks) + b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def _vtk_block(array: NDArray[np.generic]) -> bytes:
+    """One compressed array: number of blocks, block size, size of the last partial block, compressed size."""
+    content = array.astype(array.dtype.newbyteorder("<")).tobytes()
+    packed = zlib.compress(content, 3)
+    return struct.pack("<4Q", 1, len(content), 0, len(packed)) + packed
+
+
+def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float = 30.0) -> None:
+    """Write frames (h, w, 3) uint8, all of one size, as H.264 movie that browsers and players show.
+
+    An odd width or height grows by one pixel (the last one repeated), since the pixel format needs even ones.
+
+    Raises:
+        BadInput: there is no frame, or the file cannot be written.
+    """
+    rest = iter(frames)
+    first = next(rest, None)
+    if first is None:
+        raise BadInput("A movie needs at least one frame.")
+    height, width = (size + size % 2 for size in first.shape[:2])
+    with atomic_path(path) as temporary:
+        writer = imageio_ffmpeg.write_frames(
+            str(temporary),
+            (width, height),
+            fps=fps,
+            codec="libx264",
+            quality=None,
+            macro_block_size=2,
+            output_params=["-crf", "18", "-preset", "fast", "-movflags", "+faststart"],
+            ffmpeg_log_level="error",
+        )
+        try:
+            writer.send(None)
+            writer.send(_even(first))
+            for frame in rest:
+                writer.send(_even(frame))
+        except OSError as error:
+            if error.errno is not None:
+                raise
+            # imageio-ffmpeg puts the encoder's whole log into an error of its own.
+            raise BadInput(f"Cannot write {path}: the movie encoder stopped; is the disk full?") from error
+        finally:
+            writer.close()
+
+
+def _even(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    height, width = frame.shape[:2]
+    return np.ascontiguousarray(np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge"))

@@ -1,0 +1,155 @@
+"""Pictures and movies on disk: what is written is what a reader gets back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from svv.errors import BadInput, Cancelled
+from svv.io.output import (
+    EMPTY_REGION,
+    depth_picture,
+    on_background,
+    region_picture,
+    to_bytes,
+    write_depth_png,
+    write_mp4,
+    write_png,
+    write_region_png,
+    write_vti,
+)
+
+H, W = 5, 7
+
+
+@pytest.fixture
+def view() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(3.0, 9.0, (H, W)).astype(np.float32)
+    region = rng.integers(0, 3, (H, W)).astype(np.int16)
+    depth[1], region[1] = np.nan, -1
+    return rng.random((H, W, 4)).astype(np.float32), depth, region
+
+
+def test_levels_are_rounded_and_clamped() -> None:
+    assert to_bytes([-0.1, 0.0, 0.499 / 255, 0.501 / 255, 1.0, 2.0, np.nan]).tolist() == [
+        0,
+        0,
+        0,
+        1,
+        255,
+        255,
+        0,
+    ]
+
+
+def test_straight_alpha_over_a_background() -> None:
+    rgba = np.array([[1.0, 0.0, 0.5, 0.25]])
+    np.testing.assert_allclose(on_background(rgba, (0.0, 1.0, 0.5)), [[0.25, 0.75, 0.5]], atol=1e-7)
+    np.testing.assert_allclose(on_background([[0.3, 0.9, 0.1, 0.0]]), [[1.0, 1.0, 1.0]])
+
+
+def test_png_comes_back(tmp_path: Path, view: tuple[np.ndarray, ...]) -> None:
+    write_png(tmp_path / "a.png", view[0])
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), to_bytes(view[0]))
+    write_png(tmp_path / "b.png", view[0][..., :3])
+    assert Image.open(tmp_path / "b.png").mode == "RGB"
+
+
+def test_depth_png_gives_the_depth_back_to_a_65534th_of_its_range(
+    tmp_path: Path, view: tuple[np.ndarray, ...]
+) -> None:
+    depth = view[1]
+    near, far = write_depth_png(tmp_path / "d.png", depth)
+    picture = Image.open(tmp_path / "d.png")
+    levels = np.asarray(picture).astype(np.float64)
+    assert (near, far) == (float(picture.info["svv:near"]), float(picture.info["svv:far"]))
+    np.testing.assert_array_equal(levels == 0, np.isnan(depth))
+    back = np.where(levels == 0, np.nan, near + (levels - 1) / 65534 * (far - near))
+    np.testing.assert_allclose(back, depth, atol=0.5001 * (far - near) / 65534)
+
+
+@pytest.mark.parametrize("value", [np.nan, 4.0])
+def test_depth_png_of_an_empty_and_of_a_flat_view(tmp_path: Path, value: float) -> None:
+    write_depth_png(tmp_path / "d.png", np.full((H, W), value))
+    levels = np.asarray(Image.open(tmp_path / "d.png"))
+    assert (levels == (0 if np.isnan(value) else 1)).all()
+
+
+def test_region_png_keeps_the_indices_and_shows_the_colours(
+    tmp_path: Path, view: tuple[np.ndarray, ...]
+) -> None:
+    region, colours = view[2], np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+    write_region_png(tmp_path / "r.png", region, colours)
+    picture = Image.open(tmp_path / "r.png")
+    np.testing.assert_array_equal(np.asarray(picture), np.where(region < 0, EMPTY_REGION, region))
+    shown = np.asarray(picture.convert("RGBA"))
+    np.testing.assert_array_equal(shown[..., 3] == 0, region < 0)
+    np.testing.assert_array_equal(shown[region >= 0][:, :3], to_bytes(colours)[region[region >= 0]])
+    np.testing.assert_array_equal(to_bytes(region_picture(region, colours))[region >= 0], shown[region >= 0])
+    assert (region_picture(region, colours)[region < 0] == 0).all()
+
+
+def test_depth_picture_is_brightest_in_front(view: tuple[np.ndarray, ...]) -> None:
+    picture = depth_picture(view[1], 3.0, 9.0)
+    np.testing.assert_array_equal(picture[..., 3] == 0, np.isnan(view[1]))
+    assert depth_picture([[3.0]], 3.0, 9.0)[0, 0, 0] == 1.0
+    assert depth_picture([[9.0]], 3.0, 9.0)[0, 0, 0] < 0.2
+
+
+def test_vtk_reads_a_vti_as_it_was(tmp_path: Path, view: tuple[np.ndarray, ...]) -> None:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+
+    rgba, depth, region = view
+    write_vti(tmp_path / "v.vti", rgba, depth, region)
+    reader = vtkXMLImageDataReader()
+    reader.SetFileName(str(tmp_path / "v.vti"))
+    reader.Update()
+    image = reader.GetOutput()
+    data = image.GetPointData()
+    assert image.GetDimensions() == (W, H, 1)
+    assert data.GetScalars().GetName() == "RGBA"
+
+    def array(name: str) -> np.ndarray:
+        values = vtk_to_numpy(data.GetArray(name))
+        return np.flipud(values.reshape(H, W, *values.shape[1:]))  # VTK's row 0 is the bottom one
+
+    for name, expected in (("RGBA", to_bytes(rgba)), ("Depth", depth), ("Region", region)):
+        assert array(name).dtype == expected.dtype
+        np.testing.assert_array_equal(array(name), expected)
+
+
+def test_a_movie_has_the_frames_that_went_in(tmp_path: Path) -> None:
+    greys = [40, 120, 200]
+    write_mp4(tmp_path / "m.mp4", (np.full((33, 47, 3), grey, np.uint8) for grey in greys), fps=10)
+    reader = imageio_ffmpeg.read_frames(str(tmp_path / "m.mp4"))
+    size = next(reader)["size"]
+    frames = [np.frombuffer(frame, np.uint8) for frame in reader]
+    assert size == (48, 34)  # odd sizes grow by one
+    assert len(frames) == len(greys)
+    for frame, grey in zip(frames, greys, strict=True):
+        np.testing.assert_allclose(frame.mean(), grey, atol=3)
+    assert [p.name for p in tmp_path.iterdir()] == ["m.mp4"]
+
+
+def test_a_movie_without_frames_or_place_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="at least one frame"):
+        write_mp4(tmp_path / "m.mp4", [])
+    with pytest.raises(BadInput, match="folder does not exist"):
+        write_mp4(tmp_path / "no" / "m.mp4", [np.zeros((16, 16, 3), np.uint8)])
+
+
+def test_a_cancelled_movie_leaves_nothing(tmp_path: Path) -> None:
+    def frames() -> Iterator[np.ndarray]:
+        yield np.zeros((16, 16, 3), np.uint8)
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        write_mp4(tmp_path / "m.mp4", frames())
+    assert list(tmp_path.iterdir()) == []

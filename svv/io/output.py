@@ -52,7 +52,7 @@ def write_png(path: str | Path, image: ArrayLike) -> None:
 def write_depth_png(path: str | Path, depth: ArrayLike) -> tuple[float, float]:
     """Write depth (h, w) in world units, NaN where empty, as 16-bit grey PNG.
 
-    Level 0 is empty; levels 1 ... 65535 run linearly from the nearest to the farthest depth. The two are noted
+    Level 0 is empty; levels 1 ... 65535 run linearly from the nearest to the farthest depth. Both are noted
     in the file's text under ``svv:near`` and ``svv:far``.
 
     Returns:

@@ -1,0 +1,105 @@
+"""Style pictures from files: any common kind of picture, as sRGB in [0, 1]."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
+
+from svv.errors import BadInput
+
+SMALLEST = 16
+"""Pixels a style must have on either side: below that there is no stroke to match."""
+LARGEST = 1024
+"""Long side in pixels that a style is brought down to; matching uses a few hundred."""
+MOST_PIXELS = 600_000_000
+"""Larger pictures than this are refused where the format cannot be shrunk while it is decoded."""
+
+
+def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32]:
+    """Read a style picture.
+
+    Greyscale becomes RGB, 16 bits are kept until the end, transparency lies over white, CMYK and other colour
+    profiles become sRGB, a camera's rotation is undone, and a large picture is shrunk (JPEG while decoding).
+
+    Args:
+        path: PNG, JPEG, TIFF, WebP, GIF (first frame), BMP ...
+        long_side: Pixels that the long side has at most afterwards.
+
+    Returns:
+        (h, w, 3) float32 sRGB in [0, 1], row 0 at the top.
+
+    Raises:
+        BadInput: The file is missing, not a readable picture, smaller than 16 x 16, or far too large.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise BadInput(f"There is no style picture at {path}.")
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # our own limit, checked below, has a sentence
+    try:
+        with Image.open(path) as image:
+            _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
+            image.draft(image.mode, (2 * long_side, 2 * long_side))
+            image.load()
+            return _pixels(image, long_side)
+    except UnidentifiedImageError as error:
+        raise BadInput(f"{path} is not a picture that can be read: save it as PNG or JPEG.") from error
+    except (OSError, SyntaxError, ValueError, EOFError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadInput(f"The style picture {path} is damaged or of an unusual kind ({error}): save it anew.") from error
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+
+
+def _check_size(path: Path, width: int, height: int, decoder_shrinks: bool) -> None:
+    if min(width, height) < SMALLEST:
+        raise BadInput(
+            f"The style picture {path} has {width} x {height} pixels: at least {SMALLEST} x {SMALLEST} are needed."
+        )
+    if width * height > MOST_PIXELS and not decoder_shrinks:
+        raise BadInput(f"The style picture {path} has {width} x {height} pixels: shrink it to a few thousand first.")
+
+
+def _pixels(image: Image.Image, long_side: int) -> NDArray[np.float32]:
+    deep = image.mode.startswith(("I", "F"))
+    if deep:  # greyscale of 16 or 32 bits, or floating point: Pillow would clip it to 8 bits
+        upright = ImageOps.exif_transpose(image)
+        values = np.asarray(upright, np.float32)
+        full = 65535.0 if image.mode.startswith("I") else 1.0
+        values = np.clip(np.nan_to_num(values) / max(full, float(values.max())), 0, 1)
+        grey = Image.fromarray(values, "F")
+        values = np.asarray(grey.resize(_size(grey, long_side), Image.Resampling.BOX, reducing_gap=2))
+        return np.repeat(values[..., None], 3, 2)
+    if image.has_transparency_data:
+        image = image.convert("RGBA")
+        if max(image.size) > 2 * long_side:  # compositing needs a second copy: not of the full size
+            image = image.resize(_size(image, 2 * long_side), Image.Resampling.BOX)
+        image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)
+    image = ImageOps.exif_transpose(_srgb(image))
+    image = image.resize(_size(image, long_side), Image.Resampling.LANCZOS, reducing_gap=3)
+    return np.asarray(image, np.float32) / 255
+
+
+def _size(image: Image.Image, long_side: int) -> tuple[int, int]:
+    """Never enlarged, and the short side not below the smallest."""
+    factor = min(1.0, max(long_side / max(image.size), SMALLEST / min(image.size)))
+    return max(1, round(image.width * factor)), max(1, round(image.height * factor))
+
+
+def _srgb(image: Image.Image) -> Image.Image:
+    profile = image.info.get("icc_profile")
+    if profile and image.mode in ("RGB", "CMYK", "L"):
+        try:
+            source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+            exif = image.getexif()
+            converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
+            assert converted is not None  # only an in-place conversion returns none
+            converted.getexif().update(exif)
+            return converted
+        except ImageCms.PyCMSError:  # a damaged profile is no reason to refuse the picture: viewers ignore it too
+            pass
+    return image.convert("RGB")

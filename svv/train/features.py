@@ -1,0 +1,181 @@
+"""Feature networks for style matching: VGG-16 up to conv3, or a small one of the same kind that ships with us.
+
+Both are stacks of 3x3 convolutions with ReLU in three blocks, halved between the blocks, and give the concatenated
+activations of their third block: a map of a quarter of the picture's resolution.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import urllib.request
+from collections.abc import Sequence
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import load_file
+from torch import Tensor, nn
+
+from svv.errors import BadInput, Progress, silent
+
+VGG16_URL = "https://download.pytorch.org/models/vgg16-397923af.pth"
+VGG16_SHA256_PREFIX = "397923af"
+"""Torch names its weight files after the first digits of their SHA-256."""
+VGG16_WIDTHS = ((64, 64), (128, 128), (256, 256, 256))
+EMBEDDED = "style_features.safetensors"
+STRIDE = 4
+"""Pixels of the picture to a cell of the feature map."""
+
+
+class StyleFeatures(nn.Module):
+    """Three blocks of convolutions; ``forward`` gives the third's activations, concatenated.
+
+    Args:
+        widths: Channels of each convolution, a tuple for each block.
+        pool: What halves the map between blocks, ``"max"`` as in VGG or ``"mean"``.
+        mean: Subtracted from the picture's channels before the first convolution.
+        deviation: Divides them after that.
+        taps: Which activations of the third block are concatenated; all by default.
+    """
+
+    def __init__(
+        self,
+        widths: Sequence[Sequence[int]] = VGG16_WIDTHS,
+        pool: str = "max",
+        mean: Sequence[float] = (0.485, 0.456, 0.406),
+        deviation: Sequence[float] = (0.229, 0.224, 0.225),
+        taps: Sequence[int] | None = None,
+    ) -> None:
+        super().__init__()
+        self.pool = nn.MaxPool2d(2) if pool == "max" else nn.AvgPool2d(2)
+        self.taps = tuple(range(len(widths[2]))) if taps is None else tuple(taps)
+        self.register_buffer("mean", torch.tensor(mean).view(3, 1, 1), persistent=False)
+        self.register_buffer("deviation", torch.tensor(deviation).view(3, 1, 1), persistent=False)
+        self.blocks, channels = nn.ModuleList(), 3
+        for block in widths:
+            layers = nn.ModuleList()
+            for width in block:
+                layers.append(nn.Conv2d(channels, width, 3, padding=1, padding_mode="reflect"))
+                channels = width
+            self.blocks.append(layers)
+        self.channels = sum(widths[2][tap] for tap in self.taps)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Features of pictures.
+
+        Args:
+            image: (n, 3, h, w) sRGB in [0, 1], h and w at least 12.
+
+        Returns:
+            (n, channels, h // 4, w // 4), >= 0.
+        """
+        x = ((image - self.mean) / self.deviation).contiguous(memory_format=torch.channels_last)
+        maps: list[Tensor] = []
+        for number, block in enumerate(self.blocks):
+            if number:
+                x = self.pool(x)
+            for layer in block:
+                x = torch.relu(layer(x))
+                maps.append(x)
+        third = maps[-len(self.blocks[2]) :]
+        return torch.cat([third[tap] for tap in self.taps], 1)
+
+
+def load_features(name: str = "auto", progress: Progress = silent) -> StyleFeatures:
+    """A frozen feature network.
+
+    Args:
+        name: ``"embedded"``: the one in this package. ``"vgg16"``: VGG-16 with ImageNet weights from torch's hub cache,
+            downloaded into it if it is not there. ``"auto"``: VGG-16 if it is in that cache, else the embedded one; never
+            a download. Else the path of a file of VGG-16 weights (.pth or .safetensors) or of ours (.safetensors).
+        progress: Told about a download.
+
+    Returns:
+        The network, without gradients for its weights.
+
+    Raises:
+        BadInput: The weights cannot be had, or the file does not hold them.
+    """
+    cached = Path(torch.hub.get_dir()) / "checkpoints" / VGG16_URL.rsplit("/", 1)[1]
+    if name == "auto":
+        name = "vgg16" if _is_vgg16(cached) else "embedded"
+    if name == "embedded":
+        with as_file(files("svv.train") / "data" / EMBEDDED) as path:
+            network = read_features(path)
+    elif name == "vgg16":
+        if not _is_vgg16(cached):
+            _download(VGG16_URL, cached, progress)
+        network = read_features(cached)
+    else:
+        network = read_features(Path(name))
+    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
+
+
+def read_features(path: Path) -> StyleFeatures:
+    """The network whose weights a file holds: ours, or VGG-16's (``features.N.weight``, as torchvision names them).
+
+    Raises:
+        BadInput: The file is missing, unreadable or holds something else.
+    """
+    if not path.is_file():
+        raise BadInput(f"There is no file of feature weights at {path}: give a path, or 'embedded' or 'vgg16'.")
+    try:
+        if path.suffix == ".safetensors":
+            state = load_file(path)
+            with safe_open(path, "pt") as file:
+                metadata = file.metadata() or {}
+        else:
+            state, metadata = torch.load(path, map_location="cpu", weights_only=True), {}
+    except (SafetensorError, RuntimeError, ValueError, EOFError, OSError, KeyError) as error:
+        raise BadInput(f"{path} is not a file of feature weights (.pth or .safetensors): {error}.") from error
+    except Exception as error:  # torch.load raises pickle's errors for anything that is not a state dict
+        raise BadInput(f"{path} is not a file of feature weights that can be read safely.") from error
+    return _network(state, metadata, path)
+
+
+def _network(state: dict[str, Tensor], metadata: dict[str, str], path: Path) -> StyleFeatures:
+    if metadata.get("svv") == "style features":
+        widths = [[int(width) for width in block.split("-")] for block in metadata["widths"].split(",")]
+        network = StyleFeatures(widths, metadata["pool"], (0.5, 0.5, 0.5), (0.25, 0.25, 0.25))
+    else:
+        # Of torchvision's layers 0..30, the convolutions up to conv3_3 are these.
+        rows = [(b, i) for b, block in enumerate(VGG16_WIDTHS) for i in range(len(block))]
+        names = dict(zip((0, 2, 5, 7, 10, 12, 14), rows, strict=True))
+        wanted = {(f"features.{n}.{kind}", f"blocks.{b}.{i}.{kind}") for n, (b, i) in names.items() for kind in ("weight", "bias")}
+        if any(there not in state for there, _ in wanted):
+            raise BadInput(f"{path} holds neither VGG-16 weights (features.0.weight ...) nor style features of ours.")
+        network, state = StyleFeatures(), {here: state[there] for there, here in wanted}
+    try:
+        network.load_state_dict({name: tensor.float() for name, tensor in state.items()})
+    except RuntimeError as error:
+        raise BadInput(f"The weights in {path} have other shapes than the network they are for.") from error
+    return network
+
+
+def _is_vgg16(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest().startswith(VGG16_SHA256_PREFIX)
+
+
+def _download(url: str, path: Path, progress: Progress) -> None:
+    """Fetch a file whose name ends in the first digits of its SHA-256, and keep it only if they are right."""
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with urllib.request.urlopen(url, timeout=30) as reply, part.open("wb") as file:
+            size, done = int(reply.headers.get("Content-Length", 0)) or 1, 0
+            while block := reply.read(1 << 20):
+                file.write(block)
+                done += len(block)
+                progress(min(1.0, done / size), "downloading VGG-16")
+        if not _is_vgg16(part):
+            raise BadInput(f"What {url} sent is not the file expected (wrong SHA-256): try again or give a path.")
+        os.replace(part, path)
+    except OSError as error:
+        raise BadInput(f"VGG-16 could not be downloaded from {url} ({error}): give the path of the file, or use 'embedded'.") from error
+    finally:
+        part.unlink(missing_ok=True)

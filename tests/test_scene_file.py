@@ -16,7 +16,7 @@ from safetensors.numpy import save_file
 
 from svv.errors import BadInput, Cancelled
 from svv.io import scene_file
-from svv.io.atomic import atomic_path, make_folder, write_json
+from svv.io.atomic import atomic_path, check_writable, make_folder, write_json
 from svv.io.scene_file import read_scene_file, write_scene_file
 
 DTYPES = st.sampled_from(
@@ -199,3 +199,12 @@ def test_json_is_strict(tmp_path: Path) -> None:
         "n": 2,
         "xs": [1, 2.0],
     }
+
+
+def test_whether_a_place_can_be_written_is_known_beforehand(scene: Path) -> None:
+    before = scene.read_bytes()
+    check_writable(scene)
+    assert scene.read_bytes() == before
+    assert only_file(scene)
+    with pytest.raises(BadInput, match="is a file and not a folder"):
+        check_writable(scene / "a.json")

@@ -50,14 +50,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         BadInput: the folder is missing or not writable, the disk is full or read-only, or it is a folder.
     """
     target = Path(path)
-    if target.is_dir():
-        raise BadInput(f"Cannot write {target}: it is a folder; give the name of a file.")
-    # Hidden, and with the target's suffix, since picture and movie writers choose their format by it.
-    temporary = target.with_name(f".{target.stem[:100]}-{secrets.token_hex(6)}{target.suffix}")
-    try:
-        temporary.open("xb").close()  # fails before the work is done rather than after it
-    except OSError as error:
-        raise cannot_write(target, error) from error
+    temporary = _claim(target)
     try:
         yield temporary
         with temporary.open("rb+") as file:
@@ -70,6 +63,15 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         raise cannot_write(target, error) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_writable(path: str | Path) -> None:
+    """Find out before long work whether its result can be written to ``path``.
+
+    Raises:
+        BadInput: see :func:`atomic_path`.
+    """
+    _claim(Path(path)).unlink()
 
 
 def make_folder(path: str | Path) -> Path:
@@ -102,6 +104,19 @@ def write_json(path: str | Path, data: object) -> None:
     text = to_json(data, indent=2) + "\n"
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def _claim(target: Path) -> Path:
+    """An empty temporary file beside the target."""
+    if target.is_dir():
+        raise BadInput(f"Cannot write {target}: it is a folder; give the name of a file.")
+    # Hidden, and with the target's suffix, since picture and movie writers choose their format by it.
+    temporary = target.with_name(f".{target.stem[:100]}-{secrets.token_hex(6)}{target.suffix}")
+    try:
+        temporary.open("xb").close()
+    except OSError as error:
+        raise cannot_write(target, error) from error
+    return temporary
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,65 @@
+"""A single camera from a JSON file, for pictures from a place of one's own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from svv.core.cameras import Camera
+from svv.errors import BadInput
+
+DEFAULT_SIZE = (800, 800)
+
+
+def read_camera(path: str | Path, size: tuple[int, int] | None = None, frame: int = 0) -> Camera:
+    """Read a camera from JSON, in one of two forms.
+
+    Ours: ``{"camera_to_world": [[...4] x 4], "fov": degrees}``, where ``camera_angle_x`` (radians) may stand for
+    ``fov``; both are the full horizontal angle of view; ``width`` and ``height`` in pixels may be given. Or a
+    NeRF-synthetic ``transforms_*.json``, of which ``frame`` chooses the view. Matrices are OpenGL camera-to-world.
+
+    Args:
+        path: The file.
+        size: (width, height) in pixels; without it the file's, else 800 x 800.
+        frame: Index of the view in a ``transforms_*.json``.
+
+    Raises:
+        BadInput: the file is missing or no JSON, or holds no camera, or the matrix is no rotation.
+    """
+    content = _object(Path(path))
+    if "frames" in content:
+        frames = content["frames"]
+        if not isinstance(frames, list) or not 0 <= frame < len(frames) or not isinstance(frames[frame], dict):
+            raise BadInput(f"{path} has no frame {frame}; choose one with --frame.")
+        content = {**content, **frames[frame]}
+    matrix = content.get("camera_to_world", content.get("transform_matrix"))
+    if matrix is None:
+        raise BadInput(f"{path} holds no camera: it needs camera_to_world (4 x 4) and fov (degrees).")
+    try:
+        angle = float(content["camera_angle_x"]) if "camera_angle_x" in content else np.radians(float(content["fov"]))
+        own = (int(content.get("width", 0)), int(content.get("height", 0)))
+        rotation = np.asarray(matrix, dtype=np.float64)
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInput(
+            f"{path} holds no camera: camera_to_world must be 4 x 4 numbers, and fov (degrees) or camera_angle_x "
+            "(radians) a number."
+        ) from error
+    width, height = size or (own if min(own) > 0 else DEFAULT_SIZE)
+    return Camera(rotation, float(angle), width, height)
+
+
+def _object(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise BadInput(f"There is no camera file {path}.") from error
+    except OSError as error:
+        raise BadInput(f"The camera file {path} cannot be read: {error.strerror}.") from error
+    except ValueError as error:
+        raise BadInput(f"The camera file {path} is not JSON: {error}.") from error
+    if not isinstance(content, dict):
+        raise BadInput(f"{path} holds no camera: it needs camera_to_world (4 x 4) and fov (degrees).")
+    return content

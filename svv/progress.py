@@ -1,0 +1,111 @@
+"""How the command line shows long work: a bar with the time left, and a clean stop on Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from svv.errors import Cancelled, Progress
+
+LINE_SECONDS = 15.0
+"""Where no terminal shows a bar: a line at least this often, as long as the work goes on."""
+
+LINE_STEP = 0.1
+"""... and at each finished tenth."""
+
+
+@contextmanager
+def shown(title: str) -> Iterator[Progress]:
+    """Show the progress of one piece of work on standard error.
+
+    Gives the callable to hand down as ``progress``. On a terminal it draws a bar with the time left, elsewhere it
+    writes a line now and then. The first Ctrl-C makes its next call raise ``Cancelled``, so that the work stops
+    where it can leave its files in order; a second one stops at once.
+    """
+    with _stop_on_interrupt() as stopped:
+        if sys.stderr.isatty():
+            with _bar(title, stopped) as progress:
+                yield progress
+        else:
+            yield _lines(title, stopped)
+
+
+@contextmanager
+def _stop_on_interrupt() -> Iterator[threading.Event]:
+    stopped = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        stopped.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield stopped
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if stopped.is_set():  # pressed after the last report: the work is done, but the user wants out
+        raise Cancelled
+
+
+@contextmanager
+def _bar(title: str, stopped: threading.Event) -> Iterator[Progress]:
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=None),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[label]}", style="dim", markup=False),
+    )
+    with Bars(*columns, console=Console(stderr=True), expand=True, speed_estimate_period=60.0) as bars:
+        task = bars.add_task(title, total=1.0, label="")
+
+        def progress(fraction: float, label: str) -> None:
+            bars.update(task, completed=min(max(fraction, 0.0), 1.0), label=label)
+            if stopped.is_set():
+                raise Cancelled
+
+        yield progress
+        bars.update(task, completed=1.0, label="")
+
+
+def _lines(title: str, stopped: threading.Event) -> Progress:
+    start = last_time = time.monotonic()
+    last_step = -1
+
+    def progress(fraction: float, label: str) -> None:
+        nonlocal last_time, last_step
+        now = time.monotonic()
+        step = int(fraction / LINE_STEP + 1e-9)
+        if step > last_step or now - last_time >= LINE_SECONDS:
+            spent = now - start
+            left = f", {duration(spent * (1 - fraction) / fraction)} left" if 0.02 < fraction < 1 else ""
+            print(f"{title}: {fraction:4.0%} {label} ({duration(spent)}{left})", file=sys.stderr, flush=True)
+            last_time, last_step = now, max(step, last_step)
+        if stopped.is_set():
+            raise Cancelled
+
+    return progress
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people read them: 8 s, 3 min 20 s, 2 h 5 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"

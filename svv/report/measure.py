@@ -1,0 +1,53 @@
+"""What a piece of work cost: seconds and peak memory."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass
+class Cost:
+    """Filled in when the work is done.
+
+    Args:
+        seconds: Wall-clock time.
+        peak_rss_bytes: Largest resident memory of the process during the work, as the operating system counts it.
+    """
+
+    seconds: float = 0.0
+    peak_rss_bytes: int = 0
+
+
+@contextmanager
+def measured() -> Iterator[Cost]:
+    """Measure what the body costs; the numbers are there after it."""
+    cost = Cost()
+    _forget_peak()
+    start = time.monotonic()
+    try:
+        yield cost
+    finally:
+        cost.seconds = time.monotonic() - start
+        cost.peak_rss_bytes = _peak()
+
+
+def _forget_peak() -> None:
+    """Let the peak start anew; where the system cannot (no Linux), it stays the peak since the process began."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return
+
+
+def _peak() -> int:
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -1,0 +1,60 @@
+"""Pictures beside pictures: contact sheets and the frames of comparison movies.
+
+All images here are (h, w, 3) uint8.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+Picture = NDArray[np.uint8]
+
+INK = (60, 60, 60)
+
+
+def sheet(rows: Sequence[Sequence[Picture]], labels: Sequence[str], gap: int = 6) -> Picture:
+    """A white contact sheet: one row of equally large pictures under the other, labels over the columns.
+
+    Args:
+        rows: Pictures of one size; every row has as many as there are labels.
+        labels: One per column.
+        gap: Pixels between pictures.
+    """
+    height, width = rows[0][0].shape[:2]
+    head = max(18, width // 11)
+    canvas = Image.new(
+        "RGB",
+        (len(labels) * (width + gap) - gap, head + len(rows) * (height + gap) - gap),
+        "white",
+    )
+    draw = ImageDraw.Draw(canvas)
+    for column, label in enumerate(labels):
+        x = column * (width + gap)
+        draw.text((x + width / 2, head / 2), label, fill=INK, font=_font(label, width, head), anchor="mm")
+        for row, pictures in enumerate(rows):
+            canvas.paste(Image.fromarray(pictures[column]), (x, head + row * (height + gap)))
+    return np.asarray(canvas)
+
+
+def error_picture(truth: Picture, shown: Picture, gain: float = 4.0) -> Picture:
+    """The largest difference of a pixel's channels, ``gain`` times, from white (none) to dark red."""
+    difference = np.abs(truth.astype(np.float32) - shown.astype(np.float32)).max(axis=-1) / 255.0
+    strength = np.clip(gain * difference, 0.0, 1.0)[..., None]
+    colour = (1.0 - strength) * 255.0 + strength * np.array([150.0, 0.0, 20.0])
+    return np.rint(colour).astype(np.uint8)
+
+
+def _font(label: str, width: int, head: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """The largest font in which the label fits over its column."""
+    size = int(head * 0.55)
+    while size > 8 and ImageDraw.Draw(Image.new("L", (1, 1))).textlength(label, _sized(size)) > 0.96 * width:
+        size -= 1
+    return _sized(size)
+
+
+def _sized(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size)

@@ -1,0 +1,6 @@
+"""``python -m svv`` is the ``svv`` command."""
+
+from svv.cli import main
+
+if __name__ == "__main__":
+    main()

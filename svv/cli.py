@@ -1,0 +1,328 @@
+"""The ``svv`` command: reads arguments, calls the layers below, prints what came out.
+
+Heavy imports stand inside the commands, so that ``svv --help`` answers at once.
+
+Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130 stopped by the user.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+from svv import __version__
+from svv.errors import BadInput, Cancelled
+from svv.options import (
+    Json,
+    Network,
+    Out,
+    Preset,
+    PresetOption,
+    SceneFile,
+    Seed,
+    TimeLimit,
+    What,
+    examples,
+    parse_colour,
+    parse_mapping,
+    parse_size,
+)
+from svv.progress import duration, shown
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
+
+app = typer.Typer(
+    name="svv",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+
+
+UsageError: Any = typer.BadParameter.__base__
+"""Bad use of the command; typer brings its own copy of click in some versions and needs the package in others."""
+
+
+@app.callback(invoke_without_command=True)
+def svv(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and stop.")] = False,
+) -> None:
+    """Volume renderings that look like something else: recoloured, relit, thinned out or painted, region by region.
+
+    Views of a volume become a small scene file (.svv), which renders from any side, takes edits without training
+    and learns the manner of pictures.
+    """
+    if version:
+        print(f"svv {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        context.get_help()  # prints it
+        raise typer.Exit
+
+
+@app.command(
+    epilog=examples("svv train views --out scene.svv", "svv train views -o scene.svv --preset fast --json f.json")
+)
+def train(
+    views: Annotated[Path, typer.Argument(metavar="VIEWS", help="Folder with transforms_train.json and its images.")],
+    out: Out,
+    preset: PresetOption = Preset.balanced,
+    time_limit: TimeLimit = None,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """Train a scene on views.
+
+    Stopped with Ctrl-C, the same command goes on where it was.
+    """
+    from svv.io.viewset import ViewSet
+    from svv.train.pipeline import train_scene
+
+    _check_targets(out, json)
+    with shown("Reading") as progress:
+        view_set = ViewSet.read(views, "train", progress)
+    if "assumed" in view_set.meta:
+        print(view_set.meta["assumed"], file=sys.stderr)
+    checkpoint = checkpoint_path(out)
+    with shown("Training") as progress:
+        scene, report = train_scene(view_set, preset.value, time_limit, seed, progress, checkpoint)
+    _finish(scene, report, out, json, checkpoint)
+
+
+@app.command(
+    epilog=examples(
+        "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
+        "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
+    )
+)
+def edit(
+    scene: SceneFile,
+    region: Annotated[int, typer.Option(min=0, help="Which region; `svv info` lists them.")],
+    out: Out,
+    colour: Annotated[str | None, typer.Option(metavar="'#rrggbb'", help="Its new colour.")] = None,
+    opacity: Annotated[float | None, typer.Option(min=0, help="Factor on its opacity; 0 hides it.")] = None,
+    lighting: Annotated[float | None, typer.Option(min=0, help="Factor on its highlights.")] = None,
+) -> None:
+    """Change a region's colour, opacity or lighting. Nothing is trained, it takes a moment."""
+    if colour is None and opacity is None and lighting is None:
+        raise BadInput("Nothing to change: give --colour, --opacity or --lighting.")
+    rgb = None if colour is None else parse_colour(colour)
+    _check_targets(out)
+    edited = _load(scene).edited(region, rgb, opacity, lighting)
+    edited.save(out)
+    print(out)
+
+
+@app.command(
+    epilog=examples(
+        "svv stylize scene.svv --style brush.jpg --out styled.svv",
+        "svv stylize scene.svv --style a.png --style b.png --map 0=0,2=1 --keep 1 --out styled.svv",
+    )
+)
+def stylize(
+    scene: SceneFile,
+    style: Annotated[list[Path], typer.Option(metavar="IMG", help="A picture; may be given several times.")],
+    out: Out,
+    mapping: Annotated[
+        str | None, typer.Option("--map", metavar="0=0,1=1", help="Region=style pairs; by default in turn.")
+    ] = None,
+    keep: Annotated[list[int] | None, typer.Option(metavar="K", help="A region that stays as it is.")] = None,
+    preset: PresetOption = Preset.balanced,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """Paint the regions of a scene in the manner of pictures.
+
+    Stopped with Ctrl-C, the same command goes on where it was.
+    """
+    from svv.io.images import read_style
+    from svv.train.pipeline import stylize_scene
+
+    pairs = None if mapping is None else parse_mapping(mapping)
+    _check_targets(out, json)
+    styles = [read_style(path) for path in style]
+    loaded = _load(scene)
+    checkpoint = checkpoint_path(out)
+    with shown("Stylizing") as progress:
+        styled, report = stylize_scene(loaded, styles, pairs, set(keep or ()), preset.value, seed, progress, checkpoint)
+    _finish(styled, report, out, json, checkpoint)
+
+
+@app.command(
+    epilog=examples(
+        "svv render scene.svv --orbit 181 --out orbit.mp4",
+        "svv render scene.svv --orbit 60 --size 400 --background white --out frames",
+        "svv render scene.svv --camera camera.json --size 1280x720 --out view.png",
+        "svv render scene.svv --camera views/transforms_test.json --frame 3 --out view.vti",
+    )
+)
+def render(
+    scene: SceneFile,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR|FILE", help="A folder, or .png, .vti or .mp4.")],
+    orbit: Annotated[int | None, typer.Option(min=2, help="That many views on the way around the scene.")] = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(metavar="CAMERA.json", help="One view: camera_to_world (4 x 4) and fov, or a transforms file."),
+    ] = None,
+    frame: Annotated[int, typer.Option(min=0, help="Which view of a transforms file.")] = 0,
+    size: Annotated[str | None, typer.Option(metavar="N|WxH", help="Pixels; 800 by default.")] = None,
+    network: Annotated[Network | None, typer.Option(help="By default the last one trained.")] = None,
+    background: Annotated[
+        str | None, typer.Option(metavar="COLOUR", help="white, black or '#rrggbb'; movies: white, else transparent.")
+    ] = None,
+    what: Annotated[What, typer.Option(help="A .vti always holds all three.")] = What.rgba,
+    fps: Annotated[float, typer.Option(min=1, help="Frames a second of a movie.")] = 30.0,
+) -> None:
+    """Render a scene: an orbit as movie or frames, or one view."""
+    from svv.io.camera_file import read_camera
+    from svv.report import render as views
+
+    if orbit is not None and camera is not None:
+        raise BadInput("Give --orbit or --camera, not both.")
+    pixels = None if size is None else parse_size(size)
+    behind = None if background is None else parse_colour(background)
+    one_view = out.suffix.lower() in (".png", ".vti")
+    if one_view and orbit is not None:
+        raise BadInput("An orbit has many views: give --out as a folder or an .mp4 file.")
+    loaded = _load(scene)
+    width, height = pixels or (800, 800)
+    if camera is not None:
+        cameras = [read_camera(camera, pixels, frame)]
+    elif one_view:
+        cameras = [views.orbit(loaded, 181, width, height)[90]]  # the middle of the way: from the front
+    else:
+        cameras = views.orbit(loaded, orbit or 181, width, height)
+    name = None if network is None else network.value
+    with shown("Rendering") as progress:
+        if one_view:
+            views.write_view(out, loaded, cameras[0], name, behind, what.value, progress)
+        elif out.suffix.lower() == ".mp4":
+            views.write_movie(out, loaded, cameras, name, behind, what.value, fps, progress)
+        else:
+            views.write_frames(out, loaded, cameras, name, behind, what.value, progress)
+    print(out)
+
+
+@app.command(epilog=examples("svv evaluate scene.svv --views views --json scores.json"))
+def evaluate(
+    scene: SceneFile,
+    views: Annotated[Path, typer.Option(metavar="VIEWS", help="Folder with views that were not trained on.")],
+    split: Annotated[str, typer.Option(help="train, test or val.")] = "test",
+    network: Annotated[Network | None, typer.Option(help="base or pcn; by default pcn.")] = None,
+    json: Json = None,
+) -> None:
+    """Compare a scene with views of the volume: PSNR, SSIM, FLIP, LPIPS."""
+    from svv.io.atomic import write_json
+    from svv.io.viewset import ViewSet
+    from svv.train.pipeline import evaluate_scene
+
+    _check_targets(json)
+    loaded = _load(scene)
+    with shown("Reading") as progress:
+        view_set = ViewSet.read(views, split, progress)
+    with shown("Evaluating") as progress:
+        scores = evaluate_scene(loaded, view_set, (network or Network.pcn).value, progress)
+    if json is not None:
+        write_json(json, scores)
+    _print_table(scores)
+
+
+@app.command(epilog=examples("svv info scene.svv", "svv info scene.svv --json info.json"))
+def info(scene: SceneFile, json: Json = None) -> None:
+    """Show what a scene holds: its regions, networks, size, and how it was made."""
+    from svv.io.atomic import write_json
+
+    content = _load(scene).info()
+    if json is not None:
+        write_json(json, content)
+    _print_table(content)
+
+
+def checkpoint_path(out: Path) -> Path:
+    """Where stopped work is kept until the same command goes on with it."""
+    return out.with_name(out.name + ".checkpoint")
+
+
+def _check_targets(*paths: Path | None) -> None:
+    """Find out before minutes of work that a result could not be written."""
+    from svv.io.atomic import check_writable
+
+    for path in paths:
+        if path is not None:
+            check_writable(path)
+
+
+def _load(path: Path) -> Scene:
+    from svv.fields.scene import Scene
+
+    return Scene.load(path)
+
+
+def _finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, checkpoint: Path) -> None:
+    """Save a trained scene and what its training reports, then drop the checkpoint that is no longer needed."""
+    from svv.io.atomic import write_json
+
+    scene.save(out)
+    report = {**report, "scene_bytes": out.stat().st_size}
+    if json is not None:
+        write_json(json, report)
+    checkpoint.unlink(missing_ok=True)
+    total, size = duration(report["seconds"]["total"]), report["scene_bytes"] / 1e6
+    print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions, {total}")
+
+
+def _print_table(content: dict[str, Any]) -> None:
+    """Names and values on standard output; a list of objects becomes indented lines."""
+    wide = max(map(len, content), default=0)
+    for name, value in content.items():
+        if isinstance(value, list | tuple) and value and isinstance(value[0], dict):
+            print(f"{name}")
+            for index, item in enumerate(value):
+                print(f"  {index}: " + ", ".join(f"{key} {_text(item[key])}" for key in item))
+        else:
+            print(f"{name:<{wide}}  {_text(value)}")
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_text(item)}" for key, item in value.items())
+    if isinstance(value, list | tuple):
+        return " ".join(_text(item) for item in value)
+    return str(value)
+
+
+def main() -> NoReturn:
+    """Run the command line; what went wrong becomes one sentence and an exit code."""
+    try:
+        sys.exit(app(prog_name="svv", standalone_mode=False) or 0)
+    except UsageError as error:
+        command = error.ctx.command_path if error.ctx else "svv"
+        _fail(f"{error.format_message()} Try: {command} --help")
+    except BadInput as error:
+        _fail(str(error))
+    except (Cancelled, KeyboardInterrupt, typer.Abort):
+        _fail("stopped; to go on, give the same command again.", 130)
+    except MemoryError:
+        _fail("There is not enough memory; take a smaller size or the preset draft.")
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader of our output has left
+        sys.exit(0)
+    except OSError as error:
+        about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
+        _fail(f"{about}{error.strerror or error}.")
+
+
+def _fail(message: str, code: int = 2) -> NoReturn:
+    print(f"svv: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(code)

@@ -1,0 +1,112 @@
+"""The options of the ``svv`` command that several commands share, and how their text is read."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from svv.errors import BadInput
+
+
+class Preset(str, Enum):
+    """How much time training takes, and how large the model may be."""
+
+    draft = "draft"
+    fast = "fast"
+    balanced = "balanced"
+    paper = "paper"
+
+
+class Network(str, Enum):
+    """Which colours are rendered: of the first stage, of the palette, or stylized."""
+
+    base = "base"
+    pcn = "pcn"
+    styled = "styled"
+
+
+class Mapper(str, Enum):
+    """Which of VTK's ray casters draws the views."""
+
+    auto = "auto"
+    gpu = "gpu"
+    cpu = "cpu"
+
+
+class What(str, Enum):
+    """What a picture shows."""
+
+    rgba = "rgba"
+    depth = "depth"
+    region = "region"
+
+
+Out = Annotated[Path, typer.Option("--out", "-o", help="Where the result goes.")]
+Json = Annotated[Path | None, typer.Option("--json", help="Write the figures to this JSON file too.")]
+Seed = Annotated[int, typer.Option(help="Same seed, same result.")]
+PresetOption = Annotated[Preset, typer.Option(help="draft: seconds; fast, balanced: minutes; paper: its large grid.")]
+TimeLimit = Annotated[float | None, typer.Option(metavar="SECONDS", min=1, help="Stop training after this long.")]
+TransferFunction = Annotated[
+    Path | None,
+    typer.Option("--tf", metavar="TF.json", help="Transfer function: a ParaView preset, or a list of opacity bumps."),
+]
+Views = Annotated[int, typer.Option("--n", min=3, help="Training views, evenly on a sphere (10T+2: geodesic).")]
+TestViews = Annotated[int, typer.Option("--test", min=0, help="Unseen views for scores, spread over the orbit.")]
+ViewSize = Annotated[int, typer.Option("--size", min=16, help="Width and height of the views in pixels.")]
+MapperOption = Annotated[Mapper, typer.Option(help="auto takes the GPU where OpenGL is hardware.")]
+Array = Annotated[str | None, typer.Option(help="Name of the array in the volume file, where it has several.")]
+Dims = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Raw files: number of voxels along each axis.")]
+Dtype = Annotated[str | None, typer.Option(help="Raw files: type of a voxel, such as uint8, int16, float32.")]
+Spacing = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Raw files, stacks, .npy: size of a voxel.")]
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A trained scene.")]
+
+
+def examples(*lines: str) -> str:
+    """Commands to copy, shown under a command's help."""
+    return "[bold]Examples[/bold]\n\n" + "\n\n".join(f"  {line}" for line in lines)
+
+
+def parse_colour(text: str) -> tuple[float, float, float]:
+    """'#rrggbb', 'white' or 'black' as sRGB in [0, 1].
+
+    Raises:
+        BadInput: anything else.
+    """
+    digits = {"white": "ffffff", "black": "000000"}.get(text.lower(), text.removeprefix("#"))
+    try:
+        value = int(digits, 16)
+    except ValueError:
+        value = -1
+    if len(digits) != 6 or value < 0:
+        raise BadInput(f"'{text}' is no colour; write it as '#rrggbb', for example '#ff8800'.")
+    return (value >> 16) / 255, (value >> 8 & 255) / 255, (value & 255) / 255
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """'800' or '1280x720' as (width, height).
+
+    Raises:
+        BadInput: anything else, or fewer than 1 or more than 16384 pixels along a side.
+    """
+    parts = text.lower().split("x")
+    if len(parts) in (1, 2) and all(p.isascii() and p.isdigit() and 1 <= int(p) <= 16384 for p in parts):
+        return int(parts[0]), int(parts[-1])
+    raise BadInput(f"'{text}' is no size; write 800 or 1280x720, at most 16384 pixels along a side.")
+
+
+def parse_mapping(text: str) -> dict[int, int]:
+    """'0=0,2=1' as {region: style}.
+
+    Raises:
+        BadInput: anything else, or a region that is named twice.
+    """
+    pairs = [part.split("=") for part in text.split(",")]
+    if not all(len(p) == 2 and all(x.strip().isascii() and x.strip().isdigit() for x in p) for p in pairs):
+        raise BadInput(f"'{text}' is no mapping; write region=style pairs, for example --map 0=0,1=1.")
+    mapping = {int(region): int(style) for region, style in pairs}
+    if len(mapping) < len(pairs):
+        raise BadInput(f"'{text}' names a region twice.")
+    return mapping

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import string
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -76,12 +78,9 @@ def parse_colour(text: str) -> tuple[float, float, float]:
         BadInput: anything else.
     """
     digits = {"white": "ffffff", "black": "000000"}.get(text.lower(), text.removeprefix("#"))
-    try:
-        value = int(digits, 16)
-    except ValueError:
-        value = -1
-    if len(digits) != 6 or value < 0:
+    if len(digits) != 6 or not set(digits) <= set(string.hexdigits):
         raise BadInput(f"'{text}' is no colour; write it as '#rrggbb', for example '#ff8800'.")
+    value = int(digits, 16)
     return (value >> 16) / 255, (value >> 8 & 255) / 255, (value & 255) / 255
 
 
@@ -110,3 +109,18 @@ def parse_mapping(text: str) -> dict[int, int]:
     if len(mapping) < len(pairs):
         raise BadInput(f"'{text}' names a region twice.")
     return mapping
+
+
+def parse_numbers(text: str, option: str) -> tuple[float, float, float]:
+    """'1,1,2.5' as three positive numbers.
+
+    Raises:
+        BadInput: anything else.
+    """
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(0 < value < math.inf for value in (x, y, z)):
+        raise BadInput(f"{option} needs three positive numbers, for example {option} 1,1,2.5, not '{text}'.")
+    return x, y, z

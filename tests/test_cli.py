@@ -1,0 +1,221 @@
+"""The ``svv`` command: what it accepts, what it says, how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from svv import cli
+from svv.core.cameras import look_at
+from svv.errors import BadInput, Cancelled
+from svv.io.camera_file import read_camera
+from svv.options import parse_colour, parse_mapping, parse_numbers, parse_size
+
+COMMANDS = ["demo", "run", "views", "train", "edit", "stylize", "render", "evaluate", "info"]
+
+
+def run(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "svv", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)
+
+
+def call(*arguments: str | Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """The command in this process: its exit code and what it wrote on standard error."""
+    monkeypatch.setattr(sys, "argv", ["svv", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    return int(ended.value.code or 0), capsys.readouterr().err
+
+
+@given(st.integers(0, 255), st.integers(0, 255), st.integers(0, 255))
+def test_a_colour_is_its_levels(red: int, green: int, blue: int) -> None:
+    expected = np.array([red, green, blue]) / 255
+    for text in (f"#{red:02x}{green:02x}{blue:02x}", f"{red:02X}{green:02X}{blue:02X}"):
+        np.testing.assert_allclose(parse_colour(text), expected)
+
+
+@pytest.mark.parametrize("text", ["", "#12345", "#1234567", "reddish", "#-12345", "#+12345", "#12 456", "#1_2345", "0x12ab"])
+def test_no_colour(text: str) -> None:
+    with pytest.raises(BadInput, match="is no colour"):
+        parse_colour(text)
+
+
+def test_sizes() -> None:
+    assert parse_size("800") == (800, 800)
+    assert parse_size("1280x720") == (1280, 720)
+    for text in ("", "0", "-5", "x", "3x", "1x2x3", "99999", "4.5"):
+        with pytest.raises(BadInput, match="is no size"):
+            parse_size(text)
+
+
+def test_mappings() -> None:
+    assert parse_mapping("0=0,2=1") == {0: 0, 2: 1}
+    for text in ("", "0", "a=1", "0=1=2", "-1=0"):
+        with pytest.raises(BadInput, match="is no mapping"):
+            parse_mapping(text)
+    with pytest.raises(BadInput, match="twice"):
+        parse_mapping("0=1,0=2")
+
+
+def test_numbers() -> None:
+    assert parse_numbers("1,2.5,3e2", "--spacing") == (1.0, 2.5, 300.0)
+    for text in ("1,2", "1,2,x", "1,2,0", "1,2,nan", "1,2,-3", "1,2,inf"):
+        with pytest.raises(BadInput, match="--spacing"):
+            parse_numbers(text, "--spacing")
+
+
+def test_help_comes_without_the_heavy_libraries() -> None:
+    code = (
+        "import sys; sys.argv = ['svv', 'train', '--help']\n"
+        "from svv import cli\n"
+        "try: cli.main()\n"
+        "except SystemExit as end: assert not end.code\n"
+        "heavy = {'torch', 'vtkmodules', 'numba', 'scipy', 'skimage', 'numpy'} & set(sys.modules)\n"
+        "assert not heavy, heavy"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_shows_examples(command: str) -> None:
+    done = run(command, "--help", env={**os.environ, "COLUMNS": "200"})
+    assert done.returncode == 0
+    assert f"svv {command}" in done.stdout.split("Examples")[1]
+
+
+def test_the_command_alone_shows_its_help_and_its_version() -> None:
+    assert all(command in run().stdout for command in COMMANDS)
+    assert run("--version").stdout.startswith("svv 0.")
+
+
+def is_one_sentence(text: str) -> bool:
+    return text.startswith("svv: ") and text.count("\n") == 1 and "Traceback" not in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["frobnicate"], "No such command"),
+        (["train"], "Missing argument"),
+        (["train", "views", "--out", "a.svv", "--preset", "wild"], "not one of"),
+        (["train", "missing", "--out", "a.svv"], "missing"),
+        (["train", "missing", "--out", "none/a.svv"], "folder does not exist"),
+        (["info", "missing.svv"], "no scene file"),
+        (["info", "foreign.svv"], "not a scene file"),
+        (["info", "future.svv"], "format 99"),
+        (["edit", "missing.svv", "--region", "0", "--out", "b.svv"], "Nothing to change"),
+        (["edit", "missing.svv", "--region", "0", "--colour", "red", "--out", "b.svv"], "is no colour"),
+        (["stylize", "missing.svv", "--style", "none.png", "--out", "b.svv"], "none.png"),
+        (["stylize", "missing.svv", "--style", "a.png", "--map", "x", "--out", "b.svv"], "is no mapping"),
+        (["render", "missing.svv", "--orbit", "4", "--out", "a.png"], "many views"),
+        (["render", "missing.svv", "--orbit", "4", "--camera", "c.json", "--out", "a"], "not both"),
+        (["render", "missing.svv", "--size", "big", "--out", "a"], "is no size"),
+        (["evaluate", "missing.svv", "--views", "none"], "no scene file"),
+        (["views", "missing.vti", "--tf", "tf.json", "--out", "v"], "missing.vti"),
+        (["run", "missing.vti", "--tf", "tf.json", "--out", "v"], "missing.vti"),
+    ],
+)
+def test_bad_use_and_bad_input_are_one_sentence_and_leave_nothing(
+    arguments: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from svv.io import scene_file
+
+    monkeypatch.chdir(tmp_path)
+    Path("foreign.svv").write_text("hello")
+    with monkeypatch.context() as patch:
+        patch.setattr(scene_file, "FORMAT_VERSION", 99)
+        scene_file.write_scene_file("future.svv", {}, {})
+    before = sorted(tmp_path.iterdir())
+    code, error = call(*arguments, monkeypatch=monkeypatch, capsys=capsys)
+    assert code == 2
+    assert is_one_sentence(error), error
+    assert said in error
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("raised", "code", "said"),
+    [
+        (BadInput("The volume has\none slice."), 2, "svv: The volume has one slice.\n"),
+        (Cancelled(), 130, "svv: stopped; to go on, give the same command again.\n"),
+        (KeyboardInterrupt(), 130, None),
+        (OSError(28, "No space left on device", "/data/x"), 2, "svv: /data/x: No space left on device.\n"),
+        (MemoryError(), 2, "svv: There is not enough memory; take a smaller size or the preset draft.\n"),
+    ],
+)
+def test_what_goes_wrong_inside_a_command_ends_as_promised(
+    raised: BaseException,
+    code: int,
+    said: str | None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fail(path: Path) -> None:
+        raise raised
+
+    monkeypatch.setattr(cli, "_load", fail)
+    ended, error = call("info", "x.svv", monkeypatch=monkeypatch, capsys=capsys)
+    assert ended == code
+    assert said is None or error == said
+
+
+def test_a_defect_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(path: Path) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(cli, "_load", fail)
+    monkeypatch.setattr(sys, "argv", ["svv", "info", "x.svv"])
+    with pytest.raises(ZeroDivisionError):
+        cli.main()
+
+
+MATRIX = look_at((3.0, 1.0, 2.0), (0.0, 0.0, 0.0))
+
+
+def test_a_camera_file_of_ours_and_of_a_view_set(tmp_path: Path) -> None:
+    degrees, radians = tmp_path / "a.json", tmp_path / "b.json"
+    degrees.write_text(json.dumps({"camera_to_world": MATRIX.tolist(), "fov": 30, "width": 640, "height": 360}))
+    frames = [{"file_path": "x", "transform_matrix": np.eye(4).tolist()}, {"transform_matrix": MATRIX.tolist()}]
+    radians.write_text(json.dumps({"camera_angle_x": np.pi / 6, "frames": frames}))
+    ours, theirs = read_camera(degrees), read_camera(radians, (320, 200), frame=1)
+    for camera in (ours, theirs):
+        np.testing.assert_allclose(camera.camera_to_world, MATRIX)
+        np.testing.assert_allclose(camera.fov_x, np.pi / 6)
+    assert (ours.width, ours.height) == (640, 360)
+    assert (theirs.width, theirs.height) == (320, 200)
+    assert read_camera(radians).width == 800
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "{",
+        "[]",
+        "{}",
+        json.dumps({"camera_to_world": MATRIX.tolist()}),
+        json.dumps({"camera_to_world": MATRIX.tolist(), "fov": "wide"}),
+        json.dumps({"camera_to_world": [[1, 2], [3]], "fov": 30}),
+        json.dumps({"camera_to_world": (2 * MATRIX).tolist(), "fov": 30}),
+        json.dumps({"camera_to_world": MATRIX.tolist(), "fov": 0}),
+        json.dumps({"camera_angle_x": 1, "frames": []}),
+        json.dumps({"camera_angle_x": 1, "frames": [3]}),
+    ],
+)
+def test_a_bad_camera_file_is_one_sentence(content: str, tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text(content)
+    with pytest.raises(BadInput):
+        read_camera(tmp_path / "c.json")

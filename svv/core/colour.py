@@ -1,0 +1,123 @@
+"""Colours: RGB to HSB and back, hue on its circle, the palette edit, hex codes, blending.
+
+RGB is gamma-encoded sRGB as it stands in an image, in [0, 1]. HSB (also called HSV) is hue, saturation and
+brightness, all in [0, 1]; hue is a circle on which 0 and 1 are the same red.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.errors import BadInput
+
+GREY_SATURATION = 0.02
+"""Below it a hue is noise: eight bits cannot tell it."""
+
+Hue = TypeVar("Hue", float, NDArray[np.float64], Tensor)
+
+_HEX = re.compile(r"#?([0-9a-f]{6})", re.IGNORECASE)
+
+
+def rgb_to_hsb(rgb: Tensor) -> Tensor:
+    """Hue, saturation and brightness of RGB colours (Smith 1978).
+
+    Negative components are read as 0 and brightness may exceed 1, since offset palette colours leave the gamut.
+    Grey has hue 0, black also saturation 0. Gradients are finite everywhere.
+
+    Args:
+        rgb: Colours. (..., 3)
+
+    Returns:
+        Hue in [0, 1), saturation in [0, 1], brightness >= 0. (..., 3)
+    """
+    rgb = rgb.clamp(min=0)
+    red, green, blue = rgb.unbind(-1)
+    value = rgb.amax(-1)
+    chroma = value - rgb.amin(-1)
+    tiny = torch.finfo(rgb.dtype).tiny
+    divisor = torch.where(chroma > tiny, chroma, 1.0)
+    sector = torch.where(
+        value == red,
+        (green - blue) / divisor,
+        torch.where(value == green, 2 + (blue - red) / divisor, 4 + (red - green) / divisor),
+    )
+    hue = torch.remainder(sector / 6, 1.0)
+    # a hue a rounding error below 0 comes out of remainder as exactly 1
+    hue = torch.where((chroma > tiny) & (hue < 1), hue, 0.0)
+    saturation = torch.where(value > tiny, chroma / torch.where(value > tiny, value, 1.0), 0.0)
+    return torch.stack((hue, saturation, value), -1)
+
+
+def hsb_to_rgb(hsb: Tensor) -> Tensor:
+    """RGB of HSB colours; the hue may lie outside [0, 1) and wraps. (..., 3) -> (..., 3)."""
+    hue, saturation, value = hsb.unbind(-1)
+    k = torch.remainder(torch.tensor([5.0, 3.0, 1.0]).to(hsb) + 6 * hue[..., None], 6.0)
+    drop = torch.minimum(k, 4 - k).clamp(0, 1)
+    return value[..., None] * (1 - saturation[..., None] * drop)
+
+
+def hsb_array(rgb: NDArray[np.floating]) -> NDArray[np.float64]:
+    """:func:`rgb_to_hsb` of an array. (..., 3) -> (..., 3)."""
+    return np.asarray(rgb_to_hsb(torch.from_numpy(np.array(rgb, dtype=np.float64))).numpy())
+
+
+def rgb_array(hsb: NDArray[np.floating]) -> NDArray[np.float64]:
+    """:func:`hsb_to_rgb` of an array. (..., 3) -> (..., 3)."""
+    return np.asarray(hsb_to_rgb(torch.from_numpy(np.array(hsb, dtype=np.float64))).numpy())
+
+
+def hue_distance(a: Hue, b: Hue) -> Hue:
+    """Distance of two hues along the shorter arc of the circle, in [0, 0.5]."""
+    return abs((a - b + 0.5) % 1.0 - 0.5)
+
+
+def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
+    """Recolour samples by the HSB difference between two palettes (StyleRF-VolVis, Photorealistic Style Editing).
+
+    hsb(target_i) - hsb(palette_i) is added to the HSB of the samples P_i + delta_i; the hue wraps, saturation and
+    brightness are clamped to [0, 1]. Colours of palette entries that were not edited are returned untouched. A
+    grey has no hue: samples of a grey palette colour take the target's hue, and a grey target leaves the hue alone.
+
+    Args:
+        colours: Offset palette colours P_i + delta_i of samples. (..., P, 3)
+        palette: Colours P before the edit, RGB in [0, 1]. (P, 3)
+        target: Colours after the edit, RGB in [0, 1]. (P, 3)
+
+    Returns:
+        Recoloured samples; in [0, 1] where their palette colour was edited. (..., P, 3)
+    """
+    before, after = rgb_to_hsb(palette), rgb_to_hsb(target)
+    was_grey, is_grey = before[:, 1] < GREY_SATURATION, after[:, 1] < GREY_SATURATION
+    hsb = rgb_to_hsb(colours)
+    turn = torch.where(was_grey | is_grey, 0.0, after[:, 0] - before[:, 0])
+    hue = torch.where(was_grey, after[:, 0], hsb[..., 0] + turn)
+    rest = (hsb[..., 1:] + (after - before)[:, 1:]).clamp(0, 1)
+    shifted = hsb_to_rgb(torch.cat((hue[..., None], rest), -1))
+    edited = (palette != target).any(-1, keepdim=True)  # (P, 1)
+    return torch.where(edited, shifted, colours)
+
+
+def parse_hex(code: str) -> tuple[float, float, float]:
+    """RGB in [0, 1] of '#rrggbb' (the hash may be missing). Raises BadInput for anything else."""
+    match = _HEX.fullmatch(code.strip())
+    if match is None:
+        raise BadInput(f"'{code}' is not a colour; write it as '#rrggbb', for example '#ff8800'.")
+    red, green, blue = bytes.fromhex(match.group(1))
+    return red / 255, green / 255, blue / 255
+
+
+def to_hex(rgb: NDArray[np.floating] | tuple[float, float, float]) -> str:
+    """'#rrggbb' of an RGB colour, rounded and clamped to [0, 1]."""
+    return "#" + bytes(np.rint(np.clip(rgb, 0, 1) * np.float64(255)).astype(np.uint8)).hex()
+
+
+def over(rgba: NDArray[np.floating], background: tuple[float, float, float]) -> NDArray[np.floating]:
+    """Straight-alpha RGBA over an opaque background, all in [0, 1]. (..., 4) -> (..., 3)."""
+    alpha = rgba[..., 3:]
+    return np.asarray(rgba[..., :3] * alpha + np.asarray(background, dtype=rgba.dtype) * (1 - alpha))

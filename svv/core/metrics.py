@@ -1,0 +1,86 @@
+"""How close a picture is to the truth, by the protocol of docs/metrics.md.
+
+All pictures are (h, w, 3) sRGB in [0, 1]: the truth blended on white, the prediction clamped. A metric is a
+number of one view; the number of a set of views is the mean over views.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.metrics import structural_similarity
+
+from svv.errors import BadInput
+
+Image = NDArray[np.floating]
+SSIM_TAPS = 11
+
+
+def psnr(prediction: Image, truth: Image) -> float:
+    """Peak signal-to-noise ratio -10 log10 MSE in dB; infinite for equal pictures."""
+    prediction, truth = _checked(prediction, truth)
+    return _decibels((prediction - truth) ** 2)
+
+
+def psnr_foreground(prediction: Image, truth: Image, alpha: NDArray[np.floating]) -> float:
+    """PSNR in dB over the pixels whose true alpha (h, w) is above 0; nan where none is.
+
+    A white background, which every method reproduces, flatters the PSNR of sparse scenes; here it has no part.
+    """
+    prediction, truth = _checked(prediction, truth)
+    if alpha.shape != truth.shape[:2]:
+        raise BadInput(f"The alpha is {alpha.shape} but the picture {truth.shape[:2]}; give the truth's own alpha.")
+    return _decibels(((prediction - truth) ** 2)[alpha > 0])
+
+
+def ssim(prediction: Image, truth: Image) -> float:
+    """Structural similarity (Wang et al. 2004): 11-tap Gaussian window, sigma 1.5; 1 for equal pictures."""
+    prediction, truth = _checked(prediction, truth)
+    if min(truth.shape[:2]) < SSIM_TAPS:
+        raise BadInput(f"SSIM needs pictures of at least {SSIM_TAPS} x {SSIM_TAPS} pixels; render them larger.")
+    value = structural_similarity(
+        truth,
+        prediction,
+        gaussian_weights=True,
+        sigma=1.5,
+        truncate=3.5,  # radius int(3.5 * 1.5 + 0.5) = 5, so 11 taps
+        use_sample_covariance=False,
+        data_range=1.0,
+        channel_axis=2,
+    )
+    return float(value)
+
+
+def flip(prediction: Image, truth: Image) -> float:
+    """Mean FLIP error (Andersson et al. 2020), LDR at 67 pixels a degree; 0 for equal pictures, at most 1.
+
+    Raises:
+        BadInput: The package flip-evaluator is missing.
+    """
+    prediction, truth = _checked(prediction, truth)
+    try:
+        import flip_evaluator
+    except ImportError as error:
+        raise BadInput("FLIP needs the package flip-evaluator; install it with 'pip install flip-evaluator'.") from error
+    _, mean, _ = flip_evaluator.evaluate(
+        np.ascontiguousarray(truth, dtype=np.float32),
+        np.ascontiguousarray(prediction, dtype=np.float32),
+        "LDR",
+        applyMagma=False,
+    )
+    return float(mean)
+
+
+def _decibels(squared_error: NDArray[np.floating]) -> float:
+    if not squared_error.size:
+        return float("nan")
+    mean = float(squared_error.mean())
+    return float(-10 * np.log10(mean)) if mean > 0 else float("inf")
+
+
+def _checked(prediction: Image, truth: Image) -> tuple[Image, Image]:
+    if prediction.shape != truth.shape or truth.ndim != 3 or truth.shape[2] != 3:
+        raise BadInput(
+            f"Pictures of {prediction.shape} and {truth.shape} cannot be compared; both must be (height, width, 3)."
+        )
+    return np.clip(prediction.astype(np.float64), 0, 1), truth.astype(np.float64)

@@ -1,0 +1,240 @@
+"""The palette of a scene: one colour for each visible range of its transfer function, read from its views.
+
+A pixel of a direct volume rendering is a mixture of transfer-function colours, darkened by shading and lightened
+by highlights. So all pixels lie in the cone that the palette colours and white span from black (the terms c_s and
+I w_i P_i of StyleRF-VolVis, eq. 2, are its coordinates): a colour on an edge of the cone is a range of its own,
+a colour inside is a mixture, a dark version or a highlight. Candidates for the edges are the corners of the RGB
+convex hull (Tan et al. 2018); the hue rule of the paper then joins what is too similar to tell apart.
+
+Letters: N pixels, B bins of similar pixels, P palette colours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+from scipy.spatial import ConvexHull, QhullError
+
+from svv.core.colour import hsb_array, hue_distance, to_hex
+from svv.errors import BadInput
+
+Array = NDArray[np.float64]
+WHITE = np.ones((1, 3))
+
+
+@dataclass(frozen=True)
+class PaletteSettings:
+    """How a palette is read from pixels."""
+
+    max_colours: int = 8
+    """Upper bound of the number of colours; those with most pixels behind them stay."""
+    hue_distance: float = 0.1
+    """Colours closer in hue become one (T_h of the paper); 1 is the full circle."""
+    grey_saturation: float = 0.2
+    """Colours of less saturation are grey: light, not a range (the paper's test, which there reads brightness)."""
+    grey_share: float = 0.06
+    """Share of the image that grey pixels must cover to be a range of their own; highlights cover less."""
+    min_share: float = 0.004
+    """Share of the image that must need a colour for it to be kept."""
+    tolerance: float = 0.06
+    """RGB distance up to which a pixel counts as reproduced by the other colours."""
+    min_alpha: float = 0.1
+    """Pixels of less opacity are not looked at: 8-bit colour divided by such an alpha is noise."""
+    max_pixels: int = 1_000_000
+    """Larger inputs are sampled down to this many pixels."""
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours of a scene's regions, the one with most pixels behind it first."""
+
+    colours: Array
+    """RGB in [0, 1]: pure and fully lit. (P, 3)"""
+    share: Array
+    """Share of the visible image that each colour is behind; they sum to 1. (P,)"""
+    steps: tuple[str, ...]
+    """What was done, a sentence each, for the user to read."""
+
+
+def extract_palette(
+    pixels: NDArray[np.floating],
+    weights: NDArray[np.floating],
+    settings: PaletteSettings | None = None,
+    seed: int = 0,
+) -> Palette:
+    """Palette of a scene from the visible pixels of its views.
+
+    Args:
+        pixels: Straight (un-premultiplied) RGB in [0, 1]. (N, 3)
+        weights: Their alpha in [0, 1]. (N,)
+        settings: Thresholds; the defaults are explained in docs/palette.md.
+        seed: Of the sampling of large inputs; the same seed gives the same palette.
+
+    Returns:
+        Between 1 and ``settings.max_colours`` colours.
+
+    Raises:
+        BadInput: No pixel is visible.
+    """
+    settings = settings or PaletteSettings()
+    colours, mass = _bins(pixels, weights, settings, seed)
+    steps = [f"{len(colours)} distinct colours in the visible pixels"]
+    corners = _hull_corners(colours, mass)
+    coloured = corners[hsb_array(colours[corners])[:, 1] >= settings.grey_saturation]
+    steps.append(f"{len(corners)} corners of their RGB hull, {len(corners) - len(coloured)} of them grey")
+    grey = _grey_range(colours, mass, settings)
+    light = WHITE
+    if len(grey):
+        light = np.concatenate((WHITE, grey))
+        steps.append("grey pixels are more than highlights explain: a range of its own")
+    edges = _grow_cone(colours, mass, coloured, light, settings)
+    steps.append(f"{len(edges)} of them needed as edges of the cone of mixtures, shades and highlights")
+    edges = _drop_mixtures(colours, mass, edges, light, settings)
+    steps.append(f"{len(edges)} left without those that the others mix")
+    edges = _join_hues(colours, mass, edges, settings)
+    steps.append(f"{len(edges)} left after joining hues closer than {settings.hue_distance:g}")
+    found = np.concatenate((colours[edges], grey))
+    if not len(found):
+        found = np.average(colours, 0, mass)[None]
+        steps.append("no colour found: the scene is one grey range")
+    # where grey is a range, white light belongs to it
+    palette, share = _measure(colours, mass, found, WHITE[: 1 - len(grey)])
+    order = np.argsort(-share, kind="stable")[: settings.max_colours]
+    steps.append("palette " + ", ".join(f"{to_hex(palette[i])} ({share[i]:.1%})" for i in order))
+    return Palette(palette[order], share[order] / share[order].sum(), tuple(steps))
+
+
+def _bins(
+    pixels: NDArray[np.floating], weights: NDArray[np.floating], settings: PaletteSettings, seed: int
+) -> tuple[Array, Array]:
+    """Mean colours (B, 3) and weight (B,), summing to 1, of the well-filled cells of a 32^3 grid over RGB."""
+    visible = np.flatnonzero(weights >= settings.min_alpha)
+    if not len(visible):  # a scene of nothing but haze: take what there is
+        visible = np.flatnonzero(weights > 0)
+    if not len(visible):
+        raise BadInput("No pixel of the views is visible; make the transfer function less transparent.")
+    if len(visible) > settings.max_pixels:
+        visible = np.random.default_rng(seed).choice(visible, settings.max_pixels, replace=False)
+    rgb = np.clip(np.asarray(pixels[visible], dtype=np.float64), 0, 1)
+    weight = np.asarray(weights[visible], dtype=np.float64)
+    cell = np.minimum((rgb * 32).astype(np.int64), 31) @ np.array([1024, 32, 1])
+    mass = np.bincount(cell, weight, 32**3)
+    sums = np.stack([np.bincount(cell, weight * rgb[:, channel], 32**3) for channel in range(3)], 1)
+    # a hull obeys its outliers, so cells with hardly a pixel have no say, unless all are like that
+    filled = mass > min(2e-5 * mass.sum(), 0.5 * mass.max())
+    return sums[filled] / mass[filled, None], mass[filled] / mass[filled].sum()
+
+
+def _hull_corners(colours: Array, mass: Array) -> NDArray[np.int64]:
+    """Indices of the bins that are corners of the convex hull of all bins and black."""
+    try:
+        hull = ConvexHull(np.concatenate((colours, np.zeros((1, 3)))))
+    except QhullError:  # all colours in one plane: every bin may be a corner
+        return np.argsort(-mass, kind="stable")
+    return np.sort(hull.vertices[hull.vertices < len(colours)]).astype(np.int64)
+
+
+def _mix(colours: Array, generators: Array) -> tuple[Array, Array]:
+    """Non-negative mixture of the generators closest to each colour: coefficients (B, G) and distance (B,).
+
+    Generators are scaled to a brightness of 1, so coefficients compare as amounts of light.
+    """
+    matrix = (generators / generators.max(1, keepdims=True)).T
+    solved = [nnls(matrix, colour) for colour in colours]
+    return np.array([x for x, _ in solved]).reshape(-1, len(generators)), np.array([r for _, r in solved])
+
+
+def _grow_cone(
+    colours: Array, mass: Array, corners: NDArray[np.int64], light: Array, settings: PaletteSettings
+) -> NDArray[np.int64]:
+    """Corners that, one after the other, lie farthest outside of the cone of light and those before them."""
+    edges: list[int] = []
+    open_corners = set(corners.tolist())
+    _, distance = _mix(colours, light)
+    while open_corners and len(edges) < 2 * settings.max_colours:
+        corner = max(open_corners, key=lambda index: (distance[index], -index))
+        if distance[corner] <= settings.tolerance:
+            break
+        open_corners.remove(corner)
+        outside = np.flatnonzero(distance > settings.tolerance)
+        coefficients, closer = _mix(colours[outside], np.concatenate((light, colours[[*edges, corner]])))
+        gained = coefficients[:, -1] > coefficients[:, :-1].max(1)
+        if mass[outside[gained]].sum() >= settings.min_share:  # else an outlier
+            edges.append(corner)
+            distance[outside] = closer
+    return np.array(edges, dtype=np.int64)
+
+
+def _drop_mixtures(
+    colours: Array, mass: Array, edges: NDArray[np.int64], light: Array, settings: PaletteSettings
+) -> NDArray[np.int64]:
+    """Edges without those that the others, light and black reproduce; the least needed goes first."""
+    while len(edges) > 1:
+        coefficients, distance = _mix(colours, np.concatenate((light, colours[edges])))
+        needed = np.empty(len(edges))
+        for i in range(len(edges)):
+            users = np.flatnonzero((coefficients[:, len(light) + i] > 0) & (distance <= settings.tolerance))
+            _, without = _mix(colours[users], np.concatenate((light, colours[np.delete(edges, i)])))
+            needed[i] = mass[users[without > settings.tolerance]].sum()
+        least = int(needed.argmin())
+        if needed[least] >= settings.min_share:
+            break
+        edges = np.delete(edges, least)
+    return edges
+
+
+def _join_hues(
+    colours: Array, mass: Array, edges: NDArray[np.int64], settings: PaletteSettings
+) -> NDArray[np.int64]:
+    """Of edges of nearly the same hue, the one with more pixels behind it (paper: appendix, refinement)."""
+    if not len(edges):
+        return edges
+    hue = hsb_array(colours[edges])[:, 0]
+    kept: list[int] = []
+    for i in np.argsort(-_behind(colours, mass, colours[edges]), kind="stable"):
+        if all(hue_distance(hue[i], hue[j]) >= settings.hue_distance for j in kept):
+            kept.append(int(i))
+    return edges[kept]
+
+
+def _behind(colours: Array, mass: Array, palette: Array) -> Array:
+    """Share of the pixels (P,) whose mixture of palette colours holds most of each one."""
+    coefficients, _ = _mix(colours, palette)
+    return np.bincount(coefficients.argmax(1), mass, len(palette))
+
+
+def _grey_range(colours: Array, mass: Array, settings: PaletteSettings) -> Array:
+    """Mean colour of the grey pixels (1, 3); (0, 3) if highlights and opposite hues can explain them."""
+    grey = hsb_array(colours)[:, 1] < settings.grey_saturation
+    if mass[grey].sum() < settings.grey_share:
+        return np.empty((0, 3))
+    return np.average(colours[grey], 0, mass[grey])[None]
+
+
+def _measure(colours: Array, mass: Array, palette: Array, highlights: Array) -> tuple[Array, Array]:
+    """Colour (P, 3) and share (P,) of each region: hue and saturation of its purest pixels, brightness when lit.
+
+    The corner of a hull is its most extreme pixel; a range's own colour is what its purest fifth agrees on. These
+    are often dark (no highlight dilutes them), so the brightness is that of the best-lit fiftieth, highlights apart.
+    """
+    mixed, _ = _mix(colours, np.concatenate((palette, highlights)))
+    behind = _mix(colours, palette)[0].argmax(1)
+    purity = mixed[:, : len(palette)].max(1) / np.maximum(mixed.sum(1), 1e-9)
+    measured = palette.copy()
+    for i in range(len(palette)):
+        mine = np.flatnonzero(behind == i)
+        if len(mine):
+            pure = _heaviest(mine, purity, mass, 0.2)
+            tint = mass[pure] @ colours[pure]
+            light = mixed[_heaviest(mine, mixed[:, i], mass, 0.02)[-1], i]
+            measured[i] = tint / tint.max() * np.clip(light, 0, 1)
+    return measured, np.bincount(behind, mass, len(palette))
+
+
+def _heaviest(members: NDArray[np.int64], key: Array, mass: Array, part: float) -> NDArray[np.int64]:
+    """The members of largest key that together hold the given part of the members' mass (at least one)."""
+    ordered = members[np.argsort(-key[members], kind="stable")]
+    return ordered[: 1 + np.searchsorted(np.cumsum(mass[ordered]), part * mass[members].sum())]

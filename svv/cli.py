@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from svv import __version__
+from svv import __version__, cli_job
 from svv.errors import BadInput, Cancelled
 from svv.options import (
     Json,
@@ -65,6 +65,11 @@ def svv(
     if context.invoked_subcommand is None:
         context.get_help()  # prints it
         raise typer.Exit
+
+
+app.command(epilog=examples(*cli_job.DEMO))(cli_job.demo)
+app.command(epilog=examples(*cli_job.RUN))(cli_job.run)
+app.command(epilog=examples(*cli_job.VIEWS))(cli_job.views)
 
 
 @app.command(

@@ -66,6 +66,11 @@ Spacing = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Raw files, s
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A trained scene.")]
 
 
+VolumeFile = Annotated[Path, typer.Argument(metavar="VOLUME", help="A volume: .vti, .nrrd, .nii.gz, .raw, .tif ...")]
+Orbit = Annotated[int, typer.Option(min=2, help="Frames of the orbit.")]
+OrbitSize = Annotated[int, typer.Option(min=16, help="Width and height of the orbit's frames in pixels.")]
+
+
 def examples(*lines: str) -> str:
     """Commands to copy, shown under a command's help."""
     return "[bold]Examples[/bold]\n\n" + "\n\n".join(f"  {line}" for line in lines)
@@ -109,6 +114,18 @@ def parse_mapping(text: str) -> dict[int, int]:
     if len(mapping) < len(pairs):
         raise BadInput(f"'{text}' names a region twice.")
     return mapping
+
+
+def parse_dims(text: str) -> tuple[int, int, int]:
+    """'128,128,64' as three whole numbers above 0.
+
+    Raises:
+        BadInput: anything else.
+    """
+    x, y, z = parse_numbers(text, "--dims")
+    if not (x.is_integer() and y.is_integer() and z.is_integer()):
+        raise BadInput(f"--dims needs three whole numbers, for example --dims 128,128,64, not '{text}'.")
+    return int(x), int(y), int(z)
 
 
 def parse_numbers(text: str, option: str) -> tuple[float, float, float]:

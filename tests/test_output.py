@@ -57,6 +57,8 @@ def test_straight_alpha_over_a_background() -> None:
 def test_png_comes_back(tmp_path: Path, view: tuple[np.ndarray, ...]) -> None:
     write_png(tmp_path / "a.png", view[0])
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), to_bytes(view[0]))
+    write_png(tmp_path / "a.png", to_bytes(view[0]))
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), to_bytes(view[0]))
     write_png(tmp_path / "b.png", view[0][..., :3])
     assert Image.open(tmp_path / "b.png").mode == "RGB"
 

@@ -40,13 +40,15 @@ def on_background(rgba: ArrayLike, background: Sequence[float] = (1.0, 1.0, 1.0)
 
 
 def write_png(path: str | Path, image: ArrayLike) -> None:
-    """Write a picture (h, w, 3 or 4) with values in [0, 1], straight alpha, as 8-bit PNG.
+    """Write a picture (h, w, 3 or 4), straight alpha, as 8-bit PNG: levels (uint8), or values in [0, 1].
 
     Raises:
         BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
     """
+    values = np.asarray(image)
+    levels = values if values.dtype == np.uint8 else to_bytes(values)
     with atomic_path(path) as temporary:
-        Image.fromarray(to_bytes(image)).save(temporary, format="PNG", compress_level=4)
+        Image.fromarray(levels).save(temporary, format="PNG", compress_level=4)
 
 
 def write_depth_png(path: str | Path, depth: ArrayLike) -> tuple[float, float]:

@@ -1,15 +1,19 @@
 """Pictures beside pictures: contact sheets and the frames of comparison movies.
 
-All images here are (h, w, 3) uint8.
+Where nothing else is said, images are (h, w, 3) uint8.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+
+from svv.io.output import on_background, to_bytes
 
 Picture = NDArray[np.uint8]
 
@@ -46,6 +50,25 @@ def error_picture(truth: Picture, shown: Picture, gain: float = 4.0) -> Picture:
     strength = np.clip(gain * difference, 0.0, 1.0)[..., None]
     colour = (1.0 - strength) * 255.0 + strength * np.array([150.0, 0.0, 20.0])
     return np.rint(colour).astype(np.uint8)
+
+
+def over_white(image: NDArray[Any]) -> Picture:
+    """Straight-alpha RGBA (h, w, 4), values in [0, 1] or levels (uint8), over white."""
+    values = image.astype(np.float32) / 255.0 if image.dtype == np.uint8 else image
+    return to_bytes(on_background(values))
+
+
+def read_png(path: Path) -> Picture:
+    """A PNG file as RGBA levels (h, w, 4)."""
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGBA"))
+
+
+def shrunk(image: Picture, width: int, height: int) -> Picture:
+    """RGBA levels at a smaller size; averaged premultiplied, so that the colours of empty pixels do not bleed in."""
+    with Image.fromarray(image) as picture:
+        small = picture.convert("RGBa").resize((width, height), Image.Resampling.BOX)
+        return np.asarray(small.convert("RGBA"))
 
 
 def _font(label: str, width: int, head: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:

@@ -28,7 +28,9 @@ def run(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[s
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)
 
 
-def call(*arguments: str | Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+def call(
+    *arguments: str | Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> tuple[int, str]:
     """The command in this process: its exit code and what it wrote on standard error."""
     monkeypatch.setattr(sys, "argv", ["svv", *map(str, arguments)])
     with pytest.raises(SystemExit) as ended:
@@ -43,7 +45,9 @@ def test_a_colour_is_its_levels(red: int, green: int, blue: int) -> None:
         np.testing.assert_allclose(parse_colour(text), expected)
 
 
-@pytest.mark.parametrize("text", ["", "#12345", "#1234567", "reddish", "#-12345", "#+12345", "#12 456", "#1_2345", "0x12ab"])
+@pytest.mark.parametrize(
+    "text", ["", "#12345", "#1234567", "reddish", "#-12345", "#+12345", "#12 456", "#1_2345", "0x12ab"]
+)
 def test_no_colour(text: str) -> None:
     with pytest.raises(BadInput, match="is no colour"):
         parse_colour(text)

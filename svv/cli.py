@@ -196,6 +196,8 @@ def render(
     one_view = out.suffix.lower() in (".png", ".vti")
     if one_view and orbit is not None:
         raise BadInput("An orbit has many views: give --out as a folder or an .mp4 file.")
+    if out.suffix.lower() not in ("", ".png", ".vti", ".mp4") and out.suffix[1:].isalpha() and not out.is_dir():
+        raise BadInput(f"Cannot tell what to write into {out}: name it .png or .vti (one view), .mp4, or a folder.")
     loaded = _load(scene)
     width, height = pixels or (800, 800)
     if camera is not None:

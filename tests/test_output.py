@@ -97,11 +97,10 @@ def test_region_png_keeps_the_indices_and_shows_the_colours(
     assert (region_picture(region, colours)[region < 0] == 0).all()
 
 
-def test_depth_picture_is_brightest_in_front(view: tuple[np.ndarray, ...]) -> None:
+def test_depth_picture_is_darkest_in_front(view: tuple[np.ndarray, ...]) -> None:
     picture = depth_picture(view[1], 3.0, 9.0)
     np.testing.assert_array_equal(picture[..., 3] == 0, np.isnan(view[1]))
-    assert depth_picture([[3.0]], 3.0, 9.0)[0, 0, 0] == 1.0
-    assert depth_picture([[9.0]], 3.0, 9.0)[0, 0, 0] < 0.2
+    np.testing.assert_allclose(depth_picture([[3.0, 6.0, 9.0]], 3.0, 9.0)[0, :, 0], [0.1, 0.475, 0.85], atol=1e-6)
 
 
 def test_vtk_reads_a_vti_as_it_was(tmp_path: Path, view: tuple[np.ndarray, ...]) -> None:

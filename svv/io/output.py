@@ -100,9 +100,9 @@ def region_picture(region: ArrayLike, colours: ArrayLike) -> NDArray[np.float32]
 
 
 def depth_picture(depth: ArrayLike, near: float, far: float) -> NDArray[np.float32]:
-    """Depth (h, w) as RGBA picture (h, w, 4): white at ``near``, dark at ``far``, transparent where empty."""
+    """Depth (h, w) as RGBA picture (h, w, 4): dark at ``near``, light at ``far``, transparent where empty."""
     values = np.asarray(depth, dtype=np.float32)
-    grey = 1.0 - 0.85 * np.clip((np.nan_to_num(values, nan=far) - near) / max(far - near, 1e-30), 0.0, 1.0)
+    grey = 0.1 + 0.75 * np.clip((np.nan_to_num(values, nan=far) - near) / max(far - near, 1e-30), 0.0, 1.0)
     return np.stack([grey, grey, grey, np.isfinite(values)], axis=-1).astype(np.float32)
 
 

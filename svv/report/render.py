@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.cameras import Camera, orbit_cameras
-from svv.errors import BadInput, Progress, part, silent
+from svv.errors import Progress, part, silent
 from svv.io.atomic import check_writable, make_folder
 from svv.io.output import (
     depth_picture,
@@ -48,10 +48,10 @@ def write_view(
     what: str = "rgba",
     progress: Progress = silent,
 ) -> None:
-    """Render one view into a .png or .vti file.
+    """Render one view into a file.
 
     Args:
-        path: The file; its suffix chooses the format. A .vti holds colour, depth and regions, always.
+        path: A .vti, which holds colour, depth and regions always, or else a PNG.
         scene: What to render.
         camera: From where.
         network: ``base``, ``pcn`` or ``styled``; without it the best that the scene has.
@@ -60,10 +60,8 @@ def write_view(
         progress: Told while rendering.
 
     Raises:
-        BadInput: another suffix, a network that the scene does not have, or a file that cannot be written.
+        BadInput: a network that the scene does not have, or a file that cannot be written.
     """
-    if path.suffix.lower() not in (".png", ".vti"):
-        raise BadInput(f"Cannot tell what to write into {path}: name it .png or .vti (one view), .mp4, or a folder.")
     check_writable(path)
     view = scene.render(camera, network, None, progress)
     if path.suffix.lower() == ".vti":

@@ -1,0 +1,157 @@
+"""`svv render`: which file holds which view. The scene is a ball whose picture is known, so that pixels can be told."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from svv import cli
+from svv.core.cameras import Camera, look_at, orbit_cameras
+from svv.errors import BadInput, Progress, silent
+from svv.io.output import EMPTY_REGION, to_bytes
+
+
+@dataclass(frozen=True)
+class Rendering:
+    rgba: np.ndarray
+    depth: np.ndarray
+    region: np.ndarray
+
+
+@dataclass(frozen=True)
+class Region:
+    colour: tuple[float, float, float]
+    edited_colour: tuple[float, float, float] | None = None
+
+
+class Ball:
+    """A ball of radius 1 at (5, 0, 0): red above y = 0 (region 0), green below (region 1)."""
+
+    centre = np.array([5.0, 0.0, 0.0])
+    regions = (Region((1.0, 0.0, 0.0)), Region((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
+    camera_rig = {"centre": centre, "radius": 4.0, "fov_x": np.pi / 4}
+
+    def render(
+        self, camera: Camera, network: str | None = None, background: None = None, progress: Progress = silent
+    ) -> Rendering:
+        if network == "styled":
+            raise BadInput("This scene has no styled network.")
+        origins, directions = camera.rays()
+        offset = origins - self.centre
+        along = (offset * directions).sum(-1)
+        inside = along**2 - (offset**2).sum(-1) + 1.0
+        depth = np.where(inside > 0, -along - np.sqrt(np.maximum(inside, 0)), np.nan)
+        upper = (origins + depth[..., None] * directions)[..., 1] > 0
+        region = np.where(inside > 0, np.where(upper, 0, 1), -1)
+        rgba = np.where(upper[..., None], (1.0, 0, 0, 0.5), (0, 1.0, 0, 0.5)) * (region >= 0)[..., None]
+        progress(1.0, "")
+        return Rendering(rgba, depth.astype(np.float32), region.astype(np.int16))
+
+
+@pytest.fixture
+def svv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Run `svv render` on the ball in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli, "_load", lambda path: Ball())
+
+    def run(*arguments: str) -> None:
+        cli.app(["render", "ball.svv", *arguments], prog_name="svv", standalone_mode=False)
+
+    return run
+
+
+def picture(path: str) -> np.ndarray:
+    return np.asarray(Image.open(path))
+
+
+def test_a_single_view_is_the_front_and_transparent(svv: Callable[..., None]) -> None:
+    svv("--size", "60", "--out", "a.png")
+    image = picture("a.png")
+    assert image.shape == (60, 60, 4)
+    np.testing.assert_array_equal(image[20, 30], [255, 0, 0, 128])
+    np.testing.assert_array_equal(image[40, 30], [0, 255, 0, 128])
+    assert image[0, 0, 3] == 0
+
+
+def test_a_background_makes_it_opaque(svv: Callable[..., None]) -> None:
+    svv("--size", "60", "--background", "white", "--out", "a.png")
+    image = picture("a.png")
+    assert image.shape == (60, 60, 3)
+    np.testing.assert_array_equal(image[0, 0], [255, 255, 255])
+    np.testing.assert_allclose(image[20, 30], [255, 128, 128], atol=1)
+
+
+def test_an_orbit_is_the_path_around_the_scene(svv: Callable[..., None]) -> None:
+    svv("--orbit", "5", "--size", "40x30", "--out", "frames")
+    cameras = orbit_cameras(5, Ball.centre, 4.0, np.pi / 4, 40)
+    files = sorted(Path("frames").iterdir())
+    assert [file.name for file in files] == [f"{i:04d}.png" for i in range(5)]
+    for file, camera in zip(files, cameras, strict=True):
+        np.testing.assert_array_equal(picture(str(file)), to_bytes(Ball().render(camera.resized(40, 30)).rgba))
+
+
+def test_depth_and_regions_as_pictures(svv: Callable[..., None]) -> None:
+    svv("--size", "60", "--what", "depth", "--out", "d.png")
+    svv("--size", "60", "--what", "region", "--out", "r.png")
+    depth, region = picture("d.png"), Image.open("r.png")
+    assert depth.dtype == np.uint16
+    assert float(Image.open("d.png").info["svv:near"]) == pytest.approx(3.0, abs=0.01)
+    indices = np.asarray(region)
+    np.testing.assert_array_equal(depth == 0, indices == EMPTY_REGION)
+    assert indices[20, 30] == 0
+    assert indices[40, 30] == 1
+    assert region.convert("RGB").getpixel((30, 40)) == (0, 255, 0)  # the edited colour
+
+
+def test_a_camera_file_places_the_view(svv: Callable[..., None]) -> None:
+    camera = {"camera_to_world": look_at((5.0, 9.0, 0.0), (5.0, 0.0, 0.0)).tolist(), "fov": 40}
+    Path("c.json").write_text(json.dumps(camera))
+    svv("--camera", "c.json", "--size", "50x40", "--out", "a.png")
+    image = picture("a.png")  # from above only the red half shows
+    assert image.shape == (40, 50, 4)
+    assert (image[image[..., 3] > 0] == [255, 0, 0, 128]).all()
+
+
+def test_a_vti_holds_all_three(svv: Callable[..., None]) -> None:
+    from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+
+    svv("--size", "20x10", "--out", "a.vti")
+    reader = vtkXMLImageDataReader()
+    reader.SetFileName("a.vti")
+    reader.Update()
+    image = reader.GetOutput()
+    assert image.GetDimensions() == (20, 10, 1)
+    assert [image.GetPointData().GetArrayName(i) for i in range(3)] == ["RGBA", "Depth", "Region"]
+    assert image.GetPointData().GetArray("Region").GetTuple1(10 + 20 * 7) == 0  # above the middle: counted upwards
+
+
+@pytest.mark.parametrize("what", ["rgba", "depth", "region"])
+def test_a_movie_has_every_frame(svv: Callable[..., None], what: str) -> None:
+    svv("--orbit", "4", "--size", "64", "--what", what, "--out", "m.mp4")
+    reader = imageio_ffmpeg.read_frames("m.mp4")
+    assert next(reader)["size"] == (64, 64)
+    frames = [np.frombuffer(frame, np.uint8).reshape(64, 64, 3) for frame in reader]
+    assert len(frames) == 4
+    for frame in frames:
+        assert frame[:4].mean() > 250  # white around the ball
+        assert frame[32, 32].min() < 200
+
+
+def test_what_cannot_be_rendered_is_one_sentence(svv: Callable[..., None]) -> None:
+    with pytest.raises(BadInput, match="no styled network"):
+        svv("--network", "styled", "--out", "a.png")
+    with pytest.raises(BadInput, match="folder does not exist"):
+        svv("--out", "none/a.png")
+    with pytest.raises(BadInput, match="no camera file"):
+        svv("--camera", "none.json", "--out", "a.png")
+    Path("c.json").write_text(json.dumps({"camera_to_world": np.eye(4).tolist(), "fov": 30}))
+    with pytest.raises(BadInput, match=r"\.png or \.vti"):
+        svv("--camera", "c.json", "--out", "a.jpg")
+    assert [path.name for path in Path().iterdir()] == ["c.json"]

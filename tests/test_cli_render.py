@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import imageio_ffmpeg
 import numpy as np
@@ -36,7 +37,7 @@ class Ball:
 
     centre = np.array([5.0, 0.0, 0.0])
     regions = (Region((1.0, 0.0, 0.0)), Region((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
-    camera_rig = {"centre": centre, "radius": 4.0, "fov_x": np.pi / 4}
+    camera_rig: ClassVar = {"centre": centre, "radius": 4.0, "fov_x": np.pi / 4}
 
     def render(
         self, camera: Camera, network: str | None = None, background: None = None, progress: Progress = silent

@@ -20,7 +20,7 @@ from svv.io.atomic import make_folder, write_json
 from svv.io.images import read_style
 from svv.io.output import write_mp4, write_png, write_region_png
 from svv.io.viewset import ViewSet
-from svv.report.pictures import error_picture, over_white, read_png, sheet, shrunk
+from svv.report.pictures import error_picture, fitted, over_white, read_png, sheet, shrunk
 from svv.report.render import orbit, region_colours, write_frames
 from svv.report.source import ViewSource, VolumeSource
 from svv.report.stages import Stages, fingerprint
@@ -185,10 +185,13 @@ class Job:
                 Scene.load(self.scene), styles, None, set(), s.preset, s.seed, progress, checkpoint
             )
             scene.save(path)
+            shown = [fitted(style, s.orbit_size) for style in styles]
+            write_png(self.out / "styles.png", sheet([shown], [style.stem for style in self.styles]))
             write_json(self.out / "stylize.json", {**report, "scene_bytes": path.stat().st_size})
             checkpoint.unlink(missing_ok=True)
 
-        self.stages.do("stylize", "Stylizing", chosen, [path, self.out / "stylize.json"], work, ["train"])
+        files = [path, self.out / "styles.png", self.out / "stylize.json"]
+        self.stages.do("stylize", "Stylizing", chosen, files, work, ["train"])
         self.variants["styled"] = ("stylize", path)
 
     def orbits(self) -> None:

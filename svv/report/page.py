@@ -166,9 +166,9 @@ section { background: var(--paper); border: 1px solid var(--line); border-radius
 section > p { color: var(--soft); margin: 0 0 16px; max-width: 80ch }
 img, video { display: block; width: 100%; height: auto; border-radius: 6px }
 video { background: #fff; border: 1px solid var(--line); border-radius: 10px }
-.numbers { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 12px; margin-bottom: 24px }
+.numbers { display: grid; grid-template-columns: repeat(auto-fit, minmax(158px, 1fr)); gap: 12px; margin-bottom: 24px }
 .numbers div { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: 14px 18px }
-.numbers b { display: block; font-size: 24px; font-weight: 650; color: var(--accent);
+.numbers b { display: block; font-size: 22px; font-weight: 650; white-space: nowrap; color: var(--accent);
   font-variant-numeric: tabular-nums }
 .numbers span { color: var(--soft); font-size: 14px }
 .scroll { overflow-x: auto }

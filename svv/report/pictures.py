@@ -64,6 +64,16 @@ def read_png(path: Path) -> Picture:
         return np.asarray(image.convert("RGBA"))
 
 
+def fitted(image: NDArray[np.float32], side: int) -> Picture:
+    """RGB in [0, 1] (h, w, 3) of any shape in the middle of a white square with this side."""
+    scale = side / max(image.shape[:2])
+    height, width = (max(1, round(scale * n)) for n in image.shape[:2])
+    small = Image.fromarray(to_bytes(image)).resize((width, height), Image.Resampling.LANCZOS)
+    canvas = Image.new("RGB", (side, side), "white")
+    canvas.paste(small, ((side - width) // 2, (side - height) // 2))
+    return np.asarray(canvas)
+
+
 def shrunk(image: Picture, width: int, height: int) -> Picture:
     """RGBA levels at a smaller size; averaged premultiplied, so that the colours of empty pixels do not bleed in."""
     with Image.fromarray(image) as picture:
@@ -73,7 +83,7 @@ def shrunk(image: Picture, width: int, height: int) -> Picture:
 
 def _font(label: str, width: int, head: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """The largest font in which the label fits over its column."""
-    size = int(head * 0.55)
+    size = int(head * 0.66)
     while size > 8 and ImageDraw.Draw(Image.new("L", (1, 1))).textlength(label, _sized(size)) > 0.96 * width:
         size -= 1
     return _sized(size)

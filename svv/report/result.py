@@ -39,9 +39,11 @@ def write_result(path: Path, job: Job) -> None:
     scene = Scene.load(job.scene)
     training, styling = _read(job, "train", "train.json"), _read(job, "stylize", "stylize.json")
     scores = _read(job, "evaluate", "scores.json")
+    styles = [Picture("Styles", "What the regions are painted after.", job.out / "styles.png")] if styling else []
     parts: list[Picture | Table] = [
         Picture("All around", "The same views of every variant.", job.out / "contact.png"),
         _regions(scene, len(job.styles)),
+        *styles,
         Picture("Region by region", "Each region alone, the others made transparent.", job.out / "regions.png"),
     ]
     if scores:

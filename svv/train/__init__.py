@@ -1,0 +1,1 @@
+"""Training: one module a stage, from view sets to scenes."""

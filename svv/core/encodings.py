@@ -1,0 +1,128 @@
+"""Encodings of positions and directions: the plain references that the compiled kernels must match.
+
+Letters: S samples, L levels, F features a level, V stored vertices (over all levels).
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+HASH_PRIMES = (1, 2654435761, 805459861)
+"""Factors of the spatial hash (Müller et al. 2022, eq. 4)."""
+
+SH_DEGREES = (1, 2, 3, 4)
+
+
+def spherical_harmonics(directions: Tensor, degree: int = 4) -> Tensor:
+    """Real spherical harmonics of unit directions, bands 0 to ``degree`` - 1.
+
+    Args:
+        directions: Unit vectors. (..., 3)
+        degree: 1 to 4; StyleRF-VolVis and Instant-NGP use 4.
+
+    Returns:
+        Orthonormal basis functions on the sphere. (..., degree ** 2)
+    """
+    if degree not in SH_DEGREES:
+        raise ValueError(f"degree must be one of {SH_DEGREES}, not {degree}")
+    x, y, z = directions.unbind(-1)
+    xx, yy, zz = x * x, y * y, z * z
+    bands = [torch.full_like(x, 0.28209479177387814)]
+    if degree > 1:
+        bands += [-0.48860251190291987 * y, 0.48860251190291987 * z, -0.48860251190291987 * x]
+    if degree > 2:
+        bands += [
+            1.0925484305920792 * x * y,
+            -1.0925484305920792 * y * z,
+            0.94617469575755997 * zz - 0.31539156525251999,
+            -1.0925484305920792 * x * z,
+            0.54627421529603959 * (xx - yy),
+        ]
+    if degree > 3:
+        bands += [
+            0.59004358992664352 * y * (yy - 3.0 * xx),
+            2.8906114426405538 * x * y * z,
+            0.45704579946446572 * y * (1.0 - 5.0 * zz),
+            0.3731763325901154 * z * (5.0 * zz - 3.0),
+            0.45704579946446572 * x * (1.0 - 5.0 * zz),
+            1.4453057213202769 * z * (xx - yy),
+            0.59004358992664352 * x * (3.0 * yy - xx),
+        ]
+    return torch.stack(bands, dim=-1)
+
+
+def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, index: Tensor, table: Tensor) -> Tensor:
+    """Trilinear interpolation on sparse vertex lattices, levels side by side.
+
+    Args:
+        x: Box coordinates, in the lattice's occupied cells. (S, 3)
+        shapes: Vertices of each level along x, y, z, int64. (L, 3)
+        scales: Cells per box unit of each level. (L,)
+        bases: Where each level begins in ``index``, int64. (L,)
+        index: Row in ``table`` of every vertex of every level, raster order, int32.
+        table: Features. (V, F)
+
+    Returns:
+        (S, L * F)
+    """
+    levels = []
+    for shape, scale, base in zip(shapes, scales, bases, strict=True):
+        f = x * scale
+        i = torch.minimum(f.long(), shape - 2)
+        w = f - i
+        total: Tensor | float = 0.0
+        for corner in range(8):
+            bit = torch.tensor([corner >> 2 & 1, corner >> 1 & 1, corner & 1], device=x.device)
+            v = i + bit
+            row = index[base + (v[:, 0] * shape[1] + v[:, 1]) * shape[2] + v[:, 2]].long()
+            total = total + torch.where(bit == 1, w, 1.0 - w).prod(dim=1, keepdim=True) * table[row]
+        levels.append(total)
+    return torch.cat(levels, dim=1)  # type: ignore[arg-type]
+
+
+def hash_rows(vertices: Tensor, resolution: int, entries: int) -> Tensor:
+    """Row of integer vertices in a level's table: direct where all fit, hashed otherwise.
+
+    (Müller et al. 2022, eq. 4.)
+
+    Args:
+        vertices: int64, in [0, ``resolution``]. (S, 3)
+        resolution: Cells along an axis.
+        entries: Rows of the level's table, a power of two if it is hashed.
+    """
+    side = resolution + 1
+    if side**3 <= entries:
+        return (vertices[:, 0] * side + vertices[:, 1]) * side + vertices[:, 2]
+    mask = 0xFFFFFFFF
+    rows = torch.zeros_like(vertices[:, 0])
+    for axis, prime in enumerate(HASH_PRIMES):
+        rows = rows ^ ((vertices[:, axis] * prime) & mask)
+    return rows % entries
+
+
+def hash_features(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
+    """Multiresolution hash encoding (Müller et al. 2022, section 3).
+
+    Args:
+        x: Box coordinates in [0, 1]. (S, 3)
+        resolutions: Cells along an axis of each level, int64. (L,)
+        offsets: First row of each level in ``table``, and their end, int64. (L + 1,)
+        table: Features. (V, F)
+
+    Returns:
+        (S, L * F)
+    """
+    levels = []
+    for k, resolution in enumerate(resolutions.tolist()):
+        f = x * resolution
+        i = f.long().clamp(0, resolution - 1)
+        w = f - i
+        first, entries = int(offsets[k]), int(offsets[k + 1] - offsets[k])
+        total: Tensor | float = 0.0
+        for corner in range(8):
+            bit = torch.tensor([corner >> 2 & 1, corner >> 1 & 1, corner & 1], device=x.device)
+            weight = torch.where(bit == 1, w, 1.0 - w).prod(dim=1, keepdim=True)
+            total = total + weight * table[first + hash_rows(i + bit, resolution, entries)]
+        levels.append(total)
+    return torch.cat(levels, dim=1)  # type: ignore[arg-type]

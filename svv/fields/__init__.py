@@ -1,0 +1,1 @@
+"""Radiance fields of a scene: occupancy, encodings, networks, and their rendering."""

@@ -1,0 +1,190 @@
+"""The networks of the three stages: base radiance field, palette colour network (PCN), unrestricted colour network (UCN).
+
+Letters: S samples, P palette colours, G geometry features.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import softplus
+
+from svv.core.encodings import spherical_harmonics
+from svv.fields.encodings import Encoding, HashGrid, SparseLattice
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import CEILING, Extinction, Samples
+
+DIRECTION_WIDTH = 16
+"""Spherical harmonics of degree 4."""
+
+WEIGHT_FLOOR = 0.05
+"""Added to the palette weights before they are normalised, so that no colour is ever cut off from learning."""
+
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """Shape of a scene's networks; saved with it."""
+
+    encoding: str = "lattice"
+    """``lattice``: features on the vertices of occupied cells. ``hash``: the paper's hash grid."""
+    resolutions: tuple[int, ...] = (16, 32, 64, 128)
+    """Cells along the longest side of each lattice level, or the coarsest and finest of the hash grid."""
+    features: int = 4
+    """Features a level."""
+    levels: int = 16
+    """Levels of the hash grid."""
+    log2_entries: int = 19
+    """Rows of a hash level, as a power of two."""
+    width: int = 64
+    """Width of hidden layers."""
+    shading: bool = True
+    """Whether the lighting MLP also scales the diffuse colour, as a headlight does; the paper's only adds a grey."""
+
+    def encode(self, occupancy: Occupancy) -> Encoding:
+        """A new table for this scene."""
+        if self.encoding == "hash":
+            return HashGrid(self.levels, self.features, self.log2_entries, *self.resolutions)
+        return SparseLattice(occupancy.occupied, occupancy.cells, self.resolutions, self.features)
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values for the scene's header."""
+        return asdict(self)
+
+
+def mlp(inputs: int, width: int, hidden: int, outputs: int) -> nn.Sequential:
+    """Linear layers with ReLU between, without biases, as Instant-NGP's."""
+    layers: list[nn.Module] = []
+    for _ in range(hidden):
+        layers += [nn.Linear(inputs, width, bias=False), nn.ReLU(inplace=True)]
+        inputs = width
+    return nn.Sequential(*layers, nn.Linear(inputs, outputs, bias=False))
+
+
+def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
+    """Spherical harmonics of each sample's ray: (R, 3) and (S,) -> (S, 16)."""
+    return spherical_harmonics(directions, 4)[ray.long()]
+
+
+class BaseField(nn.Module):
+    """Extinction and view-dependent colour (stage 1).
+
+    With the lattice, the extinction is the exponential of a lattice of its own with one feature a level: it is known
+    before any network runs, so only samples that are seen are ever coloured. The features of the colour are the
+    geometry features of the lighting MLP. With the hash grid it is the paper's: density MLP 32-64-16, colour MLP
+    31-64-64-3.
+    """
+
+    def __init__(self, settings: FieldSettings, occupancy: Occupancy) -> None:
+        super().__init__()
+        self.encoding = settings.encode(occupancy)
+        self.density: SparseLattice | None = None
+        self.density_mlp: nn.Sequential | None = None
+        if settings.encoding == "hash":
+            self.density_mlp = mlp(self.encoding.width, settings.width, 1, 16)
+            self.geometry_width = 15
+        else:
+            self.density = SparseLattice(occupancy.occupied, occupancy.cells, settings.resolutions, 1)
+            self.geometry_width = self.encoding.width
+        self.colour_mlp = mlp(self.geometry_width + DIRECTION_WIDTH, settings.width, 2, 3)
+
+    @property
+    def encodings(self) -> list[Encoding]:
+        """Tables with an optimiser of their own."""
+        return [self.encoding] if self.density is None else [self.density, self.encoding]
+
+    def geometry(self, samples: Samples) -> tuple[Tensor, Tensor]:
+        """Extinction (S,) and geometry features (S, G)."""
+        features = self.encoding(samples.position)
+        if self.density is not None:
+            sigma = samples.sigma
+            if torch.is_grad_enabled() and self.density.table.requires_grad:
+                sigma = Extinction.apply(samples, self.density.table, self.density)
+            return sigma, features
+        assert self.density_mlp is not None
+        h = self.density_mlp(features)
+        return torch.exp(h[:, 0].clamp(max=float(CEILING))), h[:, 1:]
+
+    def forward(self, geometry: Tensor, directions: Tensor) -> Tensor:
+        """RGB in (0, 1): (S, G) and encoded directions (S, 16) -> (S, 3)."""
+        return torch.sigmoid(self.colour_mlp(torch.cat([geometry, directions], dim=1)))
+
+
+@dataclass(frozen=True)
+class PaletteColours:
+    """What the PCN says of samples."""
+
+    specular: Tensor
+    """Grey c_s >= 0. (S,)"""
+    shade: Tensor
+    """Scale of the diffuse colour from the headlight, about 1. (S,)"""
+    intensity: Tensor
+    """I >= 0. (S,)"""
+    weights: Tensor
+    """Palette weights, > 0, sum 1. (S, P)"""
+    offsets: Tensor
+    """Offsets delta. (S, P, 3)"""
+
+    @property
+    def region(self) -> Tensor:
+        """Region of each sample: its largest palette weight. (S,)"""
+        return self.weights.argmax(dim=1)
+
+    def diffuse(self, colours: Tensor) -> Tensor:
+        """I sum_i w_i c_i for offset palette colours c (S, P, 3) (StyleRF-VolVis, eq. 4). (S, 3)"""
+        return self.intensity[:, None] * (self.weights[:, :, None] * colours).sum(dim=1)
+
+
+class PaletteField(nn.Module):
+    """Palette colour network: c = c_s + m I sum_i w_i (P_i + delta_i) (StyleRF-VolVis, eq. 4).
+
+    The scale m(x, d) in (0, 2) is ours: a headlight multiplies the material's colour by the cosine to its normal,
+    which no added grey can express on coloured material. Without ``shading`` m is 1 and the network is the paper's.
+    """
+
+    def __init__(self, settings: FieldSettings, occupancy: Occupancy, geometry_width: int, colours: Tensor) -> None:
+        super().__init__()
+        self.encoding = settings.encode(occupancy)
+        self.colours = nn.Parameter(colours.clone())
+        self.shading = settings.shading
+        count = len(colours)
+        self.lighting_mlp = mlp(geometry_width + DIRECTION_WIDTH, settings.width, 2, 2 if settings.shading else 1)
+        self.palette_mlp = mlp(self.encoding.width, settings.width, 1, 1 + 4 * count)
+
+    def light_like(self, base: BaseField) -> None:
+        """Start the lighting MLP's hidden layers from the base colour MLP's."""
+        with torch.no_grad():
+            for mine, its in zip(self.lighting_mlp[:-1], base.colour_mlp[:-1], strict=True):
+                if isinstance(mine, nn.Linear) and isinstance(its, nn.Linear):
+                    mine.weight.copy_(its.weight)
+
+    def material(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """View-independent intensity (S,), weights (S, P) and offsets (S, P, 3)."""
+        h = self.palette_mlp(self.encoding(position))
+        count = len(self.colours)
+        raw = softplus(h[:, 1 : 1 + count]) + WEIGHT_FLOOR
+        return softplus(h[:, 0] + 0.55), raw / raw.sum(1, keepdim=True), h[:, 1 + count :].view(-1, count, 3)
+
+    def lighting(self, geometry: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+        """Specular grey c_s >= 0 (S,) and shade m in (0, 2) (S,)."""
+        h = self.lighting_mlp(torch.cat([geometry, directions], dim=1))
+        specular = softplus(h[:, 0] - 3.0)
+        return specular, 2.0 * torch.sigmoid(h[:, 1]) if self.shading else torch.ones_like(specular)
+
+    def forward(self, position: Tensor, geometry: Tensor, directions: Tensor) -> PaletteColours:
+        """All parts of eq. 4 at samples."""
+        return PaletteColours(*self.lighting(geometry, directions), *self.material(position))
+
+
+class UnrestrictedField(nn.Module):
+    """Unrestricted colour network: diffuse colour without a palette (StyleRF-VolVis, section UCN)."""
+
+    def __init__(self, settings: FieldSettings, occupancy: Occupancy) -> None:
+        super().__init__()
+        self.encoding = settings.encode(occupancy)
+        self.colour_mlp = mlp(self.encoding.width, settings.width, 2, 3)
+
+    def forward(self, position: Tensor) -> Tensor:
+        """Diffuse RGB in (0, 1). (S, 3) -> (S, 3)"""
+        return torch.sigmoid(self.colour_mlp(self.encoding(position)))

@@ -1,0 +1,126 @@
+"""Which cells of the box hold something visible: from the views' alpha masks, then from the learned density."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from svv.core.box import Box
+from svv.core.cameras import Camera
+from svv.errors import BadInput
+from svv.kernels.hull import visual_hull
+
+MASK_SIZE = 256
+"""Longest side of the masks the hull is carved from, in pixels: finer masks cost time and carve nothing more."""
+
+
+@dataclass
+class Occupancy:
+    """Cells of the box; only samples in occupied ones are ever looked at.
+
+    ``occupied`` is uint8 (X, Y, Z); ``cells`` is their number per box unit.
+    """
+
+    box: Box
+    cells: int
+    occupied: NDArray[np.uint8]
+
+    @property
+    def extent(self) -> NDArray[np.float32]:
+        """Sides of the box in box units. (3,)"""
+        return np.asarray(self.box.extent, np.float32)
+
+    @property
+    def fraction(self) -> float:
+        """Share of the box's cells that is occupied."""
+        return float((self.occupied > 0).mean())
+
+    @classmethod
+    def full(cls, box: Box, cells: int) -> Occupancy:
+        """Everything occupied."""
+        return cls(box, cells, np.ones(_shape(box, cells), np.uint8))
+
+    def pruned(self, optical_depth: NDArray[np.float32], least: float, grow: bool) -> Occupancy:
+        """Without the cells in which a step never reaches the optical depth ``least``.
+
+        Args:
+            optical_depth: Largest optical depth of a step found in each occupied cell, in ``argwhere`` order.
+            least: Threshold.
+            grow: Keep the neighbours of visible cells, too (while surfaces still move).
+        """
+        visible = np.zeros(self.occupied.shape, bool)
+        visible[self.occupied > 0] = optical_depth >= least
+        if grow:
+            visible = binary_dilation(visible, np.ones((3, 3, 3), bool))
+        return Occupancy(self.box, self.cells, (self.occupied * visible).astype(np.uint8))
+
+
+def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Occupancy:
+    """The visual hull of the views' masks and the box around it.
+
+    Args:
+        masks: Pixels in which something is visible. (N, H, W)
+        cameras: One a mask.
+        cells: Cells along the longest side of the box.
+
+    Raises:
+        BadInput: the masks have no common hull: every view is empty, or cameras and images do not fit together.
+    """
+    small = _shrink(masks)
+    box = _first_box(cameras)
+    for resolution in (64, 96):
+        occupied = _hull(small, cameras, box, resolution)
+        filled = np.argwhere(occupied)
+        if not len(filled):
+            raise BadInput(
+                "Nothing is visible in all views at once: either the images are empty, or the cameras do not belong "
+                "to them; check the alpha of the images and transform_matrix."
+            )
+        corners = np.stack([filled.min(0), filled.max(0) + 1]) / resolution
+        box = Box.of_bounds(*box.to_world(corners))
+    return Occupancy(box, cells, _hull(small, cameras, box, cells))
+
+
+def _first_box(cameras: Sequence[Camera]) -> Box:
+    """A cube that surely holds what the cameras look at: around the point nearest to their optical axes."""
+    positions = np.stack([c.camera_to_world[:3, 3] for c in cameras])
+    axes = np.stack([-c.camera_to_world[:3, 2] for c in cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    centre = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, positions), rcond=None)[0]
+    distance = float(np.median(np.linalg.norm(positions - centre, axis=1)))
+    if not distance > 0:
+        distance = 1.0
+    half = 1.1 * distance * max(np.tan(c.fov_x / 2) * max(1.0, c.height / c.width) for c in cameras)
+    return Box.of_bounds(centre - half, centre + half)
+
+
+def _shape(box: Box, cells: int) -> NDArray[np.int64]:
+    return np.maximum(1, np.ceil(np.asarray(box.extent) * cells - 1e-6).astype(np.int64))
+
+
+def _shrink(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Masks of at most about MASK_SIZE pixels a side; a pixel is set if any of its parts is."""
+    n, h, w = masks.shape
+    k = max(1, max(h, w) // MASK_SIZE)
+    padded = np.pad(masks, [(0, 0), (0, -h % k), (0, -w % k)])
+    return padded.reshape(n, padded.shape[1] // k, k, padded.shape[2] // k, k).any(axis=(2, 4))
+
+
+def _hull(masks: NDArray[np.bool_], cameras: Sequence[Camera], box: Box, cells: int) -> NDArray[np.uint8]:
+    n, h, w = masks.shape
+    tables = np.zeros((n, h + 1, w + 1), np.int32)
+    tables[:, 1:, 1:] = masks.cumsum(1, dtype=np.int32).cumsum(2, dtype=np.int32)
+    # The mask may be padded, so its scale is the shrink factor and not the ratio of the widths.
+    shrink = np.ceil(cameras[0].width / w)
+    focal = np.array([c.focal / shrink for c in cameras])
+    rotations = np.stack([c.camera_to_world[:3, :3].T for c in cameras])
+    positions = box.to_box(np.stack([c.camera_to_world[:3, 3] for c in cameras]))
+    half = np.array([cameras[0].width, cameras[0].height]) / (2.0 * shrink)
+    shape = _shape(box, cells)
+    occupied = np.zeros(shape, np.uint8)
+    visual_hull(tables, rotations, positions, focal, half, float(cells), shape, np.sqrt(0.75) / cells, occupied)
+    return occupied

@@ -1,0 +1,305 @@
+"""A scene: what training makes of a volume's views, with its edits, as the command, scripts and ParaView use it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from svv.core.box import Box
+from svv.core.cameras import Camera
+from svv.core.colour import shift_colours
+from svv.errors import BadInput, Progress, silent
+from svv.fields.networks import BaseField, FieldSettings, PaletteColours, PaletteField, UnrestrictedField, encode_directions
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
+from svv.kernels.marching import NO_STOP
+from svv.io.scene_file import read_scene_file, write_scene_file
+
+NETWORKS = ("base", "pcn", "styled")
+
+CHUNK = 1 << 16
+"""Rays rendered at a time: bounds memory, and lets progress be reported."""
+
+FAINT = 1.0 / 512.0
+"""Alpha below half a step of 8 bits: the pixel counts as empty."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A region of the scene: the samples whose largest palette weight is this colour's, and its edits."""
+
+    colour: tuple[float, float, float]
+    """Palette colour, RGB in [0, 1]."""
+    share: float
+    """Part of the visible pixels' colour that this palette colour explains."""
+    opacity: float = 1.0
+    """Factor on the extinction."""
+    lighting: float = 1.0
+    """Factor on the lighting: 0 shows the flat material."""
+    edited_colour: tuple[float, float, float] | None = None
+    """What ``colour`` was changed to."""
+    style: str | None = None
+    """Name of the style that the UCN gave it; None where the PCN holds its colour."""
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """One image of a scene.
+
+    ``rgba`` (H, W, 4) float32, straight alpha, in [0, 1]; ``depth`` (H, W) float32, expected distance from the camera
+    in world units, nan where nothing is visible; ``region`` (H, W) int16, -1 where nothing is visible.
+    """
+
+    rgba: NDArray[np.float32]
+    depth: NDArray[np.float32]
+    region: NDArray[np.int16]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Networks, geometry and edits of a scene. Edits make a new scene that shares the networks."""
+
+    settings: FieldSettings
+    occupancy: Occupancy
+    marching: Marching
+    base: BaseField
+    palette: PaletteField | None = None
+    styled: UnrestrictedField | None = None
+    regions: tuple[Region, ...] = ()
+    camera_rig: dict[str, Any] = field(default_factory=dict)
+    made: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def networks(self) -> tuple[str, ...]:
+        """The networks it holds, of ``base``, ``pcn`` and ``styled``, the plainest first."""
+        there = (self.base, self.palette, self.styled)
+        return tuple(name for name, network in zip(NETWORKS, there, strict=True) if network is not None)
+
+    def edited(
+        self,
+        region: int,
+        colour: Sequence[float] | None = None,
+        opacity: float | None = None,
+        lighting: float | None = None,
+    ) -> Scene:
+        """A scene with one region's colour, opacity or lighting changed (photorealistic style editing).
+
+        Raises:
+            BadInput: no such region, a colour outside [0, 1], a negative or infinite factor, or a new colour for a
+                region that is styled.
+        """
+        if not 0 <= region < len(self.regions):
+            raise BadInput(f"There is no region {region}: the scene has the regions 0 to {len(self.regions) - 1}.")
+        changes: dict[str, Any] = {}
+        if colour is not None:
+            if len(colour) != 3 or not all(0.0 <= c <= 1.0 for c in colour):
+                raise BadInput(f"The colour {tuple(colour)} is none: give red, green and blue between 0 and 1.")
+            if self.regions[region].style is not None:
+                raise BadInput(
+                    f"Region {region} is styled: its colours come from the style, not from the palette, so only its "
+                    "opacity and lighting can be edited; stylize again with --keep to recolour it."
+                )
+            changes["edited_colour"] = tuple(float(c) for c in colour)
+        for name, factor in (("opacity", opacity), ("lighting", lighting)):
+            if factor is not None:
+                if not (np.isfinite(factor) and factor >= 0):
+                    raise BadInput(f"The {name} factor must be a number of at least 0, not {factor}.")
+                changes[name] = float(factor)
+        regions = list(self.regions)
+        regions[region] = replace(regions[region], **changes)
+        return replace(self, regions=tuple(regions))
+
+    # --- rendering -------------------------------------------------------------------------------------------------
+
+    def render(
+        self,
+        camera: Camera,
+        network: str | None = None,
+        background: Sequence[float] | None = None,
+        progress: Progress = silent,
+    ) -> Rendering:
+        """One image.
+
+        Args:
+            camera: In world units.
+            network: ``base``, ``pcn`` or ``styled``; by default the last that the scene holds.
+            background: RGB in [0, 1] to blend over (alpha becomes 1); None leaves straight alpha.
+            progress: Called after every chunk of rays.
+
+        Raises:
+            BadInput: the scene does not hold that network.
+        """
+        network = network or self.networks[-1]
+        if network not in self.networks:
+            raise BadInput(f"The scene holds no network '{network}', only {', '.join(self.networks)}.")
+        caster = RayCaster([camera], self.occupancy.box)
+        pixels = camera.width * camera.height
+        parts = []
+        for first in range(0, pixels, CHUNK):
+            progress(first / pixels, "rendering")
+            parts.append(self._render_rays(caster.rays(np.arange(first, min(first + CHUNK, pixels))), network))
+        rgba, depth, region = (np.concatenate(p) for p in zip(*parts, strict=True))
+        if background is not None:
+            alpha = rgba[:, 3:]
+            rgba = np.concatenate([rgba[:, :3] * alpha + np.asarray(background, np.float32) * (1 - alpha),
+                                   np.ones_like(alpha)], axis=1)  # fmt: skip
+        progress(1.0, "rendering")
+        shape = camera.height, camera.width
+        return Rendering(rgba.reshape(*shape, 4), depth.reshape(shape), region.reshape(shape))
+
+    @torch.no_grad()
+    def _render_rays(self, rays: Rays, network: str) -> tuple[Any, Any, Any]:
+        samples, colour, region, sigma = self.shade(rays, network)
+        distance = (samples.position - torch.from_numpy(rays.origins)[samples.ray.long()]).norm(dim=1)
+        values = [colour, distance[:, None]]
+        if self.palette is not None:
+            values.append(nn.functional.one_hot(region.long(), len(self.regions)).float())
+        out, transmittance, _ = composite(samples, sigma, torch.cat(values, dim=1))
+        alpha = 1.0 - transmittance
+        visible = alpha > FAINT
+        safe = torch.where(visible, alpha, torch.ones_like(alpha))[:, None]
+        rgb = torch.where(visible[:, None], out[:, :3] / safe, torch.zeros(1)).clamp(0.0, 1.0)
+        depth = torch.where(visible, out[:, 3] / safe[:, 0] * self.occupancy.box.size, torch.tensor(torch.nan))
+        of = out[:, 4:].argmax(1) if self.palette is not None else torch.zeros(len(rays), dtype=torch.int64)
+        index = torch.where(visible, of, torch.tensor(-1)).to(torch.int16)
+        alpha = torch.where(visible, alpha, torch.zeros(1))
+        return torch.cat([rgb, alpha[:, None]], dim=1).numpy(), depth.numpy(), index.numpy()
+
+    def shade(self, rays: Rays, network: str) -> tuple[Samples, Tensor, Tensor, Tensor]:
+        """Samples of rays with their colour (S, 3), region (S,) and edited extinction (S,)."""
+        samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited())
+        sigma, geometry = self.base.geometry(samples)
+        directions = encode_directions(torch.from_numpy(rays.directions), samples.ray)
+        if network == "base" or self.palette is None:
+            region = torch.zeros(len(samples), dtype=torch.int64)
+            return samples, self.base(geometry, directions), region, sigma
+        parts = self.palette(samples.position, geometry, directions)
+        region = parts.region
+        if any(r.opacity != 1.0 for r in self.regions):
+            sigma = sigma * torch.tensor([r.opacity for r in self.regions])[region]
+        return samples, self.light(parts, self.diffuse(parts, samples.position, network)), region, sigma
+
+    def diffuse(self, parts: PaletteColours, position: Tensor, network: str) -> Tensor:
+        """Edited diffuse colour of samples, from the UCN where a region is styled. (S, 3)"""
+        assert self.palette is not None
+        palette = self.palette.colours
+        colours = palette + parts.offsets
+        if any(r.edited_colour is not None for r in self.regions):
+            target = torch.stack([
+                own.detach() if r.edited_colour is None else torch.tensor(r.edited_colour)
+                for own, r in zip(palette, self.regions, strict=True)
+            ])  # fmt: skip
+            # The user edits the region's colour as shown; the palette may have drifted from it in training.
+            shown = torch.tensor([r.colour for r in self.regions])
+            target = torch.where((target == palette).all(1, keepdim=True), shown, target)
+            colours = shift_colours(colours, shown, target)
+        diffuse = parts.diffuse(colours)
+        if network == "styled" and self.styled is not None:
+            styled = torch.tensor([r.style is not None for r in self.regions])[parts.region]
+            diffuse = torch.where(styled[:, None], self.styled(position), diffuse)
+        return diffuse
+
+    def light(self, parts: PaletteColours, diffuse: Tensor) -> Tensor:
+        """Diffuse colour (S, 3) under the scene's headlight, as bright as each region's edit says. (S, 3)"""
+        factor = torch.tensor([r.lighting for r in self.regions])[parts.region]
+        shade = (1.0 + factor * (parts.shade - 1.0)).clamp(min=0.0)
+        return diffuse * shade[:, None] + (factor * parts.specular)[:, None]
+
+    def _marching_as_edited(self) -> Marching:
+        """A region made more transparent shows what lies behind it, so rays may no longer end at their old depth."""
+        if all(r.opacity == 1.0 for r in self.regions):
+            return self.marching
+        return replace(self.marching, stop=float(NO_STOP))
+
+    # --- files -----------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene to one ``.svv`` file, whole or not at all; raises BadInput where that fails."""
+        header, tensors = self.to_arrays()
+        write_scene_file(path, header, tensors)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scene:
+        """Read a scene; raises BadInput for a file that is missing, damaged, foreign or of another version."""
+        header, tensors = read_scene_file(path)
+        try:
+            return cls.from_arrays(header, tensors)
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise BadInput(f"{path} is damaged ({type(error).__name__}: {error}): train it again.") from error
+
+    def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Header and arrays of the file. Tables are stored in half precision."""
+        box = self.occupancy.box
+        header = {
+            "box": {"low": box.low, "size": box.size, "extent": box.extent},
+            "cells": self.occupancy.cells,
+            "shape": self.occupancy.occupied.shape,
+            "settings": self.settings.to_json(),
+            "marching": {k: getattr(self.marching, k) for k in ("step", "least_weight", "stop")},
+            "networks": self.networks,
+            "regions": [vars(r) for r in self.regions],
+            "camera_rig": self.camera_rig,
+            "made": self.made,
+        }
+        tensors: dict[str, NDArray[Any]] = {"occupied": np.packbits(self.occupancy.occupied > 0)}
+        for name, network in zip(NETWORKS, (self.base, self.palette, self.styled), strict=True):
+            if network is not None:
+                for key, value in network.state_dict().items():
+                    array = value.numpy()
+                    tensors[f"{name}.{key}"] = array.astype(np.float16) if key.endswith("table") else array
+        return header, tensors
+
+    @classmethod
+    def from_arrays(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]]) -> Scene:
+        """The inverse of :meth:`to_arrays`."""
+        b = header["box"]
+        box = Box(tuple(b["low"]), float(b["size"]), tuple(b["extent"]))  # type: ignore[arg-type]
+        shape = tuple(header["shape"])
+        bits = np.unpackbits(tensors["occupied"], count=int(np.prod(shape)))
+        occupancy = Occupancy(box, int(header["cells"]), np.ascontiguousarray(bits.reshape(shape)))
+        s = header["settings"]
+        settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"])})
+        base = BaseField(settings, occupancy)
+        palette, styled = None, None
+        regions = tuple(
+            Region(**{**r, "colour": tuple(r["colour"]), "edited_colour": r["edited_colour"] and tuple(r["edited_colour"])})
+            for r in header["regions"]
+        )
+        if "pcn" in header["networks"]:
+            palette = PaletteField(settings, occupancy, base.geometry_width, torch.zeros(len(regions), 3))
+        if "styled" in header["networks"]:
+            styled = UnrestrictedField(settings, occupancy)
+        for name, network in zip(NETWORKS, (base, palette, styled), strict=True):
+            if network is not None:
+                prefix = f"{name}."
+                state = {k[len(prefix) :]: torch.from_numpy(v.astype(np.float32)) for k, v in tensors.items() if k.startswith(prefix)}
+                network.load_state_dict(state)
+                network.requires_grad_(False)
+        m = header["marching"]
+        marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
+        return cls(settings, occupancy, marching, base, palette, styled, regions, header["camera_rig"], header["made"])
+
+    def info(self) -> dict[str, Any]:
+        """What the scene is and how it was made, as plain values."""
+        networks = dict(zip(NETWORKS, (self.base, self.palette, self.styled), strict=True))
+        parameters = {k: sum(p.numel() for p in n.parameters()) for k, n in networks.items() if n is not None}
+        return {
+            "networks": self.networks,
+            "parameters": {**parameters, "total": sum(parameters.values())},
+            "encoding": self.settings.encoding,
+            "resolutions": self.settings.resolutions,
+            "finest_world_units": self.occupancy.box.size / self.settings.resolutions[-1],
+            "occupied_fraction": self.occupancy.fraction,
+            "bounds": self.occupancy.box.bounds.tolist(),
+            "regions": [vars(r) for r in self.regions],
+            "camera_rig": self.camera_rig,
+            "made": self.made,
+        }
+

@@ -1,0 +1,200 @@
+"""Marching through occupied cells and compositing along rays, compiled with numba.
+
+Letters: R rays, S samples, C channels, (X, Y, Z) cells of the occupancy grid, L levels of a lattice.
+All positions are box coordinates (:mod:`svv.core.box`), all lengths box units.
+
+The compiled functions use one thread per block of rays and write disjoint ranges, so their results do not depend
+on the number of threads.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+BLOCK = 64
+"""Rays that one thread marches in a row; a block's samples are written contiguously."""
+
+NO_STOP = np.float32(1e30)
+"""Optical depth that is never reached (infinity is not safe with fast maths)."""
+
+
+@njit(fastmath=True, inline="always")
+def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
+    """Sum over levels of the trilinear interpolation of a one-channel table."""
+    total = np.float32(0.0)
+    for level in range(shapes.shape[0]):
+        s = scales[level]
+        fx, fy, fz = x * s, y * s, z * s
+        ix = min(int(fx), shapes[level, 0] - 2)
+        iy = min(int(fy), shapes[level, 1] - 2)
+        iz = min(int(fz), shapes[level, 2] - 2)
+        wx, wy, wz = fx - ix, fy - iy, fz - iz
+        ny, nz = shapes[level, 1], shapes[level, 2]
+        at = bases[level] + (ix * ny + iy) * nz + iz
+        # Vertices are numbered in raster order, so the neighbour in z is always the next number.
+        a, b = index[at], index[at + nz]
+        c, d = index[at + ny * nz], index[at + ny * nz + nz]
+        uz = np.float32(1.0) - wz
+        total += (np.float32(1.0) - wx) * (
+            (np.float32(1.0) - wy) * (uz * table[a] + wz * table[a + 1]) + wy * (uz * table[b] + wz * table[b + 1])
+        ) + wx * ((np.float32(1.0) - wy) * (uz * table[c] + wz * table[c + 1]) + wy * (uz * table[d] + wz * table[d + 1]))
+    return total
+
+
+@njit(fastmath=True, inline="always")
+def uniform(seed, a, b):  # type: ignore[no-untyped-def]
+    """A number in [0, 1) from three integers (counter-based, so threads need no state)."""
+    h = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) ^ np.uint64(a) * np.uint64(0xBF58476D1CE4E5B9)
+    h ^= np.uint64(b) * np.uint64(0x94D049BB133111EB)
+    h ^= h >> np.uint64(31)
+    h *= np.uint64(0x9E3779B97F4A7C15)
+    h ^= h >> np.uint64(29)
+    h *= np.uint64(0xBF58476D1CE4E5B9)
+    h ^= h >> np.uint64(32)
+    return np.float32(h >> np.uint64(40)) * np.float32(1.0 / 16777216.0)
+
+
+@njit(parallel=True, fastmath=True, cache=True)
+def march(  # type: ignore[no-untyped-def]
+    origins, directions, occupied, cells, extent, step, jitter_seed,
+    shapes, scales, bases, index, table, ceiling,
+    least_weight, keep, stop,
+    position, skipped, sigma, ray, start, count, tail,
+):
+    """March rays through the occupied cells and keep the samples that matter.
+
+    Every ray is sampled with a fixed step (shifted by a random part of it if ``jitter_seed`` > 0, by half a step
+    otherwise). A sample whose weight stays below ``least_weight`` is kept with probability ``keep`` only; the optical
+    depth of the samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so
+    transmittance stays exact. A ray ends where its optical depth exceeds ``stop``; with NO_STOP it never ends and
+    what lies in front counts for nothing, so that the extinction may be edited afterwards.
+
+    The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``.
+    """
+    rays = origins.shape[0]
+    blocks = (rays + BLOCK - 1) // BLOCK
+    capacity = sigma.shape[0] // blocks
+    nx, ny, nz = occupied.shape
+    for block in prange(blocks):
+        n = block * capacity
+        for r in range(block * BLOCK, min(rays, (block + 1) * BLOCK)):
+            start[r] = n
+            ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
+            dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
+            near, far = np.float32(0.0), np.float32(1e30)
+            for k in range(3):
+                o, d, e = origins[r, k], directions[r, k], extent[k]
+                if abs(d) < 1e-9:
+                    if o < 0.0 or o > e:
+                        far = np.float32(-1.0)
+                else:
+                    a, b = -o / d, (e - o) / d
+                    near, far = max(near, min(a, b)), min(far, max(a, b))
+            tau = np.float32(0.0)
+            depth = np.float32(0.0)
+            if near < far:
+                ix_ = np.float32(1e9) if abs(dx) < 1e-9 else np.float32(1.0) / dx
+                iy_ = np.float32(1e9) if abs(dy) < 1e-9 else np.float32(1.0) / dy
+                iz_ = np.float32(1e9) if abs(dz) < 1e-9 else np.float32(1.0) / dz
+                shift = np.float32(0.5)
+                if jitter_seed > 0:
+                    shift = uniform(jitter_seed, r, 0)
+                i = int(math.ceil(near / step - shift))
+                last = int(math.floor(far / step - shift))
+                while i <= last:
+                    t = (np.float32(i) + shift) * step
+                    x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+                    cx = min(max(int(x * cells), 0), nx - 1)
+                    cy = min(max(int(y * cells), 0), ny - 1)
+                    cz = min(max(int(z * cells), 0), nz - 1)
+                    if occupied[cx, cy, cz] == 0:
+                        # To the first sample behind the cell's far side.
+                        tx = ((cx + (dx > 0)) / cells - ox) * ix_ if abs(dx) >= 1e-9 else np.float32(1e30)
+                        ty = ((cy + (dy > 0)) / cells - oy) * iy_ if abs(dy) >= 1e-9 else np.float32(1e30)
+                        tz = ((cz + (dz > 0)) / cells - oz) * iz_ if abs(dz) >= 1e-9 else np.float32(1e30)
+                        i = max(i + 1, int(math.ceil(min(tx, min(ty, tz)) / step - shift)))
+                        continue
+                    x = min(max(x, np.float32(0.0)), extent[0])
+                    y = min(max(y, np.float32(0.0)), extent[1])
+                    z = min(max(z, np.float32(0.0)), extent[2])
+                    raw = interpolate_scalar(x, y, z, shapes, scales, bases, index, table)
+                    s = np.exp(min(raw, ceiling))
+                    thickness = s * step
+                    weight = np.float32(1.0) - np.exp(-thickness)
+                    if stop < NO_STOP:
+                        weight *= np.exp(-depth)
+                    if weight >= least_weight or (keep > 0 and uniform(jitter_seed, r, i + 1) < keep):
+                        position[n, 0], position[n, 1], position[n, 2] = x, y, z
+                        skipped[n] = tau
+                        sigma[n] = s
+                        ray[n] = r
+                        n += 1
+                        tau = np.float32(0.0)
+                    else:
+                        tau += thickness
+                    depth += thickness
+                    if depth > stop:
+                        break
+                    i += 1
+            count[r] = n - start[r]
+            tail[r] = tau
+
+
+@njit(parallel=True, cache=True)
+def gather(start, count, offset, position, skipped, sigma, ray, position_, skipped_, sigma_, ray_):  # type: ignore[no-untyped-def]
+    """Move the samples of every ray to ``offset`` so that they lie without gaps; ``start`` becomes ``offset``."""
+    for r in prange(start.shape[0]):
+        a, b = start[r], offset[r]
+        for j in range(count[r]):
+            position_[b + j, 0] = position[a + j, 0]
+            position_[b + j, 1] = position[a + j, 1]
+            position_[b + j, 2] = position[a + j, 2]
+            skipped_[b + j] = skipped[a + j]
+            sigma_[b + j] = sigma[a + j]
+            ray_[b + j] = ray[a + j]
+        start[r] = b
+
+
+@njit(parallel=True, fastmath=True, cache=True)
+def composite(sigma, skipped, values, start, count, tail, step, out, transmittance, weights):  # type: ignore[no-untyped-def]
+    """Composite ``values`` (S, C) front to back: out_r = sum_i w_i v_i, and the transmittance behind the ray."""
+    channels = values.shape[1]
+    for r in prange(start.shape[0]):
+        t = np.float32(1.0)
+        for c in range(channels):
+            out[r, c] = 0.0
+        for j in range(start[r], start[r] + count[r]):
+            t *= np.exp(-skipped[j])
+            e = np.exp(-sigma[j] * step)
+            w = t * (np.float32(1.0) - e)
+            weights[j] = w
+            for c in range(channels):
+                out[r, c] += w * values[j, c]
+            t *= e
+        transmittance[r] = t * np.exp(-tail[r])
+
+
+@njit(parallel=True, fastmath=True, cache=True)
+def composite_backward(  # type: ignore[no-untyped-def]
+    sigma, skipped, values, weights, start, count, step, out, transmittance, g_out, g_transmittance, g_sigma, g_values
+):
+    """Gradients of :func:`composite` with respect to extinction (S,) and values (S, C)."""
+    channels = values.shape[1]
+    for r in prange(start.shape[0]):
+        behind = transmittance[r] * g_transmittance[r]
+        for c in range(channels):
+            behind += g_out[r, c] * out[r, c]
+        t = np.float32(1.0)
+        for j in range(start[r], start[r] + count[r]):
+            t *= np.exp(-skipped[j])
+            e = np.exp(-sigma[j] * step)
+            dot = np.float32(0.0)
+            for c in range(channels):
+                dot += g_out[r, c] * values[j, c]
+                g_values[j, c] = weights[j] * g_out[r, c]
+            behind -= weights[j] * dot
+            g_sigma[j] = step * (t * e * dot - behind)
+            t *= e

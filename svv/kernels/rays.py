@@ -1,0 +1,29 @@
+"""Rays through pixels, compiled with numba."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+
+@njit(parallel=True, fastmath=True, cache=True)
+def pixel_rays(pixels, rotations, positions, focal, width, height, origins, directions):  # type: ignore[no-untyped-def]
+    """Rays through pixel centres.
+
+    Args:
+        pixels: Flat indices (view * height + row) * width + column, row 0 at the top. (R,)
+        rotations: Camera-to-box rotations, float32. (N, 3, 3)
+        positions: Camera positions in box coordinates, float32. (N, 3)
+        focal: Focal lengths in pixels, float32. (N,)
+        width, height: Of the images.
+        origins, directions: Results, float32; directions have unit length. (R, 3)
+    """
+    for r in prange(pixels.shape[0]):
+        view, rest = pixels[r] // (width * height), pixels[r] % (width * height)
+        u = (np.float32(rest % width) + np.float32(0.5 * (1 - width))) / focal[view]
+        v = -(np.float32(rest // width) + np.float32(0.5 * (1 - height))) / focal[view]
+        norm = np.float32(1.0) / np.sqrt(u * u + v * v + np.float32(1.0))
+        for k in range(3):
+            m = rotations[view, k]
+            directions[r, k] = (m[0] * u + m[1] * v - m[2]) * norm
+            origins[r, k] = positions[view, k]

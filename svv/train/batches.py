@@ -1,0 +1,66 @@
+"""Training rays: drawn from the pixels of a view set in which something is visible, and from just around them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+from torch import Tensor
+
+from svv.core.box import Box
+from svv.fields.rendering import RayCaster, Rays
+from svv.io.viewset import ViewSet
+
+MARGIN = 9
+"""Side of the square, in pixels, by which the visible part of an image is widened: its outline must be learned, too."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """R rays and what the views show there."""
+
+    rays: Rays
+    colour: Tensor
+    """Straight RGB in [0, 1]. (R, 3)"""
+    alpha: Tensor
+    """(R,)"""
+    generator: np.random.Generator
+
+    def over_random_backgrounds(self) -> tuple[Tensor, Tensor]:
+        """True colour over a random background a ray, and the backgrounds. (R, 3) each
+
+        A random background makes every error of alpha an error of colour.
+        """
+        background = torch.from_numpy(self.generator.random(tuple(self.colour.shape), dtype=np.float32))
+        alpha = self.alpha[:, None]
+        return self.colour * alpha + background * (1.0 - alpha), background
+
+
+class RayPool:
+    """Draws batches of rays; batch k of a seed is always the same, so a resumed run goes on as if uninterrupted."""
+
+    def __init__(self, views: ViewSet, box: Box, seed: int) -> None:
+        self._caster = RayCaster(views.cameras, box)
+        self._pixels = views.images.reshape(-1, 4)
+        size = views.images.shape[1] * views.images.shape[2]
+        near = [np.flatnonzero(maximum_filter(image[..., 3] > 0, MARGIN)) for image in views.images]
+        self._pool: NDArray[np.int64] = np.concatenate([p + k * size for k, p in enumerate(near)])
+        self._seed = seed
+
+    def batch(self, number: int, rays: int) -> Batch:
+        """Batch ``number`` (>= 0) of ``rays`` rays."""
+        generator = np.random.default_rng((self._seed, number))
+        pixels = self._pool[generator.integers(0, len(self._pool), rays)]
+        rgba = torch.from_numpy(self._pixels[pixels].astype(np.float32) / np.float32(255.0))
+        return Batch(self._caster.rays(pixels), rgba[:, :3], rgba[:, 3], generator)
+
+    def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` evenly drawn visible pixels."""
+        generator = np.random.default_rng(self._seed)
+        chosen = self._pool if len(self._pool) <= most else generator.choice(self._pool, most, replace=False)
+        rgba = self._pixels[chosen].astype(np.float32) / np.float32(255.0)
+        rgba = rgba[rgba[:, 3] > 0]
+        return rgba[:, :3], rgba[:, 3]

@@ -1,0 +1,115 @@
+"""Checkpoints of a training run: a killed run goes on from its last one.
+
+A checkpoint is a file in the scene container's format, so it is data and never code. It holds the finished stages and
+the state of the one in progress, and belongs to one set of views, settings and seed: any other run starts anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from svv.errors import BadInput
+from svv.fields.encodings import LatticeAdam
+from svv.io.atomic import to_json
+from svv.io.scene_file import read_scene_file, write_scene_file
+
+Arrays = dict[str, NDArray[Any]]
+
+
+class Checkpoint:
+    """The checkpoint file of one run."""
+
+    def __init__(self, path: Path, key: dict[str, Any]) -> None:
+        """Open it.
+
+        Args:
+            path: The file; it need not exist.
+            key: What the run depends on, as plain values. A file of another key is ignored.
+        """
+        self.path = path
+        self.key = hashlib.sha256(to_json(key).encode()).hexdigest()
+        self.finished: dict[str, dict[str, Any]] = {}
+        self.arrays: Arrays = {}
+        self._progress: dict[str, Any] = {}
+        self._state: Arrays = {}
+        if path.exists():
+            self._read()
+
+    def _read(self) -> None:
+        try:
+            header, arrays = read_scene_file(self.path)
+        except BadInput:
+            return  # a foreign or damaged file is no checkpoint of this run; it will be replaced
+        if header.get("key") != self.key:
+            return
+        self.finished, self._progress = header["finished"], header["progress"]
+        self.arrays = {k[5:]: v for k, v in arrays.items() if k.startswith("done.")}
+        self._state = {k[6:]: v for k, v in arrays.items() if k.startswith("state.")}
+
+    def finish(self, stage: str, values: dict[str, Any], arrays: Arrays) -> None:
+        """Note that a stage is done, with its results (which replace those of the stages before)."""
+        self.finished[stage] = values
+        self.arrays, self._state, self._progress = arrays, {}, {}
+        self._write()
+
+    def stage(
+        self, name: str, network: nn.Module, optimiser: torch.optim.Optimizer, tables: LatticeAdam
+    ) -> StageState:
+        """The state of a stage in progress, restored if the file holds one of that name."""
+        return StageState(self, name, network, optimiser, tables)
+
+    def _write(self) -> None:
+        header = {"key": self.key, "finished": self.finished, "progress": self._progress}
+        arrays = {f"done.{k}": v for k, v in self.arrays.items()} | {f"state.{k}": v for k, v in self._state.items()}
+        write_scene_file(self.path, header, arrays)
+
+    def remove(self) -> None:
+        """Delete the file: the run's result is safe elsewhere."""
+        self.path.unlink(missing_ok=True)
+
+
+class StageState:
+    """Parameters and optimisers of one stage."""
+
+    def __init__(self, checkpoint: Checkpoint, name: str, network: nn.Module, optimiser: torch.optim.Optimizer,
+                 tables: LatticeAdam) -> None:  # fmt: skip
+        self.checkpoint, self.name = checkpoint, name
+        self.network, self.optimiser, self.tables = network, optimiser, tables
+        self.restored: tuple[int, float] | None = None
+        """Steps done and seconds spent before, if the stage goes on."""
+        self.extra: Arrays = {}
+        progress = checkpoint._progress
+        if progress.get("stage") == name:
+            self._restore(checkpoint._state)
+            self.restored = int(progress["done"]), float(progress["spent"])
+
+    def _restore(self, state: Arrays) -> None:
+        tensors = {k[8:]: torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith("network.")}
+        self.network.load_state_dict(tensors)
+        self.tables.load({k[7:]: v for k, v in state.items() if k.startswith("tables.")})
+        self.extra = {k[6:]: v for k, v in state.items() if k.startswith("extra.")}
+        saved = self.optimiser.state_dict()
+        for number, _ in enumerate(p for g in self.optimiser.param_groups for p in g["params"]):
+            prefix = f"adam.{number}."
+            parts = {k[len(prefix) :]: torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith(prefix)}
+            if parts:
+                saved["state"][number] = parts
+        self.optimiser.load_state_dict(saved)
+
+    def save(self, done: int, spent: float, extra: Arrays) -> None:
+        """Write the state after ``done`` steps."""
+        state: Arrays = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
+        state |= {f"tables.{k}": v for k, v in self.tables.state().items()}
+        state |= {f"extra.{k}": v for k, v in extra.items()}
+        for number, parts in self.optimiser.state_dict()["state"].items():
+            state |= {f"adam.{number}.{k}": np.asarray(v) for k, v in parts.items()}
+        self.checkpoint._state = state
+        self.checkpoint._progress = {"stage": self.name, "done": done, "spent": spent}
+        self.checkpoint._write()

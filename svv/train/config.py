@@ -1,0 +1,128 @@
+"""Settings of the stages and the presets made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from svv.core.box import Box
+from svv.core.cameras import Camera
+from svv.errors import BadInput
+from svv.fields.networks import FieldSettings
+
+
+@dataclass(frozen=True)
+class ReconstructSettings:
+    """Stage 1, the base radiance field."""
+
+    iterations: int = 4000
+    """Steps of the optimiser."""
+    rays: int = 4096
+    """Rays a step."""
+    density_rate: float = 0.3
+    """Learning rate of the density lattice, in units of the extinction's exponent."""
+    feature_rate: float = 0.02
+    """Learning rate of the features."""
+    network_rate: float = 0.005
+    """Learning rate of the networks."""
+    decay: float = 0.05
+    """Learning rates at the end, as a part of those at the start."""
+    alpha_weight: float = 1.0
+    """Weight of the squared error of alpha beside that of colour."""
+    initial_exponent: float = 2.0
+    """Exponent of the extinction at the start: a fog in which every sample is seen."""
+    keep: float = 0.05
+    """Share of the invisible samples that learns all the same."""
+    prune_every: int = 100
+    """Steps between two prunings of the occupancy."""
+    prune_least: float = 0.01
+    """A cell in which a step's optical depth stays below this is dropped."""
+    cells: int = 128
+    """Cells of the occupancy along the longest side."""
+
+
+@dataclass(frozen=True)
+class RecolourSettings:
+    """Stage 2, the palette colour network."""
+
+    iterations: int = 1500
+    """Steps of the optimiser."""
+    rays: int = 4096
+    """Rays a step."""
+    feature_rate: float = 0.02
+    """Learning rate of the features."""
+    network_rate: float = 0.005
+    """Learning rate of the networks."""
+    palette_rate: float = 0.0005
+    """Learning rate of the palette's colours."""
+    decay: float = 0.05
+    """Learning rates at the end, as a part of those at the start."""
+    offset_weight: float = 0.1
+    """lambda_delta: weight of the composited squared offsets (StyleRF-VolVis, eq. 5)."""
+    palette_weight: float = 0.001
+    """Weight of the palette's squared distance to where it started."""
+    shade_weight: float = 0.003
+    """Weight of (m - 1)^2, which keeps the material's brightness in I and the light's in m."""
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Settings of all stages under one name."""
+
+    name: str
+    field: FieldSettings
+    reconstruct: ReconstructSettings
+    recolour: RecolourSettings
+    fitted: bool = True
+    """Whether the lattice is fitted to the views' pixels (:func:`fitted_field`)."""
+
+
+PRESETS = {
+    "draft": Preset(
+        "draft", FieldSettings(width=32), ReconstructSettings(iterations=600), RecolourSettings(iterations=300)
+    ),
+    "fast": Preset("fast", FieldSettings(), ReconstructSettings(iterations=1800), RecolourSettings(iterations=800)),
+    "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
+    "paper": Preset(
+        "paper",
+        FieldSettings("hash", (16, 4096), features=2, shading=False),
+        ReconstructSettings(iterations=30000, feature_rate=0.01, network_rate=0.01, decay=0.1, alpha_weight=0.0),
+        RecolourSettings(iterations=2500, feature_rate=0.01, network_rate=0.01),
+        fitted=False,
+    ),
+}
+
+
+def preset(name: str) -> Preset:
+    """The preset of that name; raises BadInput for any other."""
+    if name not in PRESETS:
+        raise BadInput(f"There is no preset '{name}'; choose one of {', '.join(PRESETS)}.")
+    return PRESETS[name]
+
+
+PIXELS_A_CELL = 2.5
+"""Pixels that the finest lattice cell covers at least: finer cells are seen by too few rays to learn."""
+
+
+def fitted_field(field: FieldSettings, cameras: Sequence[Camera], box: Box, finest: int = 256) -> tuple[FieldSettings, str]:
+    """The lattice levels that the views can resolve, and the reason in a sentence.
+
+    The finest level has cells of at least :data:`PIXELS_A_CELL` pixels where the box is seen; coarser levels halve
+    down to 16 cells.
+    """
+    centre = box.bounds.mean(axis=0)
+    distance = np.median([np.linalg.norm(c.camera_to_world[:3, 3] - centre) for c in cameras])
+    pixel = float(distance / np.median([c.focal for c in cameras]) / box.size)
+    best = 1.0 / (PIXELS_A_CELL * pixel)
+    levels = [16]
+    while levels[-1] * 2 <= min(best, finest):
+        levels.append(levels[-1] * 2)
+    reason = (
+        f"a pixel covers 1/{1 / pixel:.0f} of the box, so the finest of {len(levels)} levels has {levels[-1]} cells: "
+        f"{levels[-1] * 2} would be under {PIXELS_A_CELL:g} pixels a cell"
+        if levels[-1] < finest
+        else f"the finest of {len(levels)} levels has {finest} cells, the most this preset allows"
+    )
+    return FieldSettings(**{**field.to_json(), "resolutions": tuple(levels)}), reason  # type: ignore[arg-type]

@@ -1,0 +1,63 @@
+"""The loop of every stage: schedule, progress, time limit, and checkpoints."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from svv.errors import Progress
+
+SAVE_EVERY = 30.0
+"""Seconds between two checkpoints."""
+
+
+@dataclass
+class Loop:
+    """Runs a step again and again.
+
+    ``limit`` is the time allowed in seconds (None: as long as it takes); a run that would exceed it is shortened, and
+    the learning rates fall by what is left, so it ends as well as it can.
+    """
+
+    iterations: int
+    limit: float | None
+    progress: Progress
+    label: str
+    save: Callable[[int, float], None] | None = None
+    done: int = 0
+    spent: float = 0.0
+
+    def run(self, step: Callable[[int, float], float]) -> float:
+        """Call ``step(number, fraction)`` until done; it returns the loss, shown beside the label.
+
+        Returns:
+            Seconds spent, those before an interruption included.
+        """
+        begin = saved = told = time.monotonic()
+        before = self.spent
+        mean = 0.0
+        while self.done < self.iterations:
+            fraction = self.done / self.iterations
+            if self.limit is not None:
+                fraction = max(fraction, self.spent / self.limit)
+                if fraction >= 1.0:
+                    break
+            loss = step(self.done, fraction)
+            mean = loss if self.done == 0 else mean + 0.05 * (loss - mean)
+            self.done += 1
+            now = time.monotonic()
+            self.spent = before + now - begin
+            if now - told > 0.2:
+                told = now
+                self.progress(fraction, f"{self.label} (loss {mean:.4f})")
+            if self.save is not None and now - saved > SAVE_EVERY:
+                self.save(self.done, self.spent)
+                saved = time.monotonic()
+        self.progress(1.0, self.label)
+        return self.spent
+
+
+def falling(fraction: float, end: float) -> float:
+    """Factor on a learning rate: from 1 at the start to ``end``, exponentially."""
+    return float(end**fraction)

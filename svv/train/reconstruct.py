@@ -1,0 +1,168 @@
+"""Stage 1: the base radiance field from the views (StyleRF-VolVis, section 3.1)."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.errors import Progress
+from svv.fields.encodings import LatticeAdam, SparseLattice
+from svv.fields.networks import BaseField, FieldSettings, encode_directions
+from svv.fields.occupancy import Occupancy, carve
+from svv.fields.rendering import CEILING, Marching, composite, march
+from svv.io.viewset import ViewSet
+from svv.train.batches import RayPool
+from svv.train.checkpoint import Checkpoint
+from svv.train.config import ReconstructSettings
+from svv.train.loop import Loop, falling
+
+
+class Reconstruction:
+    """Trains a base field; hold it to go on, or take its parts."""
+
+    def __init__(
+        self,
+        views: ViewSet,
+        occupancy: Occupancy,
+        field: FieldSettings,
+        settings: ReconstructSettings,
+        seed: int = 0,
+    ) -> None:
+        torch.manual_seed(seed)
+        self.settings, self.field_settings = settings, field
+        self.laid_out = occupancy
+        self.occupancy = occupancy
+        self.field = BaseField(field, occupancy)
+        self.field.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
+        density = self.field.density
+        if density is not None:
+            with torch.no_grad():
+                density.table[density.rows_of_level(0)] = settings.initial_exponent
+        finest = field.resolutions[-1] if field.encoding == "lattice" else 512
+        self.marching = Marching(1.0 / finest, keep=settings.keep)
+        self.pool = RayPool(views, occupancy.box, seed)
+        networks = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
+        self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
+        self.tables = LatticeAdam(self.field.encodings)
+
+    def step(self, number: int, fraction: float) -> float:
+        """One step of the optimisers; returns the mean squared error of colour."""
+        s = self.settings
+        batch = self.pool.batch(number, s.rays)
+        samples = march(batch.rays, self.occupancy, self.field.density, self.marching, seed=number + 1)
+        sigma, geometry = self.field.geometry(samples)
+        colour = self.field(geometry, encode_directions(torch.from_numpy(batch.rays.directions), samples.ray))
+        out, transmittance, _ = composite(samples, sigma, colour)
+        truth, background = batch.over_random_backgrounds()
+        error = (out + transmittance[:, None] * background - truth).square().mean()
+        loss = error + s.alpha_weight * (1.0 - transmittance - batch.alpha).square().mean()
+        self.networks.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._update(falling(fraction, s.decay))
+        if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
+            self.prune(grow=fraction < 0.25)
+        return float(error.detach())
+
+    def _update(self, rate: float) -> None:
+        s = self.settings
+        for group in self.networks.param_groups:
+            group["lr"] = s.network_rate * rate
+        self.networks.step()
+        rates = [s.feature_rate] if self.field.density is None else [s.density_rate, s.feature_rate]
+        self.tables.step([r * rate for r in rates])
+
+    def prune(self, grow: bool) -> None:
+        """Forget the cells in which nothing is visible any more."""
+        depth = largest_extinction(self.field, self.occupancy) * self.marching.step
+        pruned = self.occupancy.pruned(depth, self.settings.prune_least, grow)
+        if pruned.occupied.any():
+            self.occupancy = pruned
+
+    def finish(self) -> tuple[BaseField, Occupancy]:
+        """The trained field with features only where something is left, frozen."""
+        if self.field.density is not None and isinstance(self.field.encoding, SparseLattice):
+            cells = self.occupancy.cells
+            self.field.density = self.field.density.restricted(self.occupancy.occupied, cells)
+            self.field.encoding = self.field.encoding.restricted(self.occupancy.occupied, cells)
+        self.field.requires_grad_(False)
+        return self.field, self.occupancy
+
+
+@torch.no_grad()
+def largest_extinction(field: BaseField, occupancy: Occupancy) -> NDArray[np.float32]:
+    """Largest extinction found in each occupied cell, at 27 of its points, in ``argwhere`` order."""
+    corner = np.argwhere(occupancy.occupied)
+    largest = torch.full((len(corner),), -torch.inf)
+    for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
+        points = np.minimum((corner + offset) / occupancy.cells, occupancy.extent).astype(np.float32)
+        largest = torch.maximum(largest, _exponent(field, torch.from_numpy(points)))
+    return torch.exp(largest.clamp(max=float(CEILING))).numpy()
+
+
+def _exponent(field: BaseField, points: Tensor) -> Tensor:
+    if field.density is not None:
+        return field.density(points).sum(dim=1)
+    assert field.density_mlp is not None
+    return torch.cat([field.density_mlp(field.encoding(p))[:, 0] for p in points.split(1 << 18)])
+
+
+def reconstruct(
+    views: ViewSet,
+    field: FieldSettings,
+    settings: ReconstructSettings,
+    occupancy: Occupancy,
+    seed: int,
+    limit: float | None,
+    progress: Progress,
+    checkpoint: Checkpoint | None = None,
+) -> tuple[BaseField, Occupancy, Marching, float]:
+    """Train the base field.
+
+    Args:
+        views: Training views.
+        field: Shape of the networks.
+        settings: Of the stage.
+        occupancy: The visual hull (:func:`hull`).
+        seed: Of initial features, batches and jitter.
+        limit: Seconds allowed.
+        progress: Called several times a second; stops the training when it raises.
+        checkpoint: Where to go on from, and to save to.
+
+    Returns:
+        The frozen field, the pruned occupancy, how its rays are sampled, and the seconds spent.
+    """
+    work = Reconstruction(views, occupancy, field, settings, seed)
+    loop = Loop(settings.iterations, limit, progress, "base NeRF")
+    if checkpoint is not None:
+        state = checkpoint.stage("base", work.field, work.networks, work.tables)
+        if state.restored is not None:
+            loop.done, loop.spent = state.restored
+            work.occupancy = Occupancy(occupancy.box, occupancy.cells, state.extra["occupied"])
+
+        def save(done: int, spent: float) -> None:
+            state.save(done, spent, {"occupied": work.occupancy.occupied})
+
+        loop.save = save
+    seconds = loop.run(work.step)
+    if loop.done:
+        work.prune(grow=False)
+    base, pruned = work.finish()
+    return base, pruned, Marching(work.marching.step), seconds
+
+
+def hull(views: ViewSet, cells: int, progress: Progress) -> Occupancy:
+    """Box and visual hull of a view set.
+
+    Raises:
+        BadInput: nothing is visible in all views at once.
+    """
+    progress(0.0, "visual hull")
+    occupancy = carve(views.images[..., 3] > 0, views.cameras, cells)
+    progress(1.0, "visual hull")
+    return occupancy
+
+

@@ -1,0 +1,139 @@
+"""Stage 2: the palette colour network (StyleRF-VolVis, section PCN)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from svv.core.palette import Palette, extract_palette
+from svv.errors import Progress
+from svv.fields.encodings import LatticeAdam
+from svv.fields.networks import BaseField, FieldSettings, PaletteField, encode_directions
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Marching, composite, march
+from svv.io.viewset import ViewSet
+from svv.train.batches import RayPool
+from svv.train.checkpoint import Checkpoint
+from svv.train.config import RecolourSettings
+from svv.train.loop import Loop, falling
+
+PALETTE_PIXELS = 400_000
+"""Visible pixels from which the palette is extracted at most."""
+
+
+@dataclass
+class Recolouring:
+    """Trains a palette colour network on a frozen base field."""
+
+    base: BaseField
+    field: PaletteField
+    occupancy: Occupancy
+    marching: Marching
+    pool: RayPool
+    settings: RecolourSettings
+
+    def __post_init__(self) -> None:
+        s = self.settings
+        networks = [p for n, p in self.field.named_parameters() if not n.endswith(("table", "colours"))]
+        self.start = self.field.colours.detach().clone()
+        self.networks = torch.optim.Adam(
+            [{"params": networks, "full": s.network_rate}, {"params": [self.field.colours], "full": s.palette_rate}],
+            betas=(0.9, 0.99),
+            eps=1e-12,
+        )
+        self.tables = LatticeAdam([self.field.encoding])
+
+    def step(self, number: int, fraction: float) -> float:
+        """One step of the optimisers; returns the mean squared error of colour."""
+        s = self.settings
+        batch = self.pool.batch(number, s.rays)
+        samples = march(batch.rays, self.occupancy, self.base.density, self.marching, seed=number + 1)
+        with torch.no_grad():
+            sigma, geometry = self.base.geometry(samples)
+        parts = self.field(
+            samples.position, geometry, encode_directions(torch.from_numpy(batch.rays.directions), samples.ray)
+        )
+        diffuse = parts.diffuse(self.field.colours + parts.offsets)
+        colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
+        offsets = parts.offsets.square().sum(dim=(1, 2))
+        values = torch.cat([colour, offsets[:, None], (parts.shade - 1.0).square()[:, None]], dim=1)
+        out, transmittance, _ = composite(samples, sigma, values)
+        truth, background = batch.over_random_backgrounds()
+        error = (out[:, :3] + transmittance[:, None] * background - truth).square().mean()
+        drift = (self.field.colours - self.start).square().sum()
+        loss = error + s.offset_weight * out[:, 3].mean() + s.shade_weight * out[:, 4].mean() + s.palette_weight * drift
+        self.networks.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        rate = falling(fraction, s.decay)
+        for group in self.networks.param_groups:
+            group["lr"] = group["full"] * rate
+        self.networks.step()
+        self.tables.step([s.feature_rate * rate])
+        with torch.no_grad():
+            self.field.colours.clamp_(0.0, 1.0)
+        return float(error.detach())
+
+    @torch.no_grad()
+    def shares(self, rays: int = 16384) -> NDArray[np.float64]:
+        """Part of the visible light that is each region's, over random training rays. (P,)"""
+        batch = self.pool.batch(0, rays)
+        samples = march(batch.rays, self.occupancy, self.base.density, self.marching)
+        sigma, _ = self.base.geometry(samples)
+        _, weights, _ = self.field.material(samples.position)
+        _, _, seen = composite(samples, sigma, weights)
+        count = weights.shape[1]
+        share = np.bincount(weights.argmax(1).numpy(), weights=seen.numpy(), minlength=count)
+        return np.asarray(share / max(share.sum(), 1e-9), np.float64)
+
+
+def palette_of(views: ViewSet, occupancy: Occupancy, seed: int) -> Palette:
+    """Palette of the views' visible pixels; raises BadInput if there is none."""
+    return extract_palette(*RayPool(views, occupancy.box, seed).visible_colours(PALETTE_PIXELS), seed=seed)
+
+
+def recolour(
+    views: ViewSet,
+    base: BaseField,
+    occupancy: Occupancy,
+    marching: Marching,
+    palette: NDArray[np.floating],
+    field: FieldSettings,
+    settings: RecolourSettings,
+    seed: int,
+    limit: float | None,
+    progress: Progress,
+    checkpoint: Checkpoint | None = None,
+) -> tuple[PaletteField, NDArray[np.float64], float]:
+    """Train the palette colour network for a palette (P, 3).
+
+    Args:
+        views: Training views.
+        base: Frozen base field, its occupancy and marching beside it.
+        palette: Initial palette colours, RGB in [0, 1]. (P, 3)
+        field: Shape of the networks.
+        settings: Of the stage.
+        seed: Of initial features, batches and jitter.
+        limit: Seconds allowed.
+        progress: Called several times a second; stops the training when it raises.
+        checkpoint: Where to go on from, and to save to.
+
+    Returns:
+        The frozen network, each region's share of the visible light (P,), and the seconds spent.
+    """
+    torch.manual_seed(seed)
+    network = PaletteField(field, occupancy, base.geometry_width, torch.as_tensor(palette, dtype=torch.float32))
+    network.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
+    network.light_like(base)
+    work = Recolouring(base, network, occupancy, marching, RayPool(views, occupancy.box, seed), settings)
+    loop = Loop(settings.iterations, limit, progress, "palette colour network")
+    if checkpoint is not None:
+        state = checkpoint.stage("palette", network, work.networks, work.tables)
+        if state.restored is not None:
+            loop.done, loop.spent = state.restored
+        loop.save = lambda done, spent: state.save(done, spent, {})
+    seconds = loop.run(work.step)
+    network.requires_grad_(False)
+    return network, work.shares(), seconds

@@ -11,7 +11,7 @@ import pytest
 
 from svv.errors import Cancelled, Progress
 from svv.io.output import write_mp4, write_png
-from svv.report.measure import measured
+from svv.measure import measured
 from svv.report.page import Page, Picture, Table, cost_table, write_page
 from svv.report.pictures import error_picture, over_white, sheet, shrunk
 from svv.report.stages import Stages, fingerprint

@@ -17,7 +17,7 @@ from typing import Any
 from svv import __version__
 from svv.errors import Progress, silent
 from svv.io.atomic import make_folder, to_json, write_json
-from svv.report.measure import measured
+from svv.measure import measured
 
 Show = Callable[[str], AbstractContextManager[Progress]]
 """Shows the progress of one stage under its title, like :func:`svv.progress.shown`."""

@@ -27,8 +27,8 @@ _HEX = re.compile(r"#?([0-9a-f]{6})", re.IGNORECASE)
 def rgb_to_hsb(rgb: Tensor) -> Tensor:
     """Hue, saturation and brightness of RGB colours (Smith 1978).
 
-    Negative components are read as 0 and brightness may exceed 1, since offset palette colours leave the gamut.
-    Grey has hue 0, black also saturation 0. Gradients are finite everywhere.
+    Negative components are read as 0 and brightness may exceed 1, since offset palette colours leave the
+    gamut. Grey has hue 0, black also saturation 0. Gradients are finite everywhere.
 
     Args:
         rgb: Colours. (..., 3)
@@ -78,11 +78,12 @@ def hue_distance(a: Hue, b: Hue) -> Hue:
 
 
 def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
-    """Recolour samples by the HSB difference between two palettes (StyleRF-VolVis, Photorealistic Style Editing).
+    """Recolour samples by the HSB difference between two palettes (StyleRF-VolVis, section PSE).
 
-    hsb(target_i) - hsb(palette_i) is added to the HSB of the samples P_i + delta_i; the hue wraps, saturation and
-    brightness are clamped to [0, 1]. Colours of palette entries that were not edited are returned untouched. A
-    grey has no hue: samples of a grey palette colour take the target's hue, and a grey target leaves the hue alone.
+    hsb(target_i) - hsb(palette_i) is added to the HSB of the samples P_i + delta_i; the hue wraps, saturation
+    and brightness are clamped to [0, 1]. Colours of palette entries that were not edited are returned
+    untouched. A grey has no hue: samples of a grey palette colour take the target's hue, and a grey target
+    leaves the hue alone.
 
     Args:
         colours: Offset palette colours P_i + delta_i of samples. (..., P, 3)

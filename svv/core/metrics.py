@@ -25,11 +25,12 @@ def psnr(prediction: Image, truth: Image) -> float:
 def psnr_foreground(prediction: Image, truth: Image, alpha: NDArray[np.floating]) -> float:
     """PSNR in dB over the pixels whose true alpha (h, w) is above 0; nan where none is.
 
-    A white background, which every method reproduces, flatters the PSNR of sparse scenes; here it has no part.
+    A white background, which every method reproduces, flatters the PSNR of sparse scenes; here it has no
+    part.
     """
     prediction, truth = _checked(prediction, truth)
     if alpha.shape != truth.shape[:2]:
-        raise BadInput(f"The alpha is {alpha.shape} but the picture {truth.shape[:2]}; give the truth's own alpha.")
+        raise BadInput(f"The alpha is {alpha.shape}, the picture {truth.shape[:2]}; give the truth's alpha.")
     return _decibels(((prediction - truth) ** 2)[alpha > 0])
 
 
@@ -37,7 +38,7 @@ def ssim(prediction: Image, truth: Image) -> float:
     """Structural similarity (Wang et al. 2004): 11-tap Gaussian window, sigma 1.5; 1 for equal pictures."""
     prediction, truth = _checked(prediction, truth)
     if min(truth.shape[:2]) < SSIM_TAPS:
-        raise BadInput(f"SSIM needs pictures of at least {SSIM_TAPS} x {SSIM_TAPS} pixels; render them larger.")
+        raise BadInput(f"SSIM needs pictures of {SSIM_TAPS} x {SSIM_TAPS} pixels or more; render them larger.")
     value = structural_similarity(
         truth,
         prediction,
@@ -61,7 +62,7 @@ def flip(prediction: Image, truth: Image) -> float:
     try:
         import flip_evaluator
     except ImportError as error:
-        raise BadInput("FLIP needs the package flip-evaluator; install it with 'pip install flip-evaluator'.") from error
+        raise BadInput("FLIP needs a package; install it with 'pip install flip-evaluator'.") from error
     _, mean, _ = flip_evaluator.evaluate(
         np.ascontiguousarray(truth, dtype=np.float32),
         np.ascontiguousarray(prediction, dtype=np.float32),
@@ -81,6 +82,6 @@ def _decibels(squared_error: NDArray[np.floating]) -> float:
 def _checked(prediction: Image, truth: Image) -> tuple[Image, Image]:
     if prediction.shape != truth.shape or truth.ndim != 3 or truth.shape[2] != 3:
         raise BadInput(
-            f"Pictures of {prediction.shape} and {truth.shape} cannot be compared; both must be (height, width, 3)."
+            f"Pictures of {prediction.shape} and {truth.shape} cannot be compared; make both (height, width, 3)."
         )
     return np.clip(prediction.astype(np.float64), 0, 1), truth.astype(np.float64)

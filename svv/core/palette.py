@@ -1,12 +1,12 @@
 """The palette of a scene: one colour for each visible range of its transfer function, read from its views.
 
-A pixel of a direct volume rendering is a mixture of transfer-function colours, darkened by shading and lightened
-by highlights. So all pixels lie in the cone that the palette colours and white span from black (the terms c_s and
-I w_i P_i of StyleRF-VolVis, eq. 2, are its coordinates): a colour on an edge of the cone is a range of its own,
-a colour inside is a mixture, a dark version or a highlight. Candidates for the edges are the corners of the RGB
-convex hull (Tan et al. 2018); the hue rule of the paper then joins what is too similar to tell apart.
+A pixel of a direct volume rendering is a mixture of transfer-function colours, darkened by shading and
+lightened by highlights. So all pixels lie in the cone that the palette colours and white span from black (the
+terms c_s and I w_i P_i of StyleRF-VolVis, eq. 2, are coordinates in it): a colour on an edge of the cone is a
+range of its own, a colour inside is a mixture, a dark version or a highlight. Candidates for the edges are the
+corners of the RGB convex hull (Tan et al. 2018); the hue rule of the paper then joins what is too similar.
 
-Letters: N pixels, B bins of similar pixels, P palette colours.
+Letters: N pixels, B bins of similar pixels, P palette colours, G generators of a cone.
 """
 
 from __future__ import annotations
@@ -23,6 +23,12 @@ from svv.errors import BadInput
 
 Array = NDArray[np.float64]
 WHITE = np.ones((1, 3))
+GRID = 20
+"""Cells of the RGB cube along an edge: a cell is as wide as colours that count as the same."""
+CLIPPED = 0.99
+"""Channel value from which a highlight may have been cut off."""
+DARKEST = 1e-6
+"""Brightness below which a colour is black and has no hue to be scaled up."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,7 @@ class PaletteSettings:
     hue_distance: float = 0.1
     """Colours closer in hue become one (T_h of the paper); 1 is the full circle."""
     grey_saturation: float = 0.2
-    """Colours of less saturation are grey: light, not a range (the paper's test, which there reads brightness)."""
+    """Colours of less saturation are grey: light rather than a range (T_b of the paper, on brightness there)."""
     grey_share: float = 0.06
     """Share of the image that grey pixels must cover to be a range of their own; highlights cover less."""
     min_share: float = 0.004
@@ -86,7 +92,7 @@ def extract_palette(
     coloured = corners[hsb_array(colours[corners])[:, 1] >= settings.grey_saturation]
     steps.append(f"{len(corners)} corners of their RGB hull, {len(corners) - len(coloured)} of them grey")
     grey = _grey_range(colours, mass, settings)
-    light = WHITE
+    light = WHITE  # (G, 3), what may be mixed in beside the palette
     if len(grey):
         light = np.concatenate((WHITE, grey))
         steps.append("grey pixels are more than highlights explain: a range of its own")
@@ -110,7 +116,7 @@ def extract_palette(
 def _bins(
     pixels: NDArray[np.floating], weights: NDArray[np.floating], settings: PaletteSettings, seed: int
 ) -> tuple[Array, Array]:
-    """Mean colours (B, 3) and weight (B,), summing to 1, of the well-filled cells of a 32^3 grid over RGB."""
+    """Mean colours (B, 3) and weight (B,), summing to 1, of the well-filled cells of a grid over RGB."""
     visible = np.flatnonzero(weights >= settings.min_alpha)
     if not len(visible):  # a scene of nothing but haze: take what there is
         visible = np.flatnonzero(weights > 0)
@@ -120,9 +126,9 @@ def _bins(
         visible = np.random.default_rng(seed).choice(visible, settings.max_pixels, replace=False)
     rgb = np.clip(np.asarray(pixels[visible], dtype=np.float64), 0, 1)
     weight = np.asarray(weights[visible], dtype=np.float64)
-    cell = np.minimum((rgb * 32).astype(np.int64), 31) @ np.array([1024, 32, 1])
-    mass = np.bincount(cell, weight, 32**3)
-    sums = np.stack([np.bincount(cell, weight * rgb[:, channel], 32**3) for channel in range(3)], 1)
+    cell = np.minimum((rgb * GRID).astype(np.int64), GRID - 1) @ np.array([GRID**2, GRID, 1])
+    mass = np.bincount(cell, weight, GRID**3)
+    sums = np.stack([np.bincount(cell, weight * rgb[:, channel], GRID**3) for channel in range(3)], 1)
     # a hull obeys its outliers, so cells with hardly a pixel have no say, unless all are like that
     filled = mass > min(2e-5 * mass.sum(), 0.5 * mass.max())
     return sums[filled] / mass[filled, None], mass[filled] / mass[filled].sum()
@@ -140,11 +146,17 @@ def _hull_corners(colours: Array, mass: Array) -> NDArray[np.int64]:
 def _mix(colours: Array, generators: Array) -> tuple[Array, Array]:
     """Non-negative mixture of the generators closest to each colour: coefficients (B, G) and distance (B,).
 
-    Generators are scaled to a brightness of 1, so coefficients compare as amounts of light.
+    Generators are scaled to a brightness of 1, so coefficients compare as amounts of light. A channel that a
+    highlight has clipped is only a lower bound: a mixture that exceeds it there is no farther away.
     """
-    matrix = (generators / generators.max(1, keepdims=True)).T
-    solved = [nnls(matrix, colour) for colour in colours]
-    return np.array([x for x, _ in solved]).reshape(-1, len(generators)), np.array([r for _, r in solved])
+    matrix = (generators / np.maximum(generators.max(1, keepdims=True), DARKEST)).T
+    clipped = colours >= CLIPPED
+    solved = [
+        nnls(np.concatenate((matrix, -np.eye(3)[:, over]), 1) if over.any() else matrix, colour)
+        for colour, over in zip(colours, clipped)
+    ]
+    coefficients = np.array([x[: len(generators)] for x, _ in solved]).reshape(-1, len(generators))
+    return coefficients, np.array([distance for _, distance in solved])
 
 
 def _grow_cone(
@@ -186,24 +198,21 @@ def _drop_mixtures(
     return edges
 
 
-def _join_hues(
-    colours: Array, mass: Array, edges: NDArray[np.int64], settings: PaletteSettings
-) -> NDArray[np.int64]:
-    """Of edges of nearly the same hue, the one with more pixels behind it (paper: appendix, refinement)."""
+def _join_hues(colours: Array, mass: Array, edges: NDArray[np.int64], settings: PaletteSettings) -> NDArray[np.int64]:
+    """Of edges of nearly the same hue, the one with more pixels behind it (paper: appendix, refinement).
+
+    Behind an edge are the coloured pixels that are closer to it in hue than to any other.
+    """
     if not len(edges):
         return edges
-    hue = hsb_array(colours[edges])[:, 0]
+    hue, saturation, _ = hsb_array(colours).T
+    nearest = hue_distance(hue[:, None], hue[edges]).argmin(1)
+    behind = np.bincount(nearest, mass * (saturation >= settings.grey_saturation), len(edges))
     kept: list[int] = []
-    for i in np.argsort(-_behind(colours, mass, colours[edges]), kind="stable"):
-        if all(hue_distance(hue[i], hue[j]) >= settings.hue_distance for j in kept):
-            kept.append(int(i))
-    return edges[kept]
-
-
-def _behind(colours: Array, mass: Array, palette: Array) -> Array:
-    """Share of the pixels (P,) whose mixture of palette colours holds most of each one."""
-    coefficients, _ = _mix(colours, palette)
-    return np.bincount(coefficients.argmax(1), mass, len(palette))
+    for edge in edges[np.argsort(-behind, kind="stable")]:
+        if all(hue_distance(float(hue[edge]), float(hue[other])) >= settings.hue_distance for other in kept):
+            kept.append(int(edge))
+    return np.array(kept, dtype=np.int64)
 
 
 def _grey_range(colours: Array, mass: Array, settings: PaletteSettings) -> Array:
@@ -215,14 +224,15 @@ def _grey_range(colours: Array, mass: Array, settings: PaletteSettings) -> Array
 
 
 def _measure(colours: Array, mass: Array, palette: Array, highlights: Array) -> tuple[Array, Array]:
-    """Colour (P, 3) and share (P,) of each region: hue and saturation of its purest pixels, brightness when lit.
+    """Colour (P, 3) and share (P,) of each region: hue and saturation of its purest pixels, fully lit.
 
-    The corner of a hull is its most extreme pixel; a range's own colour is what its purest fifth agrees on. These
-    are often dark (no highlight dilutes them), so the brightness is that of the best-lit fiftieth, highlights apart.
+    The corner of a hull is its most extreme pixel; a range's own colour is what its purest fifth agrees on.
+    These are often dark (no highlight dilutes them), so the brightness is that of the best-lit fiftieth,
+    highlights apart.
     """
-    mixed, _ = _mix(colours, np.concatenate((palette, highlights)))
+    mixed, distance = _mix(colours, np.concatenate((palette, highlights)))
     behind = _mix(colours, palette)[0].argmax(1)
-    purity = mixed[:, : len(palette)].max(1) / np.maximum(mixed.sum(1), 1e-9)
+    purity = mixed[:, : len(palette)].max(1) / np.maximum(mixed.sum(1) + distance, DARKEST)
     measured = palette.copy()
     for i in range(len(palette)):
         mine = np.flatnonzero(behind == i)
@@ -230,8 +240,8 @@ def _measure(colours: Array, mass: Array, palette: Array, highlights: Array) -> 
             pure = _heaviest(mine, purity, mass, 0.2)
             tint = mass[pure] @ colours[pure]
             light = mixed[_heaviest(mine, mixed[:, i], mass, 0.02)[-1], i]
-            measured[i] = tint / tint.max() * np.clip(light, 0, 1)
-    return measured, np.bincount(behind, mass, len(palette))
+            measured[i] = tint / max(tint.max(), DARKEST) * np.clip(light, 0, 1)
+    return measured, np.asarray(np.bincount(behind, mass, len(palette)), dtype=np.float64)
 
 
 def _heaviest(members: NDArray[np.int64], key: Array, mass: Array, part: float) -> NDArray[np.int64]:

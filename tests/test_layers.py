@@ -1,0 +1,146 @@
+"""Imports point down only: a test that reads every module, lazy and relative imports included."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "svv").rglob("*.py"))
+
+BOTTOM = {"svv", "errors"}
+COLUMN = ["core", "kernels", "fields", "train", "report"]
+BELOW = {layer: BOTTOM | set(COLUMN[:level]) for level, layer in enumerate(COLUMN)}
+BELOW["svv"] = set()
+BELOW["errors"] = set()
+BELOW["io"] = BOTTOM | {"core"}
+BELOW["dvr"] = BOTTOM | {"core", "io"}
+BELOW["progress"] = BOTTOM
+BELOW["fields"] |= {"io"}
+BELOW["train"] |= {"io"}
+BELOW["report"] |= {"io", "dvr", "progress"}
+BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr"}
+BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "pv"}
+FACES = {"cli", "cli_job", "options", "__main__"}
+"""Modules of the command line, one layer."""
+
+ALLOWED = {
+    "paraview": {"pv"},
+    "vtk": set(),  # loads all of VTK, and is not ParaView's
+    "vtkmodules": {"dvr", "report", "pv", "face"},
+    "pyvista": {"report", "face"},
+    "torch": {"core", "kernels", "fields", "train", "report"},
+    **dict.fromkeys(("os", "pathlib", "io", "shutil", "tempfile", "PIL"), set(BELOW) - {"core"}),
+}
+"""Packages that only some layers may import: core touches no file, torch never meets VTK."""
+
+
+def layer_of(module: str) -> str:
+    """The layer of a dotted module name: 'svv.core.colour' is in 'core'."""
+    if module == "svv":
+        return "svv"
+    name = module.split(".")[1]
+    return "face" if name in FACES else name
+
+
+def imported(path: Path, source: str) -> set[str]:
+    """Dotted names that a module imports, relative ones made absolute, lazy ones included."""
+    package = [*path.with_suffix("").parts[:-1]]
+    names = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            # 'from svv import core' imports a layer, 'from svv import __version__' does not
+            names |= {f"svv.{alias.name}" for alias in node.names} if module == "svv" else {module}
+    return {"svv" if name == "svv.__version__" else name for name in names}
+
+
+def violations(path: Path, source: str) -> list[str]:
+    """What a module imports against the layers."""
+    own = layer_of(".".join(path.with_suffix("").parts).removesuffix(".__init__"))
+    if own not in BELOW:
+        return [f"{path}: '{own}' is no layer; name it in {Path(__file__).name}"]
+    found = []
+    for name in sorted(imported(path, source)):
+        top = name.split(".")[0]
+        if top == "svv" and layer_of(name) not in BELOW[own] | {own}:
+            found.append(f"{path} ({own}) imports {name}")
+        elif top in ALLOWED and own not in ALLOWED[top]:
+            found.append(f"{path} ({own}) imports {name}")
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_imports_point_down(path: Path) -> None:
+    assert violations(path, (ROOT / path).read_text()) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("svv/core/x.py", "from svv.io.atomic import atomic_path"),
+        ("svv/core/x.py", "from ..fields import scene"),
+        ("svv/core/x.py", "def f():\n    import svv.train.pipeline"),
+        ("svv/core/x.py", "from svv import dvr"),
+        ("svv/core/x.py", "from .. import dvr"),
+        ("svv/core/x.py", "from pathlib import Path"),
+        ("svv/io/x.py", "import torch.nn as nn"),
+        ("svv/dvr/x.py", "from torch import nn"),
+        ("svv/dvr/x.py", "import vtk"),
+        ("svv/dvr/x.py", "import pyvista"),
+        ("svv/train/x.py", "import pyvista"),
+        ("svv/train/x.py", "from svv.dvr.views import draw"),
+        ("svv/train/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
+        ("svv/report/x.py", "from paraview import simple"),
+        ("svv/report/x.py", "from svv.cli import main"),
+        ("svv/errors.py", "from svv.core import colour"),
+        ("svv/elsewhere.py", ""),
+    ],
+)
+def test_an_upward_import_is_found(path: str, source: str) -> None:
+    assert len(violations(Path(path), source)) == 1
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("svv/core/x.py", "from .colour import parse_hex\nfrom svv import __version__\nimport numpy, torch"),
+        ("svv/dvr/__init__.py", "from .views import draw\nfrom ..core import cameras"),
+        ("svv/dvr/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
+        ("svv/pv/x.py", "from paraview import simple"),
+    ],
+)
+def test_a_downward_import_is_not(path: str, source: str) -> None:
+    assert violations(Path(path), source) == []
+
+
+@pytest.mark.parametrize(
+    ("modules", "heavy"),
+    [
+        (["svv"], {"torch", "vtk", "vtkmodules", "numpy"}),
+        (["svv.cli"], {"torch", "vtk", "vtkmodules"}),
+        # inside ParaView there may be no torch, and there must be no second VTK
+        (
+            [
+                ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+                for path in MODULES
+                if path.parts[1] in ("io", "dvr")
+            ],
+            {"torch", "vtk", "pyvista", "paraview"},
+        ),
+    ],
+    ids=["svv", "command line", "io and dvr"],
+)
+def test_importing_loads_nothing_heavy(modules: list[str], heavy: set[str]) -> None:
+    script = f"import sys, importlib\nfor name in {modules}: importlib.import_module(name)\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in done.stdout.split()}
+    assert "svv" in loaded
+    assert loaded.isdisjoint(heavy)

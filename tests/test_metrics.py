@@ -72,7 +72,7 @@ def test_flip_grows_with_the_error_and_stays_below_one() -> None:
     small, large = flip(np.clip(truth + 0.03, 0, 1), truth), flip(np.clip(truth + 0.3, 0, 1), truth)
     assert 0 < small < large < 1
     assert flip(truth, truth + 0.03) == pytest.approx(small, rel=1e-3)  # the pixel error is symmetric
-    assert flip(np.ones((40, 40, 3)), np.zeros((40, 40, 3))) == pytest.approx(0.9723, abs=2e-3)
+    assert 0.95 < flip(np.ones((40, 40, 3)), np.zeros((40, 40, 3))) < 1  # black for white is nearly the worst
 
 
 def test_flip_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,7 +102,7 @@ def network() -> Lpips:
 def test_lpips_is_a_distance_whatever_its_weights(network: Lpips) -> None:
     a, b = picture(0, 64).astype(np.float32), picture(1, 64).astype(np.float32)
     assert lpips(network, a, a) == 0
-    assert lpips(network, a, b) == pytest.approx(lpips(network, b, a)) > 0
+    assert lpips(network, a, b) == pytest.approx(lpips(network, b, a))
     near = lpips(network, a, np.clip(a + 0.02, 0, 1))
     assert 0 < near < lpips(network, a, b)
 

@@ -19,12 +19,12 @@ BELOW["svv"] = set()
 BELOW["errors"] = set()
 BELOW["io"] = BOTTOM | {"core"}
 BELOW["dvr"] = BOTTOM | {"core", "io"}
-BELOW["progress"] = BOTTOM
+BELOW["progress"] = BELOW["measure"] = BOTTOM
 BELOW["fields"] |= {"io"}
-BELOW["train"] |= {"io"}
-BELOW["report"] |= {"io", "dvr", "progress"}
+BELOW["train"] |= {"io", "measure"}
+BELOW["report"] |= {"io", "dvr", "progress", "measure"}
 BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr"}
-BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "pv"}
+BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "pv"}
 FACES = {"cli", "cli_job", "options", "__main__"}
 """Modules of the command line, one layer."""
 

@@ -16,11 +16,18 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.core.colour import shift_colours
 from svv.errors import BadInput, Progress, silent
-from svv.fields.networks import BaseField, FieldSettings, PaletteColours, PaletteField, UnrestrictedField, encode_directions
+from svv.fields.networks import (
+    BaseField,
+    FieldSettings,
+    PaletteColours,
+    PaletteField,
+    UnrestrictedField,
+    encode_directions,
+)
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
-from svv.kernels.marching import NO_STOP
 from svv.io.scene_file import read_scene_file, write_scene_file
+from svv.kernels.marching import NO_STOP
 
 NETWORKS = ("base", "pcn", "styled")
 

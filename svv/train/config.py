@@ -68,6 +68,32 @@ class RecolourSettings:
 
 
 @dataclass(frozen=True)
+class StylizeSettings:
+    """Stage 3, distillation and stylization."""
+
+    distil_iterations: int = 474
+    """Steps of the distillation: the paper's 624 less the 150 that a copy of the table replaces."""
+    distil_views: int = 312
+    """Views whose rays the distillation draws."""
+    distil_rays: int = 2048
+    """Rays a step of the distillation."""
+    feature_rate: float = 0.01
+    """Learning rate of the features in the distillation."""
+    network_rate: float = 0.005
+    """Learning rate of the network in the distillation."""
+    style_iterations: int = 210
+    """Views that the stylization sees: 42, five times."""
+    style_views: int = 42
+    """Views around the scene."""
+    style_size: int = 400
+    """Side of their images in pixels."""
+    style_feature_rate: float = 0.02
+    """Learning rate of the features in the stylization."""
+    style_network_rate: float = 0.002
+    """Learning rate of the network in the stylization."""
+
+
+@dataclass(frozen=True)
 class Preset:
     """Settings of all stages under one name."""
 
@@ -75,15 +101,26 @@ class Preset:
     field: FieldSettings
     reconstruct: ReconstructSettings
     recolour: RecolourSettings
+    stylize: StylizeSettings = StylizeSettings()
     fitted: bool = True
     """Whether the lattice is fitted to the views' pixels (:func:`fitted_field`)."""
 
 
 PRESETS = {
     "draft": Preset(
-        "draft", FieldSettings(width=32), ReconstructSettings(iterations=600), RecolourSettings(iterations=300)
+        "draft",
+        FieldSettings(width=32),
+        ReconstructSettings(iterations=600),
+        RecolourSettings(iterations=300),
+        StylizeSettings(distil_iterations=150, style_iterations=42),
     ),
-    "fast": Preset("fast", FieldSettings(), ReconstructSettings(iterations=1800), RecolourSettings(iterations=800)),
+    "fast": Preset(
+        "fast",
+        FieldSettings(),
+        ReconstructSettings(iterations=1800),
+        RecolourSettings(iterations=800),
+        StylizeSettings(distil_iterations=300, style_iterations=105),
+    ),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
     "paper": Preset(
         "paper",

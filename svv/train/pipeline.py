@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from svv import __version__
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.rendering import Marching
 from svv.fields.scene import Region, Scene
 from svv.io.viewset import ViewSet
 from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field, preset
+from svv.train.distil import Distillation
 from svv.train.evaluate import evaluate_scene as evaluate_scene
+from svv.train.features import load_features
+from svv.train.loop import Loop
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import hull, reconstruct
+from svv.train.style_loss import StyleLossSettings, StyleTarget
+from svv.train.stylize import Stylization
 
 LEAST_VIEWS = 3
 BASE_PART = 0.68
@@ -84,7 +89,7 @@ def train_scene(
         "views": len(views.cameras),
         "source": views.meta,
     }
-    return Scene(**{**vars(scene), "made": made}), report
+    return replace(scene, made=made), report
 
 
 def _train(
@@ -137,7 +142,133 @@ def _train(
         Region(tuple(colour), float(share))
         for colour, share in zip(network.colours.tolist(), shares, strict=True)
     )
-    return Scene(**{**vars(scene), "palette": network, "regions": regions}), seconds, notes
+    return replace(scene, palette=network, regions=regions), seconds, notes
+
+
+def stylize_scene(
+    scene: Scene,
+    styles: Sequence[NDArray[np.floating]],
+    mapping: dict[int, int] | None = None,
+    keep: Collection[int] = (),
+    preset_name: str = "balanced",
+    seed: int = 0,
+    progress: Progress = silent,
+    checkpoint: Path | None = None,
+    names: Sequence[str] | None = None,
+    features: str = "auto",
+    loss: StyleLossSettings | None = None,
+) -> tuple[Scene, dict[str, Any]]:
+    """Stage 3: colour transfer, distillation and stylization.
+
+    Args:
+        scene: With a palette colour network.
+        styles: Pictures (H, W, 3), sRGB in [0, 1].
+        mapping: Style of each region to be styled; other regions stay as they are. None gives every region that is
+            not kept a style, in turn.
+        keep: Regions that stay as they are.
+        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``.
+        seed: The same input gives the same scene.
+        progress: Called several times a second; stops the work when it raises.
+        checkpoint: File to save to now and then, and to go on from if it is there.
+        names: What to call the styles.
+        features: Feature network: ``auto``, ``embedded``, ``vgg16`` or a file.
+        loss: What pulls the images towards the styles.
+
+    Returns:
+        The scene with the network ``styled``, and a report as of :func:`train_scene`.
+
+    Raises:
+        BadInput: no palette network, no styles, a region or style that does not exist, or nothing left to style.
+    """
+    chosen = preset(preset_name)
+    pairs = style_pairs(len(scene.regions), len(styles), mapping, keep)
+    labels = names or [f"style {k}" for k in range(len(styles))]
+    settings, saved = chosen.stylize, None
+    if checkpoint is not None:
+        content = [float(np.asarray(s, np.float64).sum()) for s in styles]
+        key = {"scene": scene.made, "styles": content, "pairs": sorted(pairs.items()), "settings": asdict(settings),
+               "seed": seed, "features": features, "version": __version__}  # fmt: skip
+        saved = Checkpoint(checkpoint, key)
+    seconds: dict[str, float] = {}
+    with measured() as cost:
+        network = load_features(features)
+        targets = {
+            region: StyleTarget(
+                network, torch.as_tensor(styles[style], dtype=torch.float32).permute(2, 0, 1),
+                loss or StyleLossSettings(), seed,
+            )
+            for region, style in pairs.items()
+        }  # fmt: skip
+        assert scene.palette is not None
+        transferred = scene.palette.colours.detach().clone()
+        for region, target in targets.items():
+            transferred[region] = target.statistics[0]
+        distillation = Distillation(scene, transferred, settings, seed)
+        seconds["distil"] = _run_stage(
+            Loop(settings.distil_iterations, None, part(progress, 0.0, 0.15), "distillation"), distillation, saved, "distil"
+        )
+        stylization = Stylization(scene, distillation.field, targets, settings, part(progress, 0.15, 0.2))
+        seconds["stylize"] = _run_stage(
+            Loop(settings.style_iterations, None, part(progress, 0.2, 1.0), "stylization"), stylization, saved, "stylize"
+        )
+    seconds["total"] = cost.seconds
+    distillation.field.requires_grad_(False)
+    regions = tuple(
+        replace(r, style=labels[pairs[k]], edited_colour=None) if k in pairs else r for k, r in enumerate(scene.regions)
+    )
+    styled = replace(scene, styled=distillation.field, regions=regions)
+    report = {
+        "seconds": seconds,
+        "peak_rss_bytes": cost.peak_rss_bytes,
+        "parameters": styled.info()["parameters"]["total"],
+        "device": "cpu",
+        "threads": torch.get_num_threads(),
+        "seed": seed,
+        "preset": chosen.name,
+        "features": f"{features}, {network.channels} channels",
+        "styles": {str(k): labels[v] for k, v in pairs.items()},
+    }
+    return replace(styled, made={**scene.made, "stylized": report}), report
+
+
+def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep: Collection[int]) -> dict[int, int]:
+    """Style of each region that gets one; raises BadInput for pairs that cannot be."""
+    if regions == 0:
+        raise BadInput("The scene holds no palette network, so it has no regions to style; train it again.")
+    if styles == 0:
+        raise BadInput("Give at least one style picture.")
+    for region in [*keep, *(mapping or {})]:
+        if not 0 <= region < regions:
+            raise BadInput(f"There is no region {region}: the scene has the regions 0 to {regions - 1}.")
+    for style in (mapping or {}).values():
+        if not 0 <= style < styles:
+            raise BadInput(f"There is no style {style}: the styles given are 0 to {styles - 1}.")
+    both = sorted(set(keep) & set(mapping or {}))
+    if both:
+        raise BadInput(f"Region {both[0]} is to be kept and styled at once; leave it out of --keep or of --map.")
+    free = [k for k in range(regions) if k not in set(keep)]
+    pairs = dict(mapping) if mapping is not None else {region: k % styles for k, region in enumerate(free)}
+    if not pairs:
+        raise BadInput("No region is left to style: every one is kept.")
+    return pairs
+
+
+def _run_stage(loop: Loop, work: Distillation | Stylization, saved: Checkpoint | None, name: str) -> float:
+    """Run a stage of the stylization, or take its result from the checkpoint."""
+    if saved is None:
+        return loop.run(work.step)
+    prefix = "table_and_network."
+    if name in saved.finished:
+        done = {k[len(prefix) :]: torch.from_numpy(v.copy()) for k, v in saved.arrays.items()}
+        work.field.load_state_dict(done)
+        return float(saved.finished[name]["seconds"])
+    state = saved.stage(name, work.field, work.networks, work.tables)
+    if state.restored is not None:
+        loop.done, loop.spent = state.restored
+    loop.save = lambda done, spent: state.save(done, spent, {})
+    seconds = loop.run(work.step)
+    saved.finish(name, {"seconds": seconds}, {prefix + k: v.numpy().copy() for k, v in work.field.state_dict().items()})
+    return seconds
 
 
 def camera_rig(views: ViewSet) -> dict[str, Any]:

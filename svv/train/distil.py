@@ -1,0 +1,70 @@
+"""Stage 3, first half: the unrestricted colour network learns the diffuse colours of the palette colour network.
+
+(StyleRF-VolVis, section UCN.) The teacher's palette holds each style's mean colour instead of its region's own (the
+colour transfer), so that stylization starts near its goal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from svv.core.cameras import sphere_cameras
+from svv.fields.encodings import LatticeAdam
+from svv.fields.networks import UnrestrictedField
+from svv.fields.rendering import RayCaster, march
+from svv.fields.scene import Scene
+from svv.train.config import StylizeSettings
+from svv.train.loop import falling
+
+DISTILLATION_SIZE = 256
+"""Side in pixels of the views whose rays are drawn: they only choose where samples fall."""
+
+
+class Distillation:
+    """Trains a UCN on the diffuse colours of a scene's PCN, along rays from all around."""
+
+    def __init__(self, scene: Scene, transferred: Tensor, settings: StylizeSettings, seed: int) -> None:
+        """Prepare it.
+
+        Args:
+            scene: With a palette colour network.
+            transferred: The palette after colour transfer, RGB. (P, 3)
+            settings: Of stage 3.
+            seed: Of networks and rays.
+        """
+        assert scene.palette is not None
+        torch.manual_seed(seed)
+        self.scene, self.teacher, self.palette, self.settings, self.seed = scene, scene.palette, transferred, settings, seed
+        self.field = UnrestrictedField(scene.settings, scene.occupancy)
+        # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it.
+        with torch.no_grad():
+            self.field.encoding.table.copy_(self.teacher.encoding.table)
+        rig = scene.camera_rig
+        cameras = sphere_cameras(settings.distil_views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)
+        self.caster = RayCaster(cameras, scene.occupancy.box)
+        networks = list(self.field.colour_mlp.parameters())
+        self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
+        self.tables = LatticeAdam([self.field.encoding])
+
+    def step(self, number: int, fraction: float) -> float:
+        """One step on ||c_d - c_u||^2 (StyleRF-VolVis, eq. 7); returns the loss. The rate only ever falls."""
+        generator = np.random.default_rng((self.seed, number))
+        views, pixels = self.settings.distil_views, DISTILLATION_SIZE**2
+        rays = self.caster.rays(generator.integers(0, views * pixels, self.settings.distil_rays))
+        samples = march(rays, self.scene.occupancy, self.scene.base.density, self.scene.marching, seed=number + 1)
+        if not len(samples):
+            return 0.0
+        with torch.no_grad():
+            intensity, weights, offsets = self.teacher.material(samples.position)
+            truth = intensity[:, None] * (weights[:, :, None] * (self.palette + offsets)).sum(dim=1)
+        loss = (self.field(samples.position) - truth.clamp(0.0, 1.0)).square().mean()
+        self.networks.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        rate = falling(fraction, 0.1)
+        for group in self.networks.param_groups:
+            group["lr"] = self.settings.network_rate * rate
+        self.networks.step()
+        self.tables.step([self.settings.feature_rate * rate])
+        return float(loss.detach())

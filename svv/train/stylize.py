@@ -1,0 +1,169 @@
+"""Stage 3, second half: every region takes on the manner of its style picture (StyleRF-VolVis, section NPSE).
+
+From each of 42 views around the scene one image a region is rendered from the UCN's diffuse colours and drawn towards
+its style by nearest-neighbour feature matching. The images are cropped to what is visible. Back-propagation is
+deferred (Zhang et al. 2022, ARF): the image is rendered without a graph, the loss gives a gradient a pixel, and only
+then are the samples evaluated again, piece by piece, with a graph.
+
+Density and regions do not change here, so the samples of the views, their weights in the pixels and their regions are
+computed once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from svv.core.cameras import Camera, sphere_cameras
+from svv.errors import BadInput, Progress
+from svv.fields.encodings import LatticeAdam
+from svv.fields.networks import UnrestrictedField
+from svv.fields.rendering import RayCaster, composite, march
+from svv.fields.scene import Scene
+from svv.train.config import StylizeSettings
+from svv.train.style_loss import StyleTarget
+
+PIECE = 1 << 16
+"""Samples evaluated with a graph at a time."""
+
+LEAST_WEIGHT = 4e-3
+"""Samples that weigh less are left out of the images: about one step of 8 bits."""
+
+RIM = 16
+"""Pixels around what is visible that belong to the crop: what the features see beyond the outline."""
+
+LEAST_PIXELS = 64
+"""A region that covers fewer pixels of a view has no place for a stroke in it and is passed over there."""
+
+
+@dataclass(frozen=True)
+class StyledView:
+    """What is seen from one stylization view, cropped to ``height`` x ``width`` pixels.
+
+    ``position`` (S, 3), ``weight`` (S,) in the pixel, ``pixel`` (S,) flat index in the crop, ``region`` (S,).
+    """
+
+    position: Tensor
+    weight: Tensor
+    pixel: Tensor
+    region: Tensor
+    height: int
+    width: int
+
+    def image(self, colours: Tensor, region: int, background: float) -> tuple[Tensor, Tensor]:
+        """Render of one region, behind what hides it: (3, H, W), and its opacity (H, W).
+
+        Samples of other regions keep their extinction, so they hide what lies behind them; where they are seen, the
+        background is.
+        """
+        own = self.region == region
+        weight, pixel = self.weight[own], self.pixel[own]
+        out = torch.zeros(self.height * self.width, 4)
+        out.index_add_(0, pixel, torch.cat([colours[own] * weight[:, None], weight[:, None]], dim=1))
+        mask = out[:, 3].clamp(max=1.0)
+        image = out[:, :3] + background * (1.0 - mask)[:, None]
+        return image.T.reshape(3, self.height, self.width), mask.reshape(self.height, self.width)
+
+
+class Stylization:
+    """Trains a distilled UCN on style pictures."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        field: UnrestrictedField,
+        targets: dict[int, StyleTarget],
+        settings: StylizeSettings,
+        progress: Progress,
+    ) -> None:
+        """Prepare the views.
+
+        Args:
+            scene: With a palette colour network.
+            field: The UCN after distillation.
+            targets: Style of each region that gets one.
+            settings: Of stage 3.
+            progress: Called after every view.
+
+        Raises:
+            BadInput: the regions to be styled are hardly seen from anywhere.
+        """
+        self.field, self.targets, self.settings = field, targets, settings
+        self.views = visible_from(scene, stylization_cameras(scene, settings), progress)
+        self.views = [v for v in self.views if any(self._covers(v, r) for r in targets)]
+        if not self.views:
+            raise BadInput("None of the regions to be styled is visible; choose other regions with --map.")
+        networks = list(field.colour_mlp.parameters())
+        self.networks = torch.optim.Adam(networks, settings.style_network_rate, betas=(0.9, 0.99), eps=1e-12)
+        self.tables = LatticeAdam([field.encoding])
+
+    def step(self, number: int, fraction: float) -> float:
+        """One view: all its regions; returns the style loss. The rates are fixed, as in the paper."""
+        # A stride that shares no factor with the number of views jumps around the scene, so no side falls behind.
+        view = self.views[number * _coprime(len(self.views)) % len(self.views)]
+        with torch.no_grad():
+            colours = torch.cat([self.field(p) for p in view.position.split(PIECE)])
+        colours.requires_grad_()
+        losses = []
+        for region, target in self.targets.items():
+            if self._covers(view, region):
+                image, mask = view.image(colours, region, target.background)
+                losses.append(target.loss(image, mask))
+        loss = torch.stack(losses).sum()
+        (gradient,) = torch.autograd.grad(loss, colours)
+        self.networks.zero_grad(set_to_none=True)
+        for first in range(0, len(colours), PIECE):
+            piece = slice(first, first + PIECE)
+            self.field(view.position[piece]).backward(gradient[piece])  # type: ignore[no-untyped-call]
+        self.networks.step()
+        self.tables.step([self.settings.style_feature_rate])
+        return float(loss.detach()) / len(losses)
+
+    @staticmethod
+    def _covers(view: StyledView, region: int) -> bool:
+        return float(view.weight[view.region == region].sum()) >= LEAST_PIXELS
+
+
+def stylization_cameras(scene: Scene, settings: StylizeSettings) -> Sequence[Camera]:
+    """The evenly spread views that see the strokes being made."""
+    rig = scene.camera_rig
+    return sphere_cameras(settings.style_views, rig["centre"], rig["radius"], rig["fov_x"], settings.style_size)
+
+
+@torch.no_grad()
+def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress) -> list[StyledView]:
+    """Samples, weights and regions of views; views in which nothing is visible are left out."""
+    assert scene.palette is not None
+    views = []
+    for number, camera in enumerate(cameras):
+        progress(number / len(cameras), "stylization views")
+        rays = RayCaster([camera], scene.occupancy.box).view(0)
+        samples = march(rays, scene.occupancy, scene.base.density, scene.marching)
+        sigma, _ = scene.base.geometry(samples)
+        _, _, weight = composite(samples, sigma, sigma[:, None])
+        seen = weight > LEAST_WEIGHT
+        if not bool(seen.any()):
+            continue
+        position, weight, ray = samples.position[seen], weight[seen], samples.ray[seen].long()
+        region = torch.cat([scene.palette.material(p)[1].argmax(1) for p in position.split(PIECE)])
+        row, column = ray // camera.width, ray % camera.width
+        top, left = max(0, int(row.min()) - RIM), max(0, int(column.min()) - RIM)
+        bottom = min(camera.height, int(row.max()) + RIM + 1)
+        right = min(camera.width, int(column.max()) + RIM + 1)
+        width = right - left
+        pixel = (row - top) * width + column - left
+        views.append(StyledView(position, weight, pixel, region, bottom - top, width))
+    progress(1.0, "stylization views")
+    return views
+
+
+def _coprime(count: int) -> int:
+    """A stride of about the golden section of ``count`` that visits every number before it repeats one."""
+    stride = max(1, round(count * 0.618))
+    while math.gcd(stride, count) != 1:
+        stride += 1
+    return stride

@@ -17,25 +17,41 @@ CHUNK = 2048
 
 
 @torch.no_grad()
-def nearest(features: Tensor, style: Tensor, chunk: int = CHUNK) -> Tensor:
-    """Index of the style vector with the smallest cosine distance to each feature vector.
+def nearest(features: Tensor, style: Tensor, balance: float | None = None, chunk: int = CHUNK) -> Tensor:
+    """Index of the style vector that each feature vector of the render is matched with.
+
+    Without ``balance`` it is the one with the smallest cosine distance d_ij. A smooth render then finds the few smooth
+    places of the style and stays smooth. With it, a style vector that some vector of the render is close to already is
+    less wanted, in proportion: j = argmin_j d_ij / (balance + min_l d_lj) (Granot et al. 2022, GPNN, eq. 2).
 
     Args:
         features: (N, C).
         style: (M, C).
+        balance: > 0; small asks for all of the style, large is as good as none.
         chunk: Rows compared at a time; changes memory, not the result.
 
     Returns:
         Indices into ``style``, (N,) int64.
     """
-    directions = F.normalize(style, dim=1).T  # only the style needs its norm for an argmax over it
-    return torch.cat([(rows @ directions).argmax(1) for rows in features.split(chunk)])
+    directions = F.normalize(style, dim=1).T
+    parts = F.normalize(features, dim=1).split(chunk)
+    if balance is None:
+        return torch.cat([(rows @ directions).argmax(1) for rows in parts])
+    closest = torch.stack([(rows @ directions).amax(0) for rows in parts]).amax(0)  # (M,) cosines
+    wanted = 1 / (balance + 1 - closest)
+    return torch.cat([((1 - rows @ directions) * wanted).argmin(1) for rows in parts])
 
 
-def nnfm_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, chunk: int = CHUNK) -> Tensor:
-    """Mean over the render of the smallest cosine distance to the style (StyleRF-VolVis, eq. 8).
+def nnfm_loss(
+    features: Tensor,
+    style: Tensor,
+    weights: Tensor | None = None,
+    balance: float | None = None,
+    chunk: int = CHUNK,
+) -> Tensor:
+    """Mean over the render of the cosine distance to its nearest of the style (StyleRF-VolVis, eq. 8).
 
-    L = sum_i w_i min_j (1 - f_i . s_j / (|f_i| |s_j|)) / sum_i w_i
+    L = sum_i w_i (1 - f_i . s_j / (|f_i| |s_j|)) / sum_i w_i,  j = nearest(i)
 
     Differentiable in both arguments; the gradient of a minimum is that of the entry which attains it.
 
@@ -43,6 +59,7 @@ def nnfm_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, ch
         features: Vectors of the render, (N, C).
         style: Vectors of the style, (M, C).
         weights: How much each vector counts, >= 0, (N,); equal if not given. All zero gives a loss of 0.
+        balance: Of :func:`nearest`; the paper has none.
         chunk: Rows compared at a time; changes memory, not the result.
 
     Returns:
@@ -50,31 +67,10 @@ def nnfm_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, ch
     """
     if len(features) == 0:
         return features.sum()
-    distance = 1 - F.cosine_similarity(features, style[nearest(features, style, chunk)], dim=1)
+    distance = 1 - F.cosine_similarity(features, style[nearest(features, style, balance, chunk)], dim=1)
     if weights is None:
         return distance.mean()
     return (distance * weights).sum() / weights.sum().clamp_min(torch.finfo(weights.dtype).eps)
-
-
-def covering_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, chunk: int = CHUNK) -> Tensor:
-    """The same distance the other way round: how far each style vector is from the nearest of the render.
-
-    It keeps a render from repeating one corner of the style. The larger of the two losses is the relaxed earth
-    mover's distance (Kolkin et al. 2019, STROTSS, eq. 6). Gradients reach the render.
-
-    Args:
-        features: Vectors of the render, (N, C).
-        style: A sample of the style's vectors, (M, C).
-        weights: Vectors of the render with weight 0 are not there for the style to choose, (N,).
-        chunk: As in :func:`nnfm_loss`.
-
-    Returns:
-        Loss in [0, 2], a scalar.
-    """
-    present = features if weights is None else features[weights > 0]
-    if len(present) == 0:
-        return features.sum() * 0
-    return nnfm_loss(style, present, chunk=chunk)
 
 
 def cell_weights(mask: Tensor, stride: int = 4) -> Tensor:

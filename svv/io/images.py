@@ -38,7 +38,10 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     path = Path(path)
     if not path.is_file():
         raise BadInput(f"There is no style picture at {path}.")
-    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # our own limit, checked below, has a sentence
+    limit, Image.MAX_IMAGE_PIXELS = (
+        Image.MAX_IMAGE_PIXELS,
+        None,
+    )  # our own limit, checked below, has a sentence
     try:
         with Image.open(path) as image:
             _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
@@ -50,7 +53,9 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         if isinstance(error, BadInput):
             raise
-        raise BadInput(f"The style picture {path} is damaged or of an unusual kind ({error}): save it anew.") from error
+        raise BadInput(
+            f"The style picture {path} is damaged or of an unusual kind ({error}): save it anew."
+        ) from error
     finally:
         Image.MAX_IMAGE_PIXELS = limit
 
@@ -61,7 +66,9 @@ def _check_size(path: Path, width: int, height: int, decoder_shrinks: bool) -> N
             f"The style picture {path} has {width} x {height} pixels: at least {SMALLEST} x {SMALLEST} are needed."
         )
     if width * height > MOST_PIXELS and not decoder_shrinks:
-        raise BadInput(f"The style picture {path} has {width} x {height} pixels: shrink it to a few thousand first.")
+        raise BadInput(
+            f"The style picture {path} has {width} x {height} pixels: shrink it to a few thousand first."
+        )
 
 
 def _pixels(image: Image.Image, long_side: int) -> NDArray[np.float32]:
@@ -96,10 +103,15 @@ def _srgb(image: Image.Image) -> Image.Image:
         try:
             source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
             exif = image.getexif()
-            converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
+            converted = ImageCms.profileToProfile(
+                image, source, ImageCms.createProfile("sRGB"), outputMode="RGB"
+            )
             assert converted is not None  # only an in-place conversion returns none
             converted.getexif().update(exif)
             return converted
-        except ImageCms.PyCMSError:  # a damaged profile is no reason to refuse the picture: viewers ignore it too
+        except (
+            ImageCms.PyCMSError,
+            OSError,
+        ):  # a damaged profile is no reason to refuse the picture: viewers ignore it too
             pass
     return image.convert("RGB")

@@ -1,7 +1,9 @@
-"""Feature networks for style matching: VGG-16 up to conv3, or a small one of the same kind that ships with us.
+"""Features for style matching, each a map of a quarter of the picture's resolution.
 
-Both are stacks of 3x3 convolutions with ReLU in three blocks, halved between the blocks, and give the concatenated
-activations of their third block: a map of a quarter of the picture's resolution.
+Three kinds: patches in a cosine basis, weighed by frequency, which need no weights; a small network trained on
+generated textures, whose weights ship with us; and VGG-16 up to conv3 where the user has its weights. The networks
+are stacks of 3x3 convolutions with ReLU in three blocks, halved between them, and give the concatenated
+activations of the third.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import torch
+import torch.nn.functional as F
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file
 from torch import Tensor, nn
@@ -24,9 +27,40 @@ VGG16_URL = "https://download.pytorch.org/models/vgg16-397923af.pth"
 VGG16_SHA256_PREFIX = "397923af"
 """Torch names its weight files after the first digits of their SHA-256."""
 VGG16_WIDTHS = ((64, 64), (128, 128), (256, 256, 256))
-EMBEDDED = "style_features.safetensors"
+NETWORK_FILE = "style_features.safetensors"
 STRIDE = 4
 """Pixels of the picture to a cell of the feature map."""
+
+
+class PatchFeatures(nn.Module):
+    """Patches of the picture in a cosine basis: features that need no training.
+
+    Natural pictures and paintings have amplitudes that fall about as one over the frequency, so in the cosine distance
+    of raw patches the flat part is all that counts. Here each coefficient is multiplied by its frequency, and strokes
+    and dots weigh as much as the colour they are painted in; all three channels alike, or faint hues would turn
+    gaudy.
+
+    Args:
+        side: Pixels of a patch's side, even and at least 4.
+    """
+
+    kernels: Tensor
+
+    def __init__(self, side: int = 8) -> None:
+        super().__init__()
+        at = torch.arange(side)
+        basis = torch.cos(torch.pi / side * (at[None] + 0.5) * at[:, None]) * (2 / side) ** 0.5
+        basis[0] *= 0.5**0.5  # DCT-II, orthonormal
+        gain = torch.hypot(at[:, None].float(), at[None].float())
+        gain[0, 0] = 1
+        kernels = torch.einsum("uy,vx,uv->uvyx", basis, basis, gain).reshape(-1, 1, side, side)
+        self.register_buffer("kernels", kernels.repeat(3, 1, 1, 1), persistent=False)
+        self.margin, self.channels = (side - STRIDE) // 2, 3 * side * side
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Features of pictures: (n, 3, h, w) in [0, 1] -> (n, 3 side^2, h // 4, w // 4)."""
+        padded = F.pad(image, (self.margin,) * 4, mode="reflect")
+        return F.conv2d(padded, self.kernels, stride=STRIDE, groups=3)
 
 
 class StyleFeatures(nn.Module):
@@ -83,17 +117,19 @@ class StyleFeatures(nn.Module):
         return torch.cat([third[tap] for tap in self.taps], 1)
 
 
-def load_features(name: str = "auto", progress: Progress = silent) -> StyleFeatures:
+def load_features(name: str = "auto", progress: Progress = silent) -> nn.Module:
     """A frozen feature network.
 
     Args:
-        name: ``"embedded"``: the one in this package. ``"vgg16"``: VGG-16 with ImageNet weights from torch's hub cache,
-            downloaded into it if it is not there. ``"auto"``: VGG-16 if it is in that cache, else the embedded one; never
-            a download. Else the path of a file of VGG-16 weights (.pth or .safetensors) or of ours (.safetensors).
+        name: ``"embedded"``: what was judged best of what ships in this package (:class:`PatchFeatures`).
+            ``"network"``: the small network trained on generated textures that ships, too.
+            ``"vgg16"``: VGG-16 with ImageNet weights from torch's hub cache, downloaded into it if it is not there.
+            ``"auto"``: VGG-16 if it is in that cache, else the embedded features; never a download.
+            Else the path of a file of VGG-16 weights (.pth or .safetensors) or of ours (.safetensors).
         progress: Told about a download.
 
     Returns:
-        The network, without gradients for its weights.
+        The network, without gradients for its weights: (n, 3, h, w) in [0, 1] -> (n, channels, h // 4, w // 4).
 
     Raises:
         BadInput: The weights cannot be had, or the file does not hold them.
@@ -102,14 +138,14 @@ def load_features(name: str = "auto", progress: Progress = silent) -> StyleFeatu
     if name == "auto":
         name = "vgg16" if _is_vgg16(cached) else "embedded"
     if name == "embedded":
-        with as_file(files("svv.train") / "data" / EMBEDDED) as path:
+        return PatchFeatures()
+    if name == "vgg16" and not _is_vgg16(cached):
+        _download(VGG16_URL, cached, progress)
+    if name == "network":
+        with as_file(files("svv.train") / "data" / NETWORK_FILE) as path:
             network = read_features(path)
-    elif name == "vgg16":
-        if not _is_vgg16(cached):
-            _download(VGG16_URL, cached, progress)
-        network = read_features(cached)
     else:
-        network = read_features(Path(name))
+        network = read_features(cached if name == "vgg16" else Path(name))
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
 
 
@@ -120,7 +156,7 @@ def read_features(path: Path) -> StyleFeatures:
         BadInput: The file is missing, unreadable or holds something else.
     """
     if not path.is_file():
-        raise BadInput(f"There is no file of feature weights at {path}: give a path, or 'embedded' or 'vgg16'.")
+        raise BadInput(f"There is no file of feature weights at {path}: give a path, 'embedded', 'network' or 'vgg16'.")
     try:
         if path.suffix == ".safetensors":
             state = load_file(path)
@@ -143,7 +179,11 @@ def _network(state: dict[str, Tensor], metadata: dict[str, str], path: Path) -> 
         # Of torchvision's layers 0..30, the convolutions up to conv3_3 are these.
         rows = [(b, i) for b, block in enumerate(VGG16_WIDTHS) for i in range(len(block))]
         names = dict(zip((0, 2, 5, 7, 10, 12, 14), rows, strict=True))
-        wanted = {(f"features.{n}.{kind}", f"blocks.{b}.{i}.{kind}") for n, (b, i) in names.items() for kind in ("weight", "bias")}
+        wanted = {
+            (f"features.{n}.{kind}", f"blocks.{b}.{i}.{kind}")
+            for n, (b, i) in names.items()
+            for kind in ("weight", "bias")
+        }
         if any(there not in state for there, _ in wanted):
             raise BadInput(f"{path} holds neither VGG-16 weights (features.0.weight ...) nor style features of ours.")
         network, state = StyleFeatures(), {here: state[there] for there, here in wanted}
@@ -158,7 +198,10 @@ def _is_vgg16(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest().startswith(VGG16_SHA256_PREFIX)
+        digest = hashlib.sha256()
+        while block := file.read(1 << 20):
+            digest.update(block)
+        return digest.hexdigest().startswith(VGG16_SHA256_PREFIX)
 
 
 def _download(url: str, path: Path, progress: Progress) -> None:
@@ -176,6 +219,8 @@ def _download(url: str, path: Path, progress: Progress) -> None:
             raise BadInput(f"What {url} sent is not the file expected (wrong SHA-256): try again or give a path.")
         os.replace(part, path)
     except OSError as error:
-        raise BadInput(f"VGG-16 could not be downloaded from {url} ({error}): give the path of the file, or use 'embedded'.") from error
+        raise BadInput(
+            f"VGG-16 could not be downloaded from {url} ({error}): give the path of the file, or use 'embedded'."
+        ) from error
     finally:
         part.unlink(missing_ok=True)

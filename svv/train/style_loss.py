@@ -1,8 +1,8 @@
 """What a region's render is drawn towards: one style picture, its features and colours, and the loss against them.
 
-The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.train.features`. Around it stand terms that the paper
-does not have, small, and off where their weight is 0: the way back from style to render (against repeating one
-corner of the style), colour statistics (against drift) and total variation (against noise).
+The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.train.features`. Two things are added, and
+both can be turned off: the matching is balanced, so that a smooth render does not stay with the few smooth places of
+the style, and the region's colours keep to the style's mean and covariance, which a cosine cannot see.
 """
 
 from __future__ import annotations
@@ -11,18 +11,20 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
 from svv.core.nnfm import (
     cell_weights,
     colour_statistics,
-    covering_loss,
     luminance,
     nnfm_loss,
     statistics_loss,
     total_variation,
 )
-from svv.train.features import STRIDE, StyleFeatures
+from svv.train.features import STRIDE
+
+LEAST_SHARE = 0.3
+"""Share of foreground from which on a cell of the feature map is matched."""
 
 
 @dataclass(frozen=True)
@@ -31,17 +33,15 @@ class StyleLossSettings:
 
     style_size: int = 400
     """Long side in pixels that the style picture is brought to: strokes scale with it."""
+    balance: float | None = 0.05
+    """How strictly all of the style is used (:func:`svv.core.nnfm.nearest`); None is the paper's plain matching."""
     octaves: int = 1
-    """Scales of the style that are offered to the matching: 1, or also a half (2)."""
-    centred: bool = True
-    """Subtract the style's mean feature before directions are compared."""
-    covering: float = 0.0
-    """Weight of the way back: style vectors look for their nearest in the render."""
-    colours: float = 0.0
+    """Scales of render and style that are matched: 1, or also halves of both (2), and so on."""
+    colours: float = 3.0
     """Weight of mean and covariance of the region's colours against the style's."""
     variation: float = 0.0
     """Weight of total variation within the region."""
-    most_vectors: int = 6000
+    most_vectors: int = 3000
     """Style vectors kept for matching, drawn at random beyond that."""
 
 
@@ -49,27 +49,29 @@ class StyleTarget:
     """A style picture made ready to be matched.
 
     Args:
-        network: Frozen feature network.
+        network: Frozen feature network: (n, 3, h, w) -> (n, c, h // 4, w // 4).
         style: (3, h, w) sRGB in [0, 1].
         settings: Weights and sizes.
-        seed: Of the draw of style vectors.
+        seed: Of the draw of style vectors and of the shifts of renders.
     """
 
-    def __init__(self, network: StyleFeatures, style: Tensor, settings: StyleLossSettings, seed: int = 0) -> None:
+    def __init__(self, network: nn.Module, style: Tensor, settings: StyleLossSettings, seed: int = 0) -> None:
         self.network, self.settings = network, settings
         style = resized(style, settings.style_size)
-        pixels = style.flatten(1).T
-        self.statistics = colour_statistics(pixels)
+        self.statistics = colour_statistics(style.flatten(1).T)
         self.background = float(luminance(self.statistics[0]))
         """Grey level in [0, 1] behind the region's render: the luminance of the style's mean colour."""
-        scales = [style] + [resized(style, settings.style_size >> k) for k in range(1, settings.octaves)]
+        self._generator = torch.Generator().manual_seed(seed)
+        self._scales = [self._vectors(resized(style, settings.style_size >> k)) for k in range(settings.octaves)]
+
+    def _vectors(self, style: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean feature (C,) and centred features (M, C) of the style at one scale."""
         with torch.no_grad():
             # The outermost cells have seen the reflection of the picture in its own rim.
-            maps = [network(scale[None])[0, :, 1:-1, 1:-1].flatten(1).T for scale in scales]
-        vectors = torch.cat(maps)
-        self.mean = vectors.mean(0) if settings.centred else torch.zeros_like(vectors[0])
-        pick = torch.randperm(len(vectors), generator=torch.Generator().manual_seed(seed))
-        self.vectors = vectors[pick[: settings.most_vectors]] - self.mean  # (M, C)
+            vectors = self.network(style[None])[0, :, 1:-1, 1:-1].flatten(1).T
+        pick = torch.randperm(len(vectors), generator=self._generator)[: self.settings.most_vectors]
+        mean = vectors.mean(0)
+        return mean, vectors[pick] - mean
 
     def loss(self, colours: Tensor, mask: Tensor) -> Tensor:
         """Style loss of a render.
@@ -82,23 +84,30 @@ class StyleTarget:
             A scalar.
         """
         settings = self.settings
-        features = self.network(colours[None])[0].flatten(1).T - self.mean
-        weights = cell_weights(mask, STRIDE)
-        seen = weights > 0.1
-        features, weights = features[seen], weights[seen]
-        loss = nnfm_loss(features, self.vectors, weights)
-        if settings.covering:
-            loss = loss + settings.covering * covering_loss(features, self.vectors[: 2 * len(features)], weights)
+        loss = torch.zeros(())
+        for octave, (mean, vectors) in enumerate(self._scales):
+            picture, cover = F.avg_pool2d(colours, 1 << octave), F.avg_pool2d(mask[None], 1 << octave)[0]
+            if min(cover.shape) < 5 * STRIDE:
+                break
+            loss = loss + self._matching(picture, cover, mean, vectors)
         if settings.colours:
             loss = loss + settings.colours * statistics_loss(colours.flatten(1).T, self.statistics, mask.flatten())
         if settings.variation:
             loss = loss + settings.variation * total_variation(colours, mask)
         return loss
 
+    def _matching(self, picture: Tensor, cover: Tensor, mean: Tensor, vectors: Tensor) -> Tensor:
+        # Cells stand on a grid of 4 pixels: a shift each time keeps the grid from showing.
+        top, left = torch.randint(STRIDE, (2,), generator=self._generator).tolist()
+        features = self.network(picture[None, :, top:, left:])[0].flatten(1).T - mean
+        weights = cell_weights(cover[top:, left:], STRIDE)
+        seen = weights > LEAST_SHARE
+        return nnfm_loss(features[seen], vectors, weights[seen], self.settings.balance)
+
 
 def resized(picture: Tensor, long_side: int) -> Tensor:
-    """A picture (3, h, w) brought to a long side in pixels, neither side under 16."""
+    """A picture (3, h, w) brought to a long side in pixels, neither side under 24."""
     height, width = picture.shape[1:]
     factor = long_side / max(height, width)
-    size = [max(16, round(height * factor)), max(16, round(width * factor))]
+    size = [max(24, round(height * factor)), max(24, round(width * factor))]
     return F.interpolate(picture[None], size=size, mode="bilinear", antialias=True, align_corners=False)[0].clamp(0, 1)

@@ -150,7 +150,11 @@ def leaves(rng: Generator, n: int) -> Floats:
 
 def strokes(rng: Generator, n: int) -> Floats:
     """Brush strokes along a flow field, their colours from a smooth field and jittered."""
-    colours, angles, hues = palette(rng, 6), flow_field(rng, n), rank(smooth(rng, n, rng.uniform(0.03, 0.2) * n))
+    colours, angles, hues = (
+        palette(rng, 6),
+        flow_field(rng, n),
+        rank(smooth(rng, n, rng.uniform(0.03, 0.2) * n)),
+    )
     canvas = Canvas(ramp(colours, hues) * 0.7)
     width = rng.uniform(1, 4.5)
     length, jitter, mix = width * rng.uniform(2.5, 9), rng.uniform(0.02, 0.12), rng.uniform(0.02, 0.5)
@@ -168,7 +172,7 @@ def cells(rng: Generator, n: int) -> Floats:
     """Worley's cells (1996): a mosaic with joints, or the distance to the seeds or between them."""
     count = int(np.exp(rng.uniform(np.log(20), np.log(800))))
     seeds = rng.random((count, 2)) * n
-    tiles = np.concatenate([seeds + [a, b] for a in (-n, 0, n) for b in (-n, 0, n)])
+    tiles = np.concatenate([seeds + np.array((a, b)) for a in (-n, 0, n) for b in (-n, 0, n)])
     squeeze, bend = [1, rng.uniform(0.4, 1.6)], rng.uniform(0, 6)
     y, x = np.mgrid[:n, :n] + bend * np.stack([smooth(rng, n, 8), smooth(rng, n, 8)])
     distance, index = cKDTree(tiles * squeeze).query(np.stack([y, x], -1) * squeeze, k=2)
@@ -198,7 +202,11 @@ def dots(rng: Generator, n: int) -> Floats:
     tone, size = rank(smooth(rng, n, rng.uniform(6, 30))), rng.uniform(0.9, 4)
     colours = palette(rng, rng.integers(2, 8))
     canvas = Canvas(np.tile(colours[0], (n, n, 1)))
-    wanted, contrast, hues = rng.uniform(0.3, 2.5), rng.uniform(0, 2), rank(smooth(rng, n, rng.uniform(5, 40)))
+    wanted, contrast, hues = (
+        rng.uniform(0.3, 2.5),
+        rng.uniform(0, 2),
+        rank(smooth(rng, n, rng.uniform(5, 40))),
+    )
     for y, x in rng.uniform(0, n, (int(min(1800, wanted * n * n / (4 * size**2))), 2)):
         if rng.random() < tone[int(y), int(x)] ** contrast:
             t = hues[int(y), int(x)] + rng.normal(0, 0.25)
@@ -221,7 +229,10 @@ def labyrinth(rng: Generator, n: int) -> Floats:
 def ripples(rng: Generator, n: int) -> Floats:
     """Wood, marble, weave and scales: a few waves, bent by noise and multiplied or added."""
     y, x = np.mgrid[:n, :n].astype(np.float32)
-    bend, total = spectrum_noise(rng, n, rng.uniform(1.5, 2.5)) * rng.uniform(0, 12), np.zeros((n, n), np.float32)
+    bend, total = (
+        spectrum_noise(rng, n, rng.uniform(1.5, 2.5)) * rng.uniform(0, 12),
+        np.zeros((n, n), np.float32),
+    )
     angle = rng.uniform(0, np.pi)
     for _ in range(rng.integers(1, 4)):
         wave = np.sin((x * np.cos(angle) + y * np.sin(angle) + bend) * rng.uniform(0.1, 1.2) + rng.uniform(0, 6))

@@ -1,4 +1,4 @@
-"""Train the embedded style features on generated textures: ``python -m svv.train.train_features --minutes M --out FILE``.
+"""Train a style feature network on generated textures: ``python -m svv.train.train_features --minutes M --out FILE``.
 
 Two crops of one picture must recognise each other among the crops of other pictures, and each position must recognise
 its own picture: so the features tell textures apart where they stand. To tell them apart by colour alone would be
@@ -125,7 +125,11 @@ def export(pupil: Pupil, sample: Tensor, path: Path, facts: dict[str, str]) -> N
     means = [x.mean((0, 2, 3)).clamp_min(1e-3) for x in pupil.eval().maps(sample)]
     pupil.train(was)
     state, before = {}, torch.ones(3)
-    layers = [(f"blocks.{b}.{i}", layer, pupil.norms[b][i]) for b, block in enumerate(pupil.trunk.blocks) for i, layer in enumerate(block)]
+    layers = [
+        (f"blocks.{b}.{i}", layer, pupil.norms[b][i])
+        for b, block in enumerate(pupil.trunk.blocks)
+        for i, layer in enumerate(block)
+    ]
     for (name, layer, norm), mean in zip(layers, means, strict=True):
         gain = norm.weight / (norm.running_var + norm.eps).sqrt()
         weight = layer.weight * (gain / mean)[:, None, None, None] * before[None, :, None, None]
@@ -169,7 +173,10 @@ def train(minutes: float, seed: int, out: Path) -> None:
         means = {k: 0.95 * means.get(k, v) + 0.05 * v for k, v in figures.items()}
         done = 60 * minutes <= spent + time.monotonic() - started
         if iteration % 20 == 0:
-            print(f"{now:6.0f} s  {iteration:5d}  " + "  ".join(f"{k} {v:.3f}" for k, v in means.items()), flush=True)
+            print(
+                f"{now:6.0f} s  {iteration:5d}  " + "  ".join(f"{k} {v:.3f}" for k, v in means.items()),
+                flush=True,
+            )
         if done or time.monotonic() - saved > 120:
             saved = time.monotonic()
             state = {"pupil": pupil.state_dict(), "optimizer": optimizer.state_dict(), "iteration": iteration}

@@ -1,0 +1,110 @@
+"""Style pictures of every kind that turns up, and the sentences for those that cannot be used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageCms
+
+from svv.errors import BadInput
+from svv.io.images import LARGEST, read_style
+
+RED = (220, 30, 10)
+
+
+def test_rgb_comes_back_as_it_is(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    style = read_style(tmp_path / "a.png")
+    assert style.dtype == np.float32
+    np.testing.assert_allclose(style, pixels / 255, atol=1e-6)
+
+
+def test_greyscale_and_sixteen_bits_become_rgb(tmp_path: Path) -> None:
+    ramp = np.linspace(0, 65535, 32 * 40).reshape(32, 40)
+    Image.fromarray(ramp.astype(np.uint16)).save(tmp_path / "deep.png")
+    Image.fromarray((ramp / 257).astype(np.uint8)).save(tmp_path / "grey.png")
+    for name, tolerance in (("deep.png", 1e-4), ("grey.png", 1 / 255)):
+        style = read_style(tmp_path / name)
+        assert style.shape == (32, 40, 3)
+        np.testing.assert_allclose(style, np.repeat((ramp / 65535)[..., None], 3, 2), atol=tolerance)
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA", "P"])
+def test_transparency_lies_over_white(tmp_path: Path, mode: str) -> None:
+    image = Image.new("RGBA", (20, 20), (0, 0, 0, 0))
+    image.paste((0, 0, 0, 255), (0, 0, 10, 20))
+    if mode == "P":
+        image = image.quantize(4)
+    elif mode == "LA":
+        image = image.convert("LA")
+    image.save(tmp_path / "a.png")
+    style = read_style(tmp_path / "a.png")
+    np.testing.assert_allclose(style[:, :10], 0, atol=0.01)
+    np.testing.assert_allclose(style[:, 10:], 1, atol=0.01)
+
+
+def test_cmyk_and_profiles_become_srgb(tmp_path: Path) -> None:
+    Image.new("RGB", (32, 32), RED).convert("CMYK").save(tmp_path / "cmyk.jpg", quality=95)
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    Image.new("RGB", (32, 32), RED).save(tmp_path / "profile.png", icc_profile=profile)
+    Image.new("RGB", (32, 32), RED).save(tmp_path / "damaged.png", icc_profile=b"nonsense")
+    for name in ("cmyk.jpg", "profile.png", "damaged.png"):
+        np.testing.assert_allclose(read_style(tmp_path / name).mean((0, 1)), np.array(RED) / 255, atol=0.02)
+
+
+@pytest.mark.parametrize("profiled", [False, True])
+def test_a_rotated_camera_is_held_upright(tmp_path: Path, profiled: bool) -> None:
+    image = Image.new("RGB", (60, 30), "blue")
+    image.paste(RED, (0, 0, 30, 30))
+    exif = Image.Exif()
+    exif[0x0112] = 6  # the top of the scene is on the right-hand side... of a picture turned by 90 degrees
+    extra = (
+        {"icc_profile": ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()}
+        if profiled
+        else {}
+    )
+    image.save(tmp_path / "a.jpg", exif=exif, quality=95, **extra)
+    style = read_style(tmp_path / "a.jpg")
+    assert style.shape == (60, 30, 3)
+    assert style[5, 15, 0] > 0.7 and style[55, 15, 2] > 0.7
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+def test_twenty_thousand_pixels_wide_is_shrunk(tmp_path: Path, suffix: str) -> None:
+    Image.new("RGB", (20_000, 200), RED).save(tmp_path / f"wide.{suffix}")
+    style = read_style(tmp_path / f"wide.{suffix}")
+    assert style.shape[0] == 16 and style.shape[1] == 1600  # the short side is not lost
+    np.testing.assert_allclose(style.mean((0, 1)), np.array(RED) / 255, atol=0.02)
+    Image.new("L", (3000, 2000), 128).save(tmp_path / "large.jpg")
+    assert max(read_style(tmp_path / "large.jpg").shape) == LARGEST
+
+
+def test_sentences_for_what_cannot_be_used(tmp_path: Path) -> None:
+    Image.new("RGB", (1, 1)).save(tmp_path / "tiny.png")
+    (tmp_path / "text.png").write_text("not a picture")
+    (tmp_path / "empty.png").touch()
+    Image.effect_noise((64, 64), 50).save(tmp_path / "whole.png")
+    (tmp_path / "cut.png").write_bytes((tmp_path / "whole.png").read_bytes()[:1500])
+    for name, words in {
+        "missing.png": "no style picture",
+        "tiny.png": "at least 16 x 16",
+        "text.png": "PNG or JPEG",
+        "empty.png": "PNG or JPEG",
+        "cut.png": "damaged",
+        ".": "no style picture",
+    }.items():
+        with pytest.raises(BadInput, match=words):
+            read_style(tmp_path / name)
+
+
+def test_pillow_s_own_limit_is_left_as_it_was(tmp_path: Path) -> None:
+    before = Image.MAX_IMAGE_PIXELS
+    with pytest.raises(BadInput):
+        read_style(tmp_path / "missing.png")
+    (tmp_path / "text.png").write_text("not a picture")
+    with pytest.raises(BadInput):
+        read_style(tmp_path / "text.png")
+    assert before == Image.MAX_IMAGE_PIXELS

@@ -1,0 +1,177 @@
+"""Regular grids: a ``vtkImageData`` with one scalar per point, its NumPy array and its place in the world.
+
+World coordinates are origin + direction matrix * spacing * index. NumPy arrays of a volume are indexed [z, y, x].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
+from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
+
+from svv.errors import BadInput
+
+Triple = Sequence[float]
+
+ORTHOGONAL_TOLERANCE = 1e-3
+"""Largest cosine between two axes of a grid that still count as perpendicular."""
+
+
+def as_volume(image: vtkImageData, array: str | None = None, name: str = "The volume") -> vtkImageData:
+    """Check an image and reduce it to one single-component point scalar array.
+
+    Cell scalars become point scalars at the cells' centres, which keeps every value as it is (averaging to the
+    corners would blur thin features away); the bounds shrink by half a cell on each side.
+
+    Args:
+        image: Any image; it is not changed.
+        array: Name of the array; without it the active scalars, or the first array with one component.
+        name: What the image is called in messages.
+
+    Returns:
+        A new image (sharing the array's memory where the type allows it).
+
+    Raises:
+        BadInput: No scalars, several components, NaN or infinities, fewer than two points along an axis, a
+            spacing that is not positive, or a direction matrix whose axes are not perpendicular.
+    """
+    scalars, on_cells = _pick(image, array, name)
+    dims = np.array(image.GetDimensions()) - (1 if on_cells else 0)
+    if dims.min() < 2:
+        size = " x ".join(str(max(d, 0)) for d in dims)
+        raise BadInput(f"{name} is no volume but {size} voxels; at least 2 along each axis are needed.")
+    matrix = index_to_world(image)
+    _check_geometry(matrix, name)
+    result = vtkImageData()
+    result.SetDimensions(*(int(d) for d in dims))
+    set_geometry(result, matrix[:3, :3], matrix[:3, :3] @ np.full(3, 0.5 * on_cells) + matrix[:3, 3])
+    values = _plain(scalars, name)
+    if values.size != dims.prod():
+        raise BadInput(f"{name} holds {values.size} values for {dims.prod()} voxels; it is damaged.")
+    put_scalars(result, values, scalars.GetName() or "scalars")
+    return result
+
+
+def from_array(
+    values: NDArray[Any],
+    spacing: Triple = (1.0, 1.0, 1.0),
+    origin: Triple = (0.0, 0.0, 0.0),
+    name: str = "scalars",
+) -> vtkImageData:
+    """An image from an array indexed [z, y, x].
+
+    Args:
+        values: (nz, ny, nx), any integer, float or boolean type.
+        spacing: World units (x, y, z).
+        origin: World position of the first voxel (x, y, z).
+        name: Of the scalar array.
+
+    Raises:
+        BadInput: Not three axes, or a type that is no number.
+    """
+    if values.ndim != 3:
+        raise BadInput(f"A volume needs three axes, but the array's shape is {values.shape}.")
+    image = vtkImageData()
+    image.SetDimensions(*values.shape[::-1])
+    image.SetSpacing(*spacing)
+    image.SetOrigin(*origin)
+    put_scalars(image, _native(values, "The array").ravel(), name)
+    return image
+
+
+def to_array(image: vtkImageData) -> NDArray[Any]:
+    """The scalars as an array (nz, ny, nx) that shares the image's memory."""
+    return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
+
+
+def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
+    """(4, 4) matrix from voxel indices, counted from the first voxel, to world coordinates."""
+    direction = image.GetDirectionMatrix()
+    axes = np.array([[direction.GetElement(i, j) for j in range(3)] for i in range(3)])
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes * image.GetSpacing()
+    matrix[:3, 3] = image.GetOrigin() + matrix[:3, :3] @ image.GetExtent()[::2]
+    return matrix
+
+
+def set_geometry(image: vtkImageData, axes: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
+    """Set spacing, direction and origin from the steps (3, 3: one column per index axis) between voxels."""
+    spacing = np.linalg.norm(axes, axis=0)
+    image.SetSpacing(*spacing)
+    image.SetDirectionMatrix(*(axes / np.where(spacing > 0, spacing, 1)).ravel())
+    image.SetOrigin(*origin)
+
+
+def _pick(image: vtkImageData, array: str | None, name: str) -> tuple[vtkDataArray, bool]:
+    """The scalar array to show, and whether it lies on cells."""
+    points, cells = image.GetPointData(), image.GetCellData()
+    if array is not None:
+        for data, on_cells in ((points, False), (cells, True)):
+            if data.GetArray(array):
+                return data.GetArray(array), on_cells
+        raise BadInput(f"{name} has no array '{array}'; it has {_names(points, cells)}.")
+    for data, on_cells in ((points, False), (cells, True)):
+        every = [data.GetArray(i) for i in range(data.GetNumberOfArrays())]
+        for candidate in (data.GetScalars(), *every):
+            if candidate and candidate.GetNumberOfComponents() == 1 and candidate.GetName() != "vtkGhostType":
+                return candidate, on_cells
+    for data in (points, cells):
+        if data.GetNumberOfArrays() and data.GetArray(0):
+            return data.GetArray(0), data is cells  # refused later, with the number of its components
+    raise BadInput(f"{name} has no scalars; a volume needs one number per voxel.")
+
+
+def _names(*attributes: vtkDataSetAttributes) -> str:
+    names = [str(data.GetArrayName(i)) for data in attributes for i in range(data.GetNumberOfArrays())]
+    return ", ".join(names) if names else "none"
+
+
+def _plain(scalars: vtkDataArray, name: str) -> NDArray[Any]:
+    components = scalars.GetNumberOfComponents()
+    if components != 1:
+        raise BadInput(
+            f"{name}: the array '{scalars.GetName()}' has {components} components per voxel; a volume needs one, "
+            "so extract a component or the magnitude first."
+        )
+    if scalars.GetClassName() == "vtkBitArray":  # packed, which NumPy cannot look at
+        bytes_ = vtkUnsignedCharArray()
+        bytes_.DeepCopy(scalars)
+        scalars = bytes_
+    values = _native(vtk_to_numpy(scalars), name)
+    if values.dtype.kind == "f":
+        bad = int(values.size - np.count_nonzero(np.isfinite(values)))
+        if bad:
+            raise BadInput(
+                f"{name} holds {bad} values that are NaN or infinite; replace them with numbers first."
+            )
+    return values
+
+
+def _native(values: NDArray[Any], name: str) -> NDArray[Any]:
+    """The values in a type that VTK knows: native byte order, no half floats, no booleans."""
+    if values.dtype.kind not in "buif":
+        raise BadInput(f"{name} holds values of type {values.dtype}; a volume needs integers or real numbers.")
+    kind = {"b1": "u1", "f2": "f4", "f16": "f8"}.get(values.dtype.str[1:], values.dtype.str[1:])
+    return np.ascontiguousarray(values, dtype=np.dtype(kind))
+
+
+def put_scalars(image: vtkImageData, values: NDArray[Any], name: str) -> None:
+    """Make a flat array the image's point scalars."""
+    scalars = numpy_to_vtk(values, deep=True)
+    scalars.SetName(name)
+    image.GetPointData().SetScalars(scalars)
+
+
+def _check_geometry(matrix: NDArray[np.float64], name: str) -> None:
+    axes = matrix[:3, :3]
+    spacing = np.linalg.norm(axes, axis=0)
+    if not np.isfinite(matrix).all() or spacing.min() <= 0:
+        raise BadInput(f"{name} has the spacing {tuple(spacing)}; it must be positive along each axis.")
+    cosines = (axes / spacing).T @ (axes / spacing)
+    if np.abs(cosines - np.eye(3)).max() > ORTHOGONAL_TOLERANCE:
+        raise BadInput(f"{name} has axes that are not perpendicular (a sheared grid); resample it first.")

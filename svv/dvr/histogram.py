@@ -1,0 +1,61 @@
+"""A transfer function for a volume that comes without one, from its histogram."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.dvr.grids import to_array
+from svv.dvr.transfer_functions import HUES, TransferFunction
+from svv.errors import BadInput
+
+
+def default_transfer_function(image: vtkImageData) -> TransferFunction:
+    """Two visible ranges for a volume that comes without a transfer function.
+
+    The histogram is cut into three classes (Otsu 1979: the cuts that leave the least variance within the classes).
+    The most frequent class is background; of the others the one nearer to it gets a translucent bump, the farther
+    one a nearly opaque one.
+
+    Raises:
+        BadInput: All voxels have the same value.
+    """
+    values = to_array(image)
+    low, high = (float(x) for x in (values.min(), values.max()))
+    if not high > low:
+        raise BadInput(f"All voxels have the value {low:g}: there is nothing to show.")
+    counts, edges = np.histogram(values, bins=256, range=(low, high))
+    first, second = _otsu(counts)
+    cuts = [low, float(edges[first + 1]), float(edges[second + 1]), high]
+    sizes = [counts[: first + 1].sum(), counts[first + 1 : second + 1].sum(), counts[second + 1 :].sum()]
+    background = int(np.argmax(sizes))
+    near, far = {0: (1, 2), 1: (0, 2), 2: (1, 0)}[background]
+    opacities: list[tuple[float, float, float, float]] = []
+    colours: list[tuple[float, float, float, float]] = []
+    for i in range(3):
+        peak = {near: 0.1, far: 0.7, background: 0.0}[i]
+        width = cuts[i + 1] - cuts[i]
+        hue = HUES[0] if i == far else HUES[1]
+        left, right = cuts[i] + 0.02 * width, cuts[i + 1] - 0.02 * width
+        rise, fall = cuts[i] + 0.3 * width, cuts[i + 1] - 0.3 * width
+        # A class at the end of the range stays visible up to it: the extreme values are its core, not a border.
+        opacities += [(left, peak * (i == 0), 0.5, 0.0), (rise, peak, 0.5, 0.0)]
+        opacities += [(fall, peak, 0.5, 0.0), (right, peak * (i == 2), 0.5, 0.0)]
+        colours += [(left, *hue), (right, *hue)]
+    return TransferFunction(tuple(colours), tuple(opacities), None, "two ranges of the histogram")
+
+
+def _otsu(counts: NDArray[np.int64]) -> tuple[int, int]:
+    """The bins after which to cut a histogram into the three classes that differ most."""
+    weight = np.concatenate([[0.0], np.cumsum(counts, dtype=np.float64)])
+    moment = np.concatenate([[0.0], np.cumsum(counts * np.arange(len(counts), dtype=np.float64))])
+
+    def between(start: NDArray[np.intp], stop: NDArray[np.intp]) -> NDArray[np.float64]:
+        share = weight[stop] - weight[start]
+        return (moment[stop] - moment[start]) ** 2 / np.maximum(share, 1e-12)
+
+    first, second = np.triu_indices(len(counts) - 1, k=1)
+    zero, last = np.zeros_like(first), np.full_like(first, len(counts))
+    best = np.argmax(between(zero, first + 1) + between(first + 1, second + 1) + between(second + 1, last))
+    return int(first[best]), int(second[best])

@@ -1,0 +1,335 @@
+"""The two ray casters of VTK, each behind ``render``: a camera in, straight-alpha pixels out.
+
+CPU: ``vtkFixedPointVolumeRayCastMapper`` computes a premultiplied RGBA image of 15 bits a channel in memory and then
+lets OpenGL draw it. We take the image from memory. That needs no OpenGL at all (so no display, EGL or OSMesa), and its
+alpha is the ray caster's own, 128 times finer than what can be read back from an 8-bit window.
+
+GPU: ``vtkGPUVolumeRayCastMapper`` draws into an off-screen window, whose alpha channel VTK fills wrongly in places for
+translucent volumes. So each view is drawn twice, on black and on white: alpha = 1 - (white - black).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import vtkmodules.vtkRenderingOpenGL2 as opengl  # also registers what a renderer is made of
+import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401  # and what the mappers are made of
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow, vtkVolume, vtkVolumeProperty
+from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper, vtkGPUVolumeRayCastMapper
+
+from svv.core.cameras import Camera
+from svv.dvr.grids import to_array
+from svv.dvr.stage import Stage, visible_cells
+from svv.dvr.volumes import vtk_messages
+from svv.errors import BadInput
+
+Pixels = NDArray[np.uint8]
+
+FULL = 32767
+"""1.0 in the CPU ray caster's 15-bit numbers."""
+
+NEARLY_OPAQUE = FULL - 255
+"""The CPU ray caster ends a ray whose remaining transmittance is below 255/32767; it counts as opaque."""
+
+BLOCK = 4
+"""Cells along a block, and"""
+
+TILE = 8
+"""pixels along a tile, by which rays that meet nothing are told from the others."""
+
+SOFTWARE_GL = ("llvmpipe", "softpipe", "swiftshader", "software rasterizer", "swrast")
+
+NO_WINDOW = (
+    "No off-screen OpenGL context can be made for the GPU ray caster: install libegl1 libosmesa6 (Debian's names) or "
+    "choose the CPU ray caster (--mapper cpu), which needs none."
+)
+
+
+@dataclass(frozen=True)
+class Shading:
+    """Phong shading with one white light at the camera (a headlight).
+
+    The coefficients are the defaults of ParaView's volume representation. (VTK's own are 0.1, 0.7, 0.2, 10.)
+    """
+
+    on: bool = True
+    """False: colours of the transfer function as they are."""
+    ambient: float = 0.0
+    """Light that comes from everywhere, >= 0."""
+    diffuse: float = 1.0
+    """Share of the headlight that a surface facing the camera reflects in its own colour, >= 0."""
+    specular: float = 0.0
+    """Share that is mirrored as a white highlight, >= 0."""
+    specular_power: float = 100.0
+    """Sharpness of the highlight, > 0."""
+
+
+class CpuMapper:
+    """VTK's fixed-point ray caster, without a window.
+
+    Args:
+        stage: What to render.
+        shading: How.
+        step: Sample distance, stage units.
+    """
+
+    name = "cpu"
+
+    def __init__(self, stage: Stage, shading: Shading, step: float) -> None:
+        self._stage = stage
+        mapper = vtkFixedPointVolumeRayCastMapper()
+        mapper.SetInputData(stage.image)
+        mapper.SetAutoAdjustSampleDistances(0)
+        mapper.LockSampleDistanceToInputSpacingOff()
+        mapper.SetSampleDistance(step)
+        mapper.SetInteractiveSampleDistance(step)
+        mapper.IntermixIntersectingGeometryOff()
+        mapper.SetNumberOfThreads(processors())
+        self._mapper, self._volume = mapper, _volume(mapper, stage, shading)
+        # This kind of window never makes a context of its own; the ray caster only asks it for its size.
+        self._window = opengl.vtkGenericOpenGLRenderWindow()
+        self._renderer = _renderer(self._window, self._volume)
+        self._blocks, self._radius = _visible_blocks(stage)
+
+    def render(self, camera: Camera) -> Pixels:
+        """(height, width, 4) uint8, straight alpha; colour 0 where alpha is 0."""
+        self._window.SetSize(camera.width, camera.height)
+        _place(self._renderer, self._stage, camera)
+        pixels: Pixels = np.zeros((camera.height, camera.width, 4), np.uint8)
+        # The steps of vtkFixedPointVolumeRayCastMapper::Render, but for the last one, which draws with OpenGL.
+        self._mapper.PerImageInitialization(self._renderer, self._volume, 0, [0.0] * 3, [0.0] * 3, [0] * 6)
+        self._mapper.PerVolumeInitialization(self._renderer, self._volume)
+        self._mapper.PerSubVolumeInitialization(self._renderer, self._volume, 0)
+        cast = self._mapper.GetRayCastImage()
+        (width, height), (stride, rows) = cast.GetImageInUseSize(), cast.GetImageMemorySize()
+        left, below = cast.GetImageOrigin()
+        if width < 1 or height < 1:
+            return pixels
+        self._skip_empty_rays(cast, camera, (slice(below, below + height), slice(left, left + width)))
+        self._mapper.RenderSubVolume()
+        memory = _memory(cast.GetImage(), ctypes.c_uint16, rows * stride * 4).reshape(rows, stride, 4)
+        top = camera.height - below - height
+        pixels[top : top + height, left : left + width] = _straight(memory[height - 1 :: -1, :width])
+        return pixels
+
+    def _skip_empty_rays(self, cast: Any, camera: Camera, used: tuple[slice, slice]) -> None:
+        """Cast no ray that passes all visible cells by: half of the time, and not a bit of difference.
+
+        The ray caster ends rays at the depth buffer of the geometry around the volume; ours says 'here' (0) where a
+        ray meets nothing, and 'nowhere' (1) elsewhere.
+        """
+        position, direction, up = self._stage.pose(camera)
+        offset = self._blocks - position
+        depth = offset @ direction
+        if depth.min() <= 2.0 * self._radius:  # the camera is among the blocks
+            cast.SetUseZBuffer(0)
+            return
+        shape = (-(-camera.height // TILE), -(-camera.width // TILE))
+        across = offset @ np.cross(direction, up) / depth * camera.focal + 0.5 * camera.width
+        upward = offset @ up / depth * camera.focal + 0.5 * camera.height
+        row, column = (upward // TILE).astype(int), (across // TILE).astype(int)
+        inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
+        tiles = np.zeros(shape, bool)
+        tiles[row[inside], column[inside]] = True
+        reach = self._radius * camera.focal / (depth.min() - self._radius) + 1.0  # pixels, of any block
+        tiles = maximum_filter(tiles, 2 * int(np.ceil(reach / TILE)) + 1)
+        depths = np.repeat(np.repeat(tiles, TILE, axis=0), TILE, axis=1)[used]
+        cast.SetUseZBuffer(1)
+        cast.SetZBufferSize(depths.shape[1], depths.shape[0])
+        cast.SetZBufferOrigin(used[1].start, used[0].start)
+        cast.AllocateZBuffer()
+        _memory(cast.GetZBuffer(), ctypes.c_float, depths.size)[:] = depths.ravel()
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+class GpuMapper:
+    """VTK's OpenGL ray caster in an off-screen window.
+
+    Args:
+        stage: What to render.
+        shading: How.
+        step: Sample distance, stage units.
+
+    Raises:
+        BadInput: No off-screen OpenGL context can be made.
+    """
+
+    name = "gpu"
+
+    def __init__(self, stage: Stage, shading: Shading, step: float) -> None:
+        self._stage = stage
+        mapper = vtkGPUVolumeRayCastMapper()
+        mapper.SetInputData(stage.image)
+        mapper.SetAutoAdjustSampleDistances(0)
+        mapper.SetLockSampleDistanceToInputSpacing(0)
+        mapper.SetUseJittering(0)
+        mapper.SetSampleDistance(step)
+        self._window = off_screen_window()
+        self._renderer = _renderer(self._window, _volume(mapper, stage, shading))
+
+    def render(self, camera: Camera) -> Pixels:
+        """(height, width, 4) uint8, straight alpha; colour 0 where alpha is 0."""
+        self._window.SetSize(camera.width, camera.height)
+        _place(self._renderer, self._stage, camera)
+        black, white = (self._draw(level, camera) for level in (0.0, 1.0))
+        # Each channel is rounded on its own; the mean of the three differences is the best estimate of alpha.
+        alpha = np.clip(1.0 - (white - black).mean(axis=-1, keepdims=True) / 255.0, 0.0, 1.0)
+        alpha = np.where((black == 0).all(-1, keepdims=True) & (alpha < 1 / 255), 0.0, alpha)
+        colour = black / np.maximum(alpha, 1 / 255)
+        levels = np.concatenate([colour, 255.0 * alpha], axis=-1)
+        pixels: Pixels = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+        pixels[pixels[..., 3] == 0] = 0
+        return pixels[::-1]
+
+    def _draw(self, level: float, camera: Camera) -> NDArray[np.float32]:
+        self._renderer.SetBackground(level, level, level)
+        with vtk_messages() as messages:
+            self._window.Render()
+            if "ERR" in messages():
+                said = messages().strip().splitlines()[-1]
+                raise BadInput(f"VTK's GPU ray caster failed ({said}); try --mapper cpu.")
+        read = vtkUnsignedCharArray()
+        self._window.GetPixelData(0, 0, camera.width - 1, camera.height - 1, 0, read)
+        return vtk_to_numpy(read).reshape(camera.height, camera.width, 3).astype(np.float32)
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        self._renderer.RemoveAllViewProps()
+        self._window.Finalize()
+
+
+def choose_mapper(mapper: str) -> Callable[[Stage, Shading, float], CpuMapper | GpuMapper]:
+    """The ray caster for ``auto``, ``gpu`` or ``cpu``; auto is the GPU where OpenGL runs on hardware.
+
+    Raises:
+        BadInput: Another word.
+    """
+    if mapper not in ("auto", "gpu", "cpu"):
+        raise BadInput(f"The mapper must be auto, gpu or cpu, not '{mapper}'.")
+    return GpuMapper if mapper == "gpu" or (mapper == "auto" and hardware_opengl()) else CpuMapper
+
+
+@cache
+def hardware_opengl() -> bool:
+    """Whether an off-screen window here is drawn by a graphics card. Loads OpenGL only where a card may be."""
+    if sys.platform == "linux" and not any(map(os.path.exists, ("/dev/dri", "/dev/nvidiactl", "/dev/kfd"))):
+        return False
+    try:
+        window = off_screen_window()
+    except BadInput:
+        return False
+    found = re.search(r"OpenGL renderer string:\s*(.*)", window.ReportCapabilities() or "")
+    window.Finalize()
+    return found is not None and not any(word in found.group(1).lower() for word in SOFTWARE_GL)
+
+
+def off_screen_window() -> Any:
+    """An off-screen render window with a live OpenGL context.
+
+    Raises:
+        BadInput: None can be made; says what to install.
+    """
+    window = None
+    if sys.platform != "linux" or os.environ.get("DISPLAY"):
+        window = vtkRenderWindow()
+    elif hasattr(opengl, "vtkEGLRenderWindow") and ctypes.util.find_library("EGL"):
+        window = opengl.vtkEGLRenderWindow()  # asked for by name, since the default tries X first and complains
+    elif hasattr(opengl, "vtkOSOpenGLRenderWindow") and ctypes.util.find_library("OSMesa"):
+        window = opengl.vtkOSOpenGLRenderWindow()
+    if window is None:
+        raise BadInput(NO_WINDOW)
+    window.SetOffScreenRendering(1)
+    window.SetMultiSamples(0)
+    window.SetSize(64, 64)
+    with vtk_messages():
+        window.Initialize()
+        if not window.SupportsOpenGL():
+            raise BadInput(NO_WINDOW)
+    return window
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _memory(pointer: object, kind: Any, count: int) -> NDArray[Any]:
+    """The memory behind a pointer that VTK hands to Python as ``_<address>_p_void``."""
+    address = re.match(r"_([0-9a-f]+)_p_", str(pointer))
+    if address is None:
+        raise RuntimeError(f"VTK hands its memory out in a way that is not known here: {pointer!r}")
+    return np.ctypeslib.as_array((kind * count).from_address(int(address.group(1), 16)))
+
+
+def _visible_blocks(stage: Stage) -> tuple[NDArray[np.float64], float]:
+    """Centres (n, 3) of the blocks of cells that show something, and the radius of a block, stage units."""
+    seen = visible_cells(to_array(stage.image), stage.tf)
+    padded = np.pad(seen, [(0, -size % BLOCK) for size in seen.shape])
+    z, y, x = (size // BLOCK for size in padded.shape)
+    blocks = np.argwhere(padded.reshape(z, BLOCK, y, BLOCK, x, BLOCK).any(axis=(1, 3, 5)))[:, ::-1]
+    spacing = np.array(stage.image.GetSpacing())
+    return (blocks + 0.5) * BLOCK * spacing + stage.image.GetOrigin(), float(0.5 * BLOCK * np.linalg.norm(spacing))
+
+
+def _straight(cast: NDArray[np.uint16]) -> Pixels:
+    """Premultiplied 15-bit pixels to straight 8-bit ones."""
+    numbers = cast.astype(np.float32)
+    alpha = numbers[..., 3:]
+    colour = numbers[..., :3] * (255.0 / np.maximum(alpha, 1.0))
+    opacity = np.where(alpha >= NEARLY_OPAQUE, 255.0, alpha * (255.0 / FULL))
+    pixels: Pixels = np.rint(np.minimum(np.concatenate([colour, opacity], axis=-1), 255.0)).astype(np.uint8)
+    pixels[pixels[..., 3] == 0] = 0
+    return pixels
+
+
+def _volume(mapper: Any, stage: Stage, shading: Shading) -> vtkVolume:
+    look = vtkVolumeProperty()
+    colour, opacity = stage.tf.to_vtk()
+    look.SetColor(colour)
+    look.SetScalarOpacity(opacity)
+    look.SetScalarOpacityUnitDistance(stage.unit_distance)
+    look.SetInterpolationTypeToLinear()
+    look.SetShade(int(shading.on))
+    look.SetAmbient(shading.ambient)
+    look.SetDiffuse(shading.diffuse)
+    look.SetSpecular(shading.specular)
+    look.SetSpecularPower(shading.specular_power)
+    volume = vtkVolume()
+    volume.SetMapper(mapper)
+    volume.SetProperty(look)
+    return volume
+
+
+def _renderer(window: Any, volume: vtkVolume) -> vtkRenderer:
+    renderer = vtkRenderer()
+    renderer.AddVolume(volume)
+    renderer.CreateLight()  # a white headlight
+    window.AddRenderer(renderer)
+    return renderer
+
+
+def _place(renderer: vtkRenderer, stage: Stage, camera: Camera) -> None:
+    position, direction, up = stage.pose(camera)
+    view = renderer.GetActiveCamera()
+    view.SetPosition(*position)
+    view.SetFocalPoint(*(position + direction))
+    view.SetViewUp(*up)
+    view.SetUseHorizontalViewAngle(1)
+    view.SetViewAngle(float(np.degrees(camera.fov_x)))
+    renderer.ResetCameraClippingRange()
+    renderer.UpdateLightsGeometryToFollowCamera()

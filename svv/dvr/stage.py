@@ -1,0 +1,142 @@
+"""The stage on which a volume is rendered: cropped to what is visible, centred and scaled to the size of one.
+
+VTK's volume mappers lose accuracy with spacings of 1e-9 or 1e6, and the CPU ray caster knows nothing of direction
+matrices. So the volume is put on the stage without them, and cameras are moved from the world onto the stage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.core.cameras import Camera
+from svv.dvr.grids import from_array, index_to_world, to_array
+from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
+from svv.errors import BadInput
+
+Array = NDArray[np.float64]
+
+MARGIN = 1
+"""Voxels kept around the visible cells: their gradients reach one voxel further."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A volume ready to be rendered, and its place in the world.
+
+    stage coordinates = scale * rotation^T (world coordinates - centre)
+    """
+
+    image: vtkImageData
+    """Cropped, centred at 0, its longest side 1, right-handed and without a direction matrix."""
+    tf: TransferFunction
+    """For the values of ``image``."""
+    unit_distance: float
+    """Opacity unit distance, stage units."""
+    rotation: Array
+    """(3, 3), columns: the stage's axes in the world."""
+    centre: Array
+    """(3,), the stage's origin in the world: the middle of what is visible."""
+    scale: float
+    """Stage units per world unit."""
+    visible_size: Array
+    """(3,), world lengths of the visible box along the volume's own axes."""
+
+    @property
+    def voxel(self) -> float:
+        """Size of a voxel in stage units: the cube root of its volume, but at most twice the smallest spacing."""
+        spacing = np.array(self.image.GetSpacing())
+        return float(min(np.cbrt(spacing.prod()), 2.0 * spacing.min()))
+
+    @property
+    def bounds(self) -> Array:
+        """(2, 3): world axis-aligned bounds of the visible box, lower and upper corner."""
+        half = 0.5 * np.abs(self.rotation) @ self.visible_size
+        return np.stack([self.centre - half, self.centre + half])
+
+    def pose(self, camera: Camera) -> tuple[Array, Array, Array]:
+        """Position, view direction and view-up of a camera on the stage, (3,) each."""
+        turned = self.rotation.T @ camera.camera_to_world[:3, :3]
+        return self.scale * self.rotation.T @ (camera.position - self.centre), -turned[:, 2], turned[:, 1]
+
+
+def set_stage(image: vtkImageData, tf: TransferFunction, unit_distance: float | None = None) -> Stage:
+    """Crop a volume to its visible cells and bring it to the size of one.
+
+    Args:
+        image: One-component point scalars (see ``as_volume``).
+        tf: For the image's values (see ``TransferFunction.fitted``).
+        unit_distance: Opacity unit distance in world units; by default the function's, else ParaView's rule.
+
+    Raises:
+        BadInput: No cell holds a value with an opacity above 0.
+    """
+    values = to_array(image)
+    matrix = index_to_world(image)
+    first, last = _visible_box(visible_cells(values, tf), tf)  # voxel indices (x, y, z)
+    size = np.array(image.GetDimensions())
+    start, stop = np.maximum(first - MARGIN, 0), np.minimum(last + MARGIN, size - 1)
+    cropped = values[start[2] : stop[2] + 1, start[1] : stop[1] + 1, start[0] : stop[0] + 1]
+    steps = matrix[:3, :3]
+    corner = matrix[:3, 3] + steps @ start
+    if np.linalg.det(steps) < 0:  # a mirrored grid: count x from the other end
+        cropped, corner = cropped[:, :, ::-1], corner + steps[:, 0] * (stop[0] - start[0])
+        steps = steps * (-1.0, 1.0, 1.0)
+    spacing = np.linalg.norm(steps, axis=0)
+    rotation = steps / spacing
+    visible = (last - first) * spacing
+    centre = matrix[:3, 3] + matrix[:3, :3] @ (0.5 * (first + last))
+    scale = 1.0 / visible.max()
+    numbers, gain, offset = _small_type(cropped)
+    if unit_distance is None:
+        unit_distance = tf.unit_distance if tf.unit_distance is not None else unit_distance_for(image)
+    staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
+    return Stage(staged, tf.mapped(gain, offset), scale * unit_distance, rotation, centre, scale, visible)
+
+
+def visible_cells(values: NDArray[Any], tf: TransferFunction) -> NDArray[np.bool_]:
+    """Which cells (z, y, x; one less than voxels along each axis) can show something.
+
+    A cell is visible if its interpolated values meet a value with an opacity above 0.
+    """
+    low, high = values, values
+    for axis in range(3):
+        ahead, behind = [slice(None)] * 3, [slice(None)] * 3
+        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+        low = np.minimum(low[tuple(ahead)], low[tuple(behind)])
+        high = np.maximum(high[tuple(ahead)], high[tuple(behind)])
+    seen = np.zeros(low.shape, dtype=bool)  # (cells z, y, x)
+    for start, stop in tf.visible_ranges(float(values.min()), float(values.max())):
+        seen |= (high >= start) & (low <= stop)
+    return seen
+
+
+def _visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The smallest box of voxels (first, last index along x, y, z) that holds every visible cell."""
+    first, last = np.zeros(3, np.intp), np.zeros(3, np.intp)
+    for axis in range(3):
+        found = np.flatnonzero(seen.any(axis=tuple(a for a in range(3) if a != 2 - axis)))
+        if not found.size:
+            raise BadInput(f"'{tf.name}' shows nothing of this volume: it is transparent for all of its values.")
+        first[axis], last[axis] = found[0], found[-1] + 1
+    return first, last
+
+
+def _small_type(values: NDArray[Any]) -> tuple[NDArray[Any], float, float]:
+    """Values in a type that both mappers take, and (gain, offset) of the map to them.
+
+    8 and 16 bits stay as they are. Wider types are mapped to float32 in [0, 1], since the mappers overflow where
+    values are huge, tiny or 64 bits wide.
+    """
+    if values.dtype.itemsize <= 2:
+        return values, 1.0, 0.0
+    low, high = float(values.min()), float(values.max())
+    gain = 1.0 / (high - low) if high > low else 1.0
+    mapped = np.empty(values.shape, np.float32)
+    for slab, out in zip(values, mapped):  # in float64, but never the whole volume at once
+        out[...] = (slab.astype(np.float64) - low) * gain
+    return mapped, gain, -low * gain

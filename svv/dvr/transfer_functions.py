@@ -1,0 +1,282 @@
+"""Transfer functions: which colour and which opacity a scalar value gets.
+
+Opacities are those of a slab of one *opacity unit distance*: a ray that runs a distance d through a value of
+opacity a keeps the share (1 - a) ** (d / unit) of the light behind it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPiecewiseFunction
+from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
+
+from svv.errors import BadInput
+
+COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Step")
+"""Spaces in which colours are interpolated between two points (ParaView's names)."""
+
+OPAQUE = 0.99
+"""A function that is nowhere below this opacity shows nothing but the volume's box."""
+
+HUES = ((0.15, 0.45, 0.95), (1.0, 0.55, 0.15), (0.25, 0.8, 0.4), (0.9, 0.2, 0.5))
+"""Colours for ranges that come without one, in this order."""
+
+Points = tuple[tuple[float, ...], ...]
+"""Points of four numbers: a value and what it gets."""
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """Colour and opacity as functions of the scalar value.
+
+    Args:
+        colours: (value, red, green, blue) in ascending order of values, colours in [0, 1]. Two points of one value
+            make a jump.
+        opacities: (value, opacity, midpoint, sharpness), ascending, all but the value in [0, 1]; midpoint and
+            sharpness shape the way to the next point as in VTK (0.5 and 0: straight).
+        unit_distance: Opacity unit distance in world units; None: ParaView's default (see ``unit_distance_for``).
+        name: For people.
+        space: One of ``COLOUR_SPACES``; HSV goes round the short way, as in ParaView.
+
+    Raises:
+        BadInput: No points, values that are not finite or not ascending, numbers outside [0, 1], an unknown space.
+    """
+
+    colours: Points
+    opacities: Points
+    unit_distance: float | None = None
+    name: str = "transfer function"
+    space: str = "RGB"
+
+    def __post_init__(self) -> None:
+        for kind in ("colours", "opacities"):
+            try:
+                points = np.array(getattr(self, kind), dtype=np.float64)
+            except (TypeError, ValueError):
+                points = np.empty(0)
+            if points.ndim != 2 or points.shape[1] != 4 or not np.isfinite(points).all():
+                raise BadInput(f"'{self.name}' needs {kind} that are a list of points of four finite numbers each.")
+            if (np.diff(points[:, 0]) < 0).any():
+                raise BadInput(f"The {kind} of '{self.name}' must be in ascending order of their values.")
+            if points[:, 1:].min() < 0 or points[:, 1:].max() > 1:
+                raise BadInput(f"The {kind} of '{self.name}' must lie between 0 and 1.")
+            object.__setattr__(self, kind, tuple(tuple(float(x) for x in point) for point in points))
+        if self.space not in COLOUR_SPACES:
+            raise BadInput(f"'{self.name}' has the colour space {self.space}; known are {', '.join(COLOUR_SPACES)}.")
+        if self.unit_distance is not None and not (np.isfinite(self.unit_distance) and self.unit_distance > 0):
+            raise BadInput(f"The opacity unit distance must be a positive number, not {self.unit_distance}.")
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value of any point."""
+        values = [point[0] for point in (*self.colours, *self.opacities)]
+        return min(values), max(values)
+
+    def mapped(self, scale: float, offset: float) -> TransferFunction:
+        """The same function of scale * value + offset (scale > 0)."""
+        colours = tuple((scale * v + offset, *rest) for v, *rest in self.colours)
+        opacities = tuple((scale * v + offset, *rest) for v, *rest in self.opacities)
+        return replace(self, colours=colours, opacities=opacities)
+
+    def fitted(self, low: float, high: float, rescale: bool | None = None) -> TransferFunction:
+        """The function for data in [low, high].
+
+        ParaView's presets often run from 0 to 1 and are stretched over the data when they are applied.
+
+        Args:
+            low: Smallest value of the data.
+            high: Largest value of the data.
+            rescale: True stretches the points over the data's range, False leaves them. None stretches only a
+                function that runs from exactly 0 to 1 over data that is not in [-0.5, 1.5] or spans less than a
+                tenth of that.
+
+        Raises:
+            BadInput: The function lies outside the data's range, or is transparent or opaque all over it.
+        """
+        start, stop = self.range
+        if rescale is None:
+            rescale = (start, stop) == (0.0, 1.0) and (low < -0.5 or high > 1.5 or high - low < 0.1) and high > low
+        fitted = self
+        if rescale:
+            if not (stop > start and high > low):
+                raise BadInput(f"'{self.name}' cannot be rescaled: it or the data has only one value.")
+            scale = (high - low) / (stop - start)
+            fitted = self.mapped(scale, low - scale * start)
+        fitted._check(low, high)
+        return fitted
+
+    def _check(self, low: float, high: float) -> None:
+        start, stop = self.range
+        data = f"the data runs from {low:g} to {high:g}"
+        if start > high or stop < low:
+            raise BadInput(f"'{self.name}' runs from {start:g} to {stop:g}, but {data}; rescale it.")
+        opacity = self.opacity_at(self._samples(low, high))
+        if opacity.max() <= 0:
+            raise BadInput(f"'{self.name}' is transparent everywhere in the data's range ({data}).")
+        if opacity.min() >= OPAQUE and high > low:
+            raise BadInput(f"'{self.name}' is opaque everywhere in the data's range ({data}): only a box would show.")
+
+    def _samples(self, low: float, high: float) -> NDArray[np.float64]:
+        """Values in [low, high] that miss no extremum: an even spread, the points, and both sides of each."""
+        values = np.array([point[0] for point in self.opacities])
+        near = np.concatenate([values, np.nextafter(values, -np.inf), np.nextafter(values, np.inf)])
+        return np.unique(np.clip(np.concatenate([np.linspace(low, high, 1025), near]), low, high))
+
+    def visible_ranges(self, low: float, high: float) -> list[tuple[float, float]]:
+        """Intervals of values in [low, high] with an opacity above 0, in ascending order."""
+        samples = self._samples(low, high)
+        seen = np.pad(self.opacity_at(samples) > 0, 1)
+        starts, stops = np.flatnonzero(seen[1:] & ~seen[:-1]), np.flatnonzero(seen[:-1] & ~seen[1:]) - 1
+        last = len(samples) - 1
+        return [
+            (float(samples[max(a - 1, 0)]), float(samples[min(b + 1, last)]))
+            for a, b in zip(starts.tolist(), stops.tolist())
+        ]
+
+    def opacity_at(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Opacity per unit distance of these values, as VTK interpolates it."""
+        function = self.to_vtk()[1]
+        values = np.asarray(values, dtype=np.float64)
+        return np.array([function.GetValue(float(v)) for v in values.ravel()]).reshape(values.shape)
+
+    def colour_at(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Colours (..., 3) of these values, as VTK interpolates them."""
+        function = self.to_vtk()[0]
+        values = np.asarray(values, dtype=np.float64)
+        return np.array([function.GetColor(float(v)) for v in values.ravel()]).reshape(*values.shape, 3)
+
+    def to_vtk(self) -> tuple[vtkColorTransferFunction, vtkPiecewiseFunction]:
+        """VTK's colour transfer function and scalar opacity function."""
+        colour, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
+        {
+            "RGB": colour.SetColorSpaceToRGB,
+            "HSV": colour.SetColorSpaceToHSV,
+            "Lab": colour.SetColorSpaceToLab,
+            "Diverging": colour.SetColorSpaceToDiverging,
+            "Step": colour.SetColorSpaceToStep,
+        }[self.space]()
+        colour.SetHSVWrap(1)
+        colour.AllowDuplicateScalarsOn()
+        opacity.AllowDuplicateScalarsOn()
+        for value, *rgb in self.colours:
+            colour.AddRGBPoint(value, *rgb)
+        for point in self.opacities:
+            opacity.AddPoint(*point)
+        return colour, opacity
+
+    def to_dict(self) -> dict[str, Any]:
+        """A ParaView preset (JSON); the unit distance under ParaView's property name."""
+        preset: dict[str, Any] = {
+            "Name": self.name,
+            "ColorSpace": self.space,
+            "RGBPoints": [x for point in self.colours for x in point],
+            "Points": [x for point in self.opacities for x in point],
+        }
+        if self.unit_distance is not None:
+            preset["ScalarOpacityUnitDistance"] = self.unit_distance
+        return preset
+
+    @classmethod
+    def from_dict(cls, data: object, name: str = "transfer function") -> TransferFunction:
+        """From a ParaView preset (an object, or a list whose first object is taken) or a list of bumps.
+
+        A preset without ``Points`` gets ParaView's default opacity, a ramp from 0 to 1. An object ``{"bumps":
+        [...]}`` holds the arguments of ``from_bumps``.
+
+        Raises:
+            BadInput: Neither of them, or any reason of the class.
+        """
+        if isinstance(data, list) and data:
+            data = data[0]
+        if not isinstance(data, Mapping) or not ("RGBPoints" in data or "bumps" in data):
+            raise BadInput(f"{name} is no transfer function: it has neither RGBPoints (ParaView's preset) nor bumps.")
+        name = str(data.get("Name", name))
+        unit = data.get("ScalarOpacityUnitDistance")
+        if unit is not None and not isinstance(unit, (int, float)):
+            raise BadInput(f"The ScalarOpacityUnitDistance of '{name}' must be a number, not {unit}.")
+        if "bumps" in data:
+            return cls.from_bumps(data["bumps"], name, unit)
+        colours = _quadruples(data["RGBPoints"], "RGBPoints", name)
+        if data.get("Points") is None:
+            opacities: Points = ((colours[0][0], 0.0, 0.5, 0.0), (colours[-1][0], 1.0, 0.5, 0.0))
+        else:
+            opacities = _quadruples(data["Points"], "Points", name)
+        space = str(data.get("ColorSpace", "RGB"))
+        space = {"CIELAB": "Lab", "LAB": "Lab"}.get(space, space)
+        return cls(colours, opacities, unit, name, space)
+
+    @classmethod
+    def read(cls, path: str | Path) -> TransferFunction:
+        """From a JSON file, see ``from_dict``.
+
+        Raises:
+            BadInput: No such file, no JSON, or any reason of ``from_dict``.
+        """
+        try:
+            data = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise BadInput(f"Cannot read the transfer function {path}: {error.strerror or error}.") from error
+        except ValueError as error:
+            raise BadInput(f"The transfer function {path} is not valid JSON ({error}).") from error
+        return cls.from_dict(data, Path(path).name)
+
+    @classmethod
+    def from_bumps(
+        cls, bumps: Iterable[Mapping[str, Any]], name: str = "bumps", unit_distance: float | None = None
+    ) -> TransferFunction:
+        """One visible range per bump: a triangle of opacity, and one colour.
+
+        Where bumps overlap, the larger opacity holds. Colours change half way between two centres.
+
+        Args:
+            bumps: Each with ``centre``, ``width`` (full, at its foot) and ``opacity`` (at the centre, in (0, 1]),
+                and ``colour`` (red, green, blue in [0, 1]; without it one of ``HUES``).
+            name: For people.
+            unit_distance: World units, see the class.
+
+        Raises:
+            BadInput: No bump, one without a number that it needs, or any reason of the class.
+        """
+        try:
+            shapes = sorted(
+                (float(b["centre"]), 0.5 * float(b["width"]), float(b["opacity"]), tuple(b.get("colour", ())))
+                for b in bumps
+            )
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise BadInput(f"Each bump of '{name}' needs the numbers centre, width and opacity.") from None
+        if not shapes or min(half for _, half, _, _ in shapes) <= 0:
+            raise BadInput(f"'{name}' needs at least one bump, and each a width above 0.")
+        feet = [(c + side * half) for c, half, _, _ in shapes for side in (-1, 0, 1)]
+        between = [0.5 * (a + b) for a, b in pairwise(sorted(feet))]
+        values = np.unique(feet + between)
+        height = np.max([h * np.clip(1 - np.abs(values - c) / half, 0, None) for c, half, h, _ in shapes], axis=0)
+        opacities = tuple((float(v), float(o), 0.5, 0.0) for v, o in zip(values, height))
+        hues = [colour or HUES[i % len(HUES)] for i, (*_, colour) in enumerate(shapes)]
+        centres = [c for c, *_ in shapes]
+        edges = [min(feet), *(0.5 * (a + b) for a, b in pairwise(centres)), max(feet)]
+        colours = tuple((edge, *hues[i]) for i in range(len(shapes)) for edge in (edges[i], edges[i + 1]))
+        return cls(colours, opacities, unit_distance, name)
+
+
+def _quadruples(numbers: object, key: str, name: str) -> Points:
+    """Flat list, as in a preset, to points of four numbers."""
+    if not isinstance(numbers, Sequence) or not numbers or len(numbers) % 4:
+        raise BadInput(f"{key} of '{name}' must be a list of numbers, four for each point.")
+    return tuple(tuple(numbers[i : i + 4]) for i in range(0, len(numbers), 4))
+
+
+def unit_distance_for(image: vtkImageData) -> float:
+    """ParaView's default opacity unit distance: diagonal of the bounds / cube root of the number of cells.
+
+    World units; sqrt(3) voxels for a cube-shaped volume (vtkSMBoundsDomain, mode approximate_cell_length).
+    """
+    cells = np.array(image.GetDimensions()) - 1
+    return float(np.linalg.norm(cells * np.array(image.GetSpacing())) / np.cbrt(cells.prod(dtype=np.float64)))

@@ -1,0 +1,201 @@
+"""Views of a volume: images with straight alpha from cameras all around it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonCore import vtkVersion
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.core.cameras import Camera, orbit_cameras, sphere_cameras
+from svv.dvr.grids import as_volume, index_to_world, to_array
+from svv.dvr.histogram import default_transfer_function
+from svv.dvr.mappers import Shading, choose_mapper
+from svv.dvr.stage import Stage, set_stage
+from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.volumes import read_volume
+from svv.errors import BadInput, Progress, part, silent
+from svv.io.viewset import ViewSet
+
+STEP = 0.5
+"""Default sample distance in voxels: half a voxel, as VTK and ParaView have it."""
+
+MAX_SAMPLES = 3000
+"""Samples along the longest ray; a spacing that is tiny along one axis would ask for more."""
+
+FRAMING = 4.0311 / (0.516 * np.sqrt(3.0))
+"""Camera distance / half the diagonal of the visible box, as in the views published with StyleRF-VolVis."""
+
+FOV = np.pi / 6
+
+ORBIT = 181
+"""Views of the test path, see ``orbit_cameras``."""
+
+
+def render_views(
+    image: vtkImageData,
+    tf: TransferFunction,
+    cameras: Sequence[Camera],
+    mapper: str = "auto",
+    shading: Shading | None = None,
+    step: float = STEP,
+    progress: Progress = silent,
+) -> NDArray[np.uint8]:
+    """Render a volume from some cameras of one image size.
+
+    Args:
+        image: One-component point scalars (see ``as_volume``), any spacing, origin and direction matrix.
+        tf: Transfer function for the image's values.
+        cameras: World units of the image.
+        mapper: ``auto``, ``gpu`` or ``cpu``.
+        shading: By default a headlight with ParaView's coefficients.
+        step: Sample distance in voxels (see ``Stage.voxel``). It never changes between or within views.
+        progress: Told after each view.
+
+    Returns:
+        (n, height, width, 4) uint8, straight alpha.
+
+    Raises:
+        BadInput: A transfer function that shows nothing or only a box, cameras of different sizes, an unknown mapper,
+            or no OpenGL where ``gpu`` is asked for.
+    """
+    tf.fitted(*_range(image), rescale=False)
+    return _render(set_stage(image, tf), cameras, mapper, shading or Shading(), step, progress)[0]
+
+
+def make_views(
+    volume: vtkImageData | str | Path,
+    tf: TransferFunction | str | Path | None = None,
+    n: int = 92,
+    size: int = 800,
+    *,
+    test: int = 0,
+    mapper: str = "auto",
+    fov: float = FOV,
+    shading: Shading | None = None,
+    step: float = STEP,
+    rescale: bool | None = None,
+    frame: str = "visible",
+    name: str | None = None,
+    progress: Progress = silent,
+) -> tuple[ViewSet, ViewSet | None]:
+    """The views that a scene is trained on, and those that it is tested on.
+
+    Args:
+        volume: A file (see ``read_volume``) or an image.
+        tf: A transfer function, or its JSON file; by default two ranges of the histogram.
+        n: Training views on a sphere around the volume, >= 3 (see ``geodesic_directions``).
+        size: Width and height of the images, pixels.
+        test: Test views, spread over the path of 181 (see ``orbit_cameras``), first and last included.
+        mapper: ``auto`` (GPU where OpenGL runs on hardware), ``gpu`` or ``cpu``.
+        fov: Full angle of view, radians.
+        shading: By default a headlight with ParaView's coefficients.
+        step: Sample distance in voxels (see ``Stage.voxel``).
+        rescale: Whether to stretch the function over the data's range (see ``TransferFunction.fitted``).
+        frame: What fills the images: the ``visible`` box, or the ``whole`` volume.
+        name: Of the volume, for the record; by default its file name.
+        progress: Told often.
+
+    Returns:
+        The training and the test views (None where ``test`` is 0). ``meta`` says how to make them again.
+
+    Raises:
+        BadInput: Any reason of ``read_volume``, ``TransferFunction`` and ``render_views``, or an option out of range.
+    """
+    _check_options(n, size, test, fov, step, frame)
+    began = time.monotonic()
+    progress(0.0, "Reading the volume")
+    image = as_volume(volume) if isinstance(volume, vtkImageData) else read_volume(volume)
+    if isinstance(tf, (str, Path)):
+        tf = TransferFunction.read(tf)
+    given = tf or default_transfer_function(image)
+    fitted = given.fitted(*_range(image), rescale)
+    stage = set_stage(image, fitted)
+    centre, half = stage.centre, 0.5 * stage.visible_size
+    if frame == "whole":
+        matrix, last = index_to_world(image), np.array(image.GetDimensions()) - 1
+        centre, half = matrix[:3, 3] + 0.5 * matrix[:3, :3] @ last, 0.5 * last * image.GetSpacing()
+    # Narrower angles stand farther off, so that the volume takes the same part of the image.
+    radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
+    cameras = sphere_cameras(n, centre, radius, fov, size)
+    numbers = [int(i) for i in np.rint(np.linspace(0, ORBIT - 1, test))] if test > 1 else [ORBIT // 2] * test
+    path = orbit_cameras(ORBIT, centre, radius, fov, size)
+    cameras += [path[i] for i in numbers]
+    shading = shading or Shading()
+    images, mapper_name, distance = _render(stage, cameras, mapper, shading, step, part(progress, 0.02, 1.0))
+    meta = {
+        "volume": name or (Path(volume).name if isinstance(volume, (str, Path)) else "volume"),
+        "grid": _grid(image),
+        "bounds": stage.bounds.tolist(),
+        "rig": {"centre": np.asarray(centre).tolist(), "radius": radius, "fov_x": fov},
+        "tf": fitted.to_dict(),
+        "tf_rescaled": fitted is not given,
+        "opacity_unit_distance": stage.unit_distance / stage.scale,
+        "shading": asdict(shading),
+        "sample_distance": distance / stage.scale,
+        "mapper": mapper_name,
+        "vtk": vtkVersion.GetVTKVersion(),
+        "seconds": round(time.monotonic() - began, 3),
+    }
+    train = ViewSet(tuple(cameras[:n]), images[:n], tuple(f"r_{i:04d}" for i in range(n)), meta)
+    if not test:
+        return train, None
+    return train, ViewSet(tuple(cameras[n:]), images[n:], tuple(f"r_{i:04d}" for i in numbers), meta)
+
+
+def _check_options(n: int, size: int, test: int, fov: float, step: float, frame: str) -> None:
+    if n < 3:
+        raise BadInput(f"At least 3 views are needed, not {n}.")
+    if size < 1:
+        raise BadInput(f"The views' size must be at least one pixel, not {size}.")
+    if not 0 <= test <= ORBIT:
+        raise BadInput(f"There can be 0 to {ORBIT} test views, not {test}.")
+    if not 0 < fov < np.pi:
+        raise BadInput(f"The angle of view must lie between 0 and pi radians, not {fov}.")
+    if frame not in ("visible", "whole"):
+        raise BadInput(f"What fills the images must be 'visible' or 'whole', not '{frame}'.")
+
+
+def _render(
+    stage: Stage, cameras: Sequence[Camera], mapper: str, shading: Shading, step: float, progress: Progress
+) -> tuple[NDArray[np.uint8], str, float]:
+    """Images, name of the mapper, and sample distance in stage units."""
+    if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
+        raise BadInput("Views need at least one camera, and all cameras one image size.")
+    if not (np.isfinite(step) and step > 0):
+        raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
+    diagonal = float(np.linalg.norm(stage.scale * stage.visible_size))
+    distance = max(step * stage.voxel, diagonal / MAX_SAMPLES)
+    caster = choose_mapper(mapper)(stage, shading, distance)
+    try:
+        first = cameras[0]
+        images = np.empty((len(cameras), first.height, first.width, 4), np.uint8)
+        for i, camera in enumerate(cameras):
+            images[i] = caster.render(camera)
+            progress((i + 1) / len(cameras), "Rendering views")
+    finally:
+        caster.close()
+    return images, caster.name, distance
+
+
+def _range(image: vtkImageData) -> tuple[float, float]:
+    values = to_array(image)
+    return float(values.min()), float(values.max())
+
+
+def _grid(image: vtkImageData) -> dict[str, Any]:
+    direction = image.GetDirectionMatrix()
+    return {
+        "dimensions": list(image.GetDimensions()),
+        "spacing": list(image.GetSpacing()),
+        "origin": list(image.GetOrigin()),
+        "direction": [[direction.GetElement(i, j) for j in range(3)] for i in range(3)],
+        "type": str(to_array(image).dtype),
+        "range": list(_range(image)),
+    }

@@ -1,0 +1,238 @@
+"""Reading volumes: any kind of file that holds a regular grid of numbers becomes a ``vtkImageData``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
+from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkIOImage import vtkMetaImageReader, vtkNIFTIImageReader, vtkNrrdReader, vtkSLCReader
+from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
+from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+
+from svv.dvr.grids import Triple, as_volume, from_array, put_scalars, set_geometry
+from svv.errors import BadInput
+
+SUPPORTED = ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .slc .npy .raw .tif (or a folder of .tif)"
+
+RAW_TYPES = {
+    "uchar": "uint8", "char": "int8", "ushort": "uint16", "short": "int16", "uint": "uint32", "int": "int32",
+    "float": "float32", "double": "float64", "half": "float16",
+}  # fmt: skip
+"""Names of C types that raw files carry in their names, beside NumPy's own."""
+
+
+def read_volume(
+    path: str | Path,
+    dims: Sequence[int] | None = None,
+    dtype: DTypeLike | None = None,
+    spacing: Triple | None = None,
+    origin: Triple | None = None,
+    array: str | None = None,
+) -> vtkImageData:
+    """Read a volume from a file, or from a folder of TIFF slices.
+
+    Args:
+        path: A file of one of the kinds in ``SUPPORTED``.
+        dims: Points along x, y, z; for raw files only. Taken from the name where it says so
+            (``foo_128x128x256_uint16.raw``).
+        dtype: NumPy type of a raw file, ``>u2`` for big-endian shorts; also taken from the name.
+        spacing: Overrides the file's spacing (x, y, z), world units.
+        origin: Overrides the file's origin (x, y, z), world units.
+        array: Name of the scalar array, where there are several.
+
+    Returns:
+        An image with one single-component point scalar array; see ``as_volume``.
+
+    Raises:
+        BadInput: No such file, an unknown or damaged one, not a volume, or any reason of ``as_volume``.
+    """
+    file = Path(path)
+    if not file.exists():
+        raise BadInput(f"There is no volume {file}; check the path.")
+    image = _read(file, dims, dtype)
+    for values, put in ((spacing, image.SetSpacing), (origin, image.SetOrigin)):
+        if values is not None:
+            if len(values) != 3:
+                raise BadInput(f"Spacing and origin need three numbers (x, y, z), not {values}.")
+            put(*(float(value) for value in values))
+    return as_volume(image, array, file.name)
+
+
+def _read(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -> vtkImageData:
+    if file.is_dir():
+        return _read_folder(file)
+    try:
+        with file.open("rb") as opened:
+            if not opened.read(1):
+                raise BadInput(f"{file} is empty.")
+    except OSError as error:
+        raise BadInput(f"Cannot read {file}: {error.strerror or error}.") from error
+    name = file.name.lower()
+    for suffix, read in _READERS.items():
+        if name.endswith(suffix):
+            return read(file)
+    if dims is not None or dtype is not None or name.endswith((".raw", ".bin", ".dat")):
+        return _read_raw(file, dims, dtype)
+    raise BadInput(
+        f"{file} is of no kind that is known here ({SUPPORTED}); give dimensions and type if it is raw data."
+    )
+
+
+@contextmanager
+def vtk_messages() -> Iterator[Callable[[], str]]:
+    """Collect what VTK would print on the terminal; the function that it gives returns the text so far."""
+    before, window = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
+    vtkOutputWindow.SetInstance(window)
+    try:
+        yield window.GetOutput
+    finally:
+        vtkOutputWindow.SetInstance(before)
+
+
+def _run(reader: Any, file: Path) -> vtkImageData:
+    """Run a VTK reader; what it complains about becomes one sentence."""
+    with vtk_messages() as messages:
+        reader.SetFileName(str(file))
+        reader.Update()
+        output = reader.GetOutput()
+        said = messages()
+    if output is not None and not output.IsA("vtkImageData"):
+        raise BadInput(f"{file} holds a {output.GetClassName()}, not a regular volume (image data).")
+    if output is None or "ERR" in said or "Error" in said or reader.GetErrorCode():
+        raise BadInput(f"Cannot read {file}: it is damaged or no {file.suffix} file{_reason(said)}.")
+    return output
+
+
+def _reason(said: str) -> str:
+    """The first thing that VTK said, without its object addresses and line numbers."""
+    lines = [line.strip() for line in said.splitlines() if line.strip() and not line.startswith("ERROR: In")]
+    text = re.sub(r"^\w+ \(0x[0-9a-f]+\): ", "", lines[0]) if lines else ""
+    return f" ({text.rstrip('.')})" if text else ""
+
+
+def _read_nrrd(file: Path) -> vtkImageData:
+    image = _run(vtkNrrdReader(), file)
+    with file.open("rb") as opened:
+        header = opened.read(65536).split(b"\n\n")[0].decode("latin-1")
+    # VTK reads the lengths of the space directions as spacing and leaves out where they point.
+    found = re.search(r"^space directions:(.*)$", header, re.MULTILINE)
+    vectors = re.findall(r"\(([^)]*)\)", found.group(1)) if found else []
+    if len(vectors) == 3:
+        try:
+            axes = np.array([[float(x) for x in vector.split(",")] for vector in vectors]).T
+        except ValueError:
+            raise BadInput(f"{file} has space directions that are no numbers; it is damaged.") from None
+        if axes.shape == (3, 3):
+            set_geometry(image, axes, np.array(image.GetOrigin()))
+    return image
+
+
+def _read_nifti(file: Path) -> vtkImageData:
+    reader = vtkNIFTIImageReader()
+    image = _run(reader, file)
+    placed = reader.GetSFormMatrix() or reader.GetQFormMatrix()
+    if placed:
+        matrix = np.array([[placed.GetElement(i, j) for j in range(4)] for i in range(4)])
+        set_geometry(image, matrix[:3, :3] * image.GetSpacing(), matrix[:3, :3] @ image.GetOrigin() + matrix[:3, 3])
+    slope, intercept = reader.GetRescaleSlope(), reader.GetRescaleIntercept()
+    if slope not in (0.0, 1.0) or (slope == 1.0 and intercept != 0.0):
+        stored = vtk_to_numpy(image.GetPointData().GetScalars())
+        put_scalars(image, stored * np.float32(slope) + np.float32(intercept), "NIFTI")
+    return image
+
+
+def _read_npy(file: Path) -> vtkImageData:
+    try:
+        values = np.load(file, allow_pickle=False)
+    except (ValueError, OSError, EOFError, MemoryError) as error:
+        raise BadInput(f"Cannot read {file}: it is damaged or no .npy file of numbers ({error}).") from error
+    return from_array(values, name=file.stem)
+
+
+def _read_tiff(file: Path) -> vtkImageData:
+    return from_array(_tiff_pages(file), name=file.stem)
+
+
+def _read_folder(folder: Path) -> vtkImageData:
+    files = [f for f in folder.iterdir() if f.suffix.lower() in (".tif", ".tiff")]
+    if not files:
+        raise BadInput(f"The folder {folder} holds no .tif slices; a volume is one file or a folder of slices.")
+    # slice_2 before slice_10, whether or not the numbers are padded
+    files.sort(key=lambda f: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", f.name)])
+    slices = [_tiff_pages(file) for file in files]
+    for file, pages in zip(files, slices):
+        if pages.shape != slices[0].shape or pages.shape[0] != 1:
+            raise BadInput(f"{file} differs in size from {files[0].name}; all slices must have one size.")
+    return from_array(np.concatenate(slices), name=folder.name)
+
+
+def _tiff_pages(file: Path) -> NDArray[Any]:
+    """(pages, height, width) of a TIFF file."""
+    from tifffile import TiffFileError, imread  # only here: it is slow to import
+
+    try:
+        values = imread(file)
+    except (TiffFileError, OSError, ValueError, IndexError, KeyError) as error:
+        values = _tiff_with_pillow(file, error)
+    if values.ndim == 2:
+        values = values[None]
+    if values.ndim != 3 or (values.shape[-1] in (3, 4) and values.shape[0] != values.shape[-1] and values.ndim == 3):
+        raise BadInput(f"{file} holds an array of shape {values.shape}; a volume needs grey pages of one size.")
+    return values
+
+
+def _tiff_with_pillow(file: Path, error: Exception) -> NDArray[Any]:
+    """Pillow carries libtiff, and so the compressions (LZW ...) that tifffile needs a further package for."""
+    from PIL import Image, ImageSequence
+
+    try:
+        with Image.open(file) as image:
+            return np.stack([np.asarray(page) for page in ImageSequence.Iterator(image)])
+    except (OSError, SyntaxError, ValueError):
+        raise BadInput(f"Cannot read {file}: it is damaged or no TIFF file ({error}).") from error
+
+
+def _read_raw(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -> vtkImageData:
+    name = file.name.lower()
+    found = re.search(r"(\d+)x(\d+)x(\d+)", name)
+    size = [int(d) for d in dims] if dims is not None else [int(d) for d in found.groups()] if found else []
+    if len(size) != 3:
+        raise BadInput(f"{file} is raw data: give its dimensions (nx, ny, nz), or name it foo_64x64x64_uint8.raw.")
+    kinds = "|".join(["u?int(?:8|16|32|64)", "float(?:16|32|64)", *RAW_TYPES])
+    named = re.search(rf"(?:^|[_.\-])({kinds})(?=[_.\-])", name)
+    if dtype is None and named is None:
+        raise BadInput(f"{file} is raw data: give its type (uint8, int16, float32 ...), or put it into its name.")
+    text = dtype if dtype is not None else RAW_TYPES.get(named.group(1), named.group(1))  # type: ignore[union-attr]
+    try:
+        kind = np.dtype(RAW_TYPES.get(text, text) if isinstance(text, str) else text)
+    except TypeError:
+        raise BadInput(f"'{dtype}' is no type of number; use uint8, int16, float32, >u2 ...") from None
+    expected, there = int(np.prod(size, dtype=object)) * kind.itemsize, file.stat().st_size
+    if min(size) < 1 or expected != there:
+        shape = " x ".join(str(d) for d in size)
+        raise BadInput(f"{file} has {there} bytes, but {shape} voxels of {kind.name} are {expected} bytes.")
+    return from_array(np.fromfile(file, dtype=kind).reshape(size[::-1]), name=file.stem)
+
+
+_READERS: dict[str, Callable[[Path], vtkImageData]] = {
+    ".vti": lambda file: _run(vtkXMLImageDataReader(), file),
+    ".vtk": lambda file: _run(vtkGenericDataObjectReader(), file),
+    ".mha": lambda file: _run(vtkMetaImageReader(), file),
+    ".mhd": lambda file: _run(vtkMetaImageReader(), file),
+    ".slc": lambda file: _run(vtkSLCReader(), file),
+    ".nrrd": _read_nrrd,
+    ".nhdr": _read_nrrd,
+    ".nii": _read_nifti,
+    ".nii.gz": _read_nifti,
+    ".npy": _read_npy,
+    ".tif": _read_tiff,
+    ".tiff": _read_tiff,
+}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -245,11 +246,14 @@ def evaluate(
 def info(scene: SceneFile, json: Json = None) -> None:
     """Show what a scene holds: its regions, networks, size, and how it was made."""
     from svv.io.atomic import write_json
+    from svv.report.pictures import hex_colour
 
     content = _load(scene).info()
     if json is not None:
         write_json(json, content)
-    _print_table(content)
+    colours = ("colour", "edited_colour")
+    regions = [{**r, **{k: hex_colour(r[k]) for k in colours if r[k]}} for r in content["regions"]]
+    _print_table({**content, "regions": regions})
 
 
 def checkpoint_path(out: Path) -> Path:
@@ -285,16 +289,25 @@ def _finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, 
     print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions, {total}")
 
 
-def _print_table(content: dict[str, Any]) -> None:
-    """Names and values on standard output; a list of objects becomes indented lines."""
-    wide = max(map(len, content), default=0)
+def _print_table(content: Mapping[str, Any], indent: str = "") -> None:
+    """Names and values on standard output; what is nested stands indented under its name."""
+    wide = max((len(name) for name, value in content.items() if not _is_nested(value)), default=0)
     for name, value in content.items():
-        if isinstance(value, list | tuple) and value and isinstance(value[0], dict):
-            print(f"{name}")
-            for index, item in enumerate(value):
-                print(f"  {index}: " + ", ".join(f"{key} {_text(item[key])}" for key in item))
+        if not _is_nested(value):
+            print(f"{indent}{name:<{wide}}  {_text(value)}")
+            continue
+        print(f"{indent}{name}")
+        if isinstance(value, dict):
+            _print_table(value, indent + "  ")
         else:
-            print(f"{name:<{wide}}  {_text(value)}")
+            for index, item in enumerate(value):
+                print(f"{indent}  {index}: {_text(item)}")
+
+
+def _is_nested(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        return any(isinstance(item, dict | str) for item in value) and any(" " in _text(item) for item in value)
+    return isinstance(value, dict) and len(_text(value)) > 80
 
 
 def _text(value: object) -> str:

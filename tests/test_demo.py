@@ -13,7 +13,7 @@ from svv.errors import Cancelled, Progress
 from svv.io.output import write_mp4, write_png
 from svv.measure import measured
 from svv.report.page import Page, Picture, Table, cost_table, write_page
-from svv.report.pictures import error_picture, over_white, sheet, shrunk
+from svv.report.pictures import error_picture, hex_colour, over_white, sheet, shrunk
 from svv.report.stages import Stages, fingerprint
 
 
@@ -95,6 +95,7 @@ def test_a_sheet_holds_its_pictures_unchanged() -> None:
 
 
 def test_small_helpers_of_pictures() -> None:
+    assert hex_colour((1.0, 0.5, 0.0)) == "#ff8000"
     white, black = np.full((2, 2, 3), 255, np.uint8), np.zeros((2, 2, 3), np.uint8)
     assert (error_picture(white, white) == 255).all()
     assert (error_picture(white, black) == [150, 0, 20]).all()

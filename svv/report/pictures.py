@@ -52,6 +52,11 @@ def error_picture(truth: Picture, shown: Picture, gain: float = 4.0) -> Picture:
     return np.rint(colour).astype(np.uint8)
 
 
+def hex_colour(colour: Sequence[float]) -> str:
+    """RGB in [0, 1] as '#rrggbb', as the command takes it."""
+    return "#" + to_bytes(colour).tobytes().hex()
+
+
 def over_white(image: NDArray[Any]) -> Picture:
     """Straight-alpha RGBA (h, w, 4), values in [0, 1] or levels (uint8), over white."""
     values = image.astype(np.float32) / 255.0 if image.dtype == np.uint8 else image

@@ -9,6 +9,7 @@ from typing import Any
 from svv.progress import duration
 from svv.report.job import Job
 from svv.report.page import Page, Picture, Table, cost_table, write_page
+from svv.report.pictures import hex_colour
 from svv.report.source import ViewSource, VolumeSource, read_meta
 
 SCORES = {
@@ -78,8 +79,7 @@ def _numbers(training: dict[str, Any], scores: dict[str, Any]) -> list[tuple[str
 def _regions(scene: Any, styles: int) -> Table:
     rows = []
     for index, region in enumerate(scene.regions):
-        colour = "#" + "".join(f"{round(255 * min(max(float(c), 0.0), 1.0)):02x}" for c in region.colour)
-        row = [str(index), colour, f"{float(region.share):.0%}"]
+        row = [str(index), hex_colour(region.colour), f"{float(region.share):.0%}"]
         rows.append([*row, f"picture {index % styles}"] if styles else row)
     columns = ["Region", "Colour", "Share"] + ["Style"] * (styles > 0)
     text = "What the palette found: each region can be recoloured, relit, thinned out or stylized on its own."

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 from svv.core.nnfm import colour_statistics, colour_transfer
 from svv.io.images import read_style
-from svv.train.features import PatchFeatures, StyleFeatures, load_features
+from svv.train.features import STRIDE, PatchFeatures, StyleFeatures, load_features
 from svv.train.style_loss import StyleLossSettings, StyleTarget, resized
 from svv.train.textures import STYLE_PICTURES, style_picture
 from svv.train.train_features import WIDTHS
@@ -37,7 +37,8 @@ class RawPatches(nn.Module):
     """Patches of 8 x 8 pixels as they are."""
 
     def forward(self, image: Tensor) -> Tensor:
-        return F.pixel_unshuffle(F.pad(image, (0, -image.shape[3] % 8, 0, -image.shape[2] % 8), mode="replicate"), 4)
+        size = [n // STRIDE for n in image.shape[2:]]
+        return F.unfold(F.pad(image, (2,) * 4, mode="reflect"), 8, stride=STRIDE).unflatten(2, size)
 
 
 def untrained() -> nn.Module:

@@ -27,6 +27,10 @@ LEAST_SHARE = 0.3
 """Share of foreground from which on a cell of the feature map is matched."""
 
 
+FAINTEST = 0.02
+"""Opacity from which on a pixel belongs to a region."""
+
+
 @dataclass(frozen=True)
 class StyleLossSettings:
     """Weights and sizes of the style loss."""
@@ -84,6 +88,7 @@ class StyleTarget:
             A scalar.
         """
         settings = self.settings
+        colours, mask = solid(colours, mask, self.background)
         loss = torch.zeros(())
         for octave, (mean, vectors) in enumerate(self._scales):
             picture, cover = F.avg_pool2d(colours, 1 << octave), F.avg_pool2d(mask[None], 1 << octave)[0]
@@ -103,6 +108,26 @@ class StyleTarget:
         weights = cell_weights(cover[top:, left:], STRIDE)
         seen = weights > LEAST_SHARE
         return nnfm_loss(features[seen], vectors, weights[seen], self.settings.balance)
+
+
+def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Tensor]:
+    """A translucent region made opaque: as features see it, its strokes must not drown in the background.
+
+    Its own colour c stays and its opacity m is divided by that of its more opaque parts, m' = min(1, m / m_90%).
+
+    Args:
+        colours: m c + (1 - m) background, (3, h, w).
+        mask: m in [0, 1], (h, w).
+        background: Grey level in [0, 1].
+
+    Returns:
+        m' c + (1 - m') background and m'. What is opaque already stays as it is.
+    """
+    there = mask[mask > FAINTEST]
+    if len(there) == 0:
+        return colours, mask
+    gain = 1 / mask.clamp_min(float(there.quantile(0.9)))
+    return background + (colours - background) * gain, mask * gain
 
 
 def resized(picture: Tensor, long_side: int) -> Tensor:

@@ -1,0 +1,48 @@
+"""Generated pictures: any seed gives a picture, the same each time, of colours in range; styles are lively."""
+
+from __future__ import annotations
+
+import colorsys
+
+import numpy as np
+import pytest
+
+from svv.train.textures import GENERATORS, STYLE_PICTURES, hsv, palette, rank, spectrum_noise, style_picture, texture
+
+
+@pytest.mark.parametrize("seed", range(len(GENERATORS)))
+def test_every_generator_gives_a_picture_that_its_seed_decides(seed: int) -> None:
+    picture = texture(seed, 64)
+    assert picture.shape == (64, 64, 3) and picture.dtype == np.float32
+    assert picture.min() >= 0 and picture.max() <= 1 and picture.std() > 0.005
+    np.testing.assert_array_equal(picture, texture(seed, 64))
+    assert np.abs(picture - texture(seed + len(GENERATORS), 64)).mean() > 0.01
+
+
+@pytest.mark.parametrize("name", STYLE_PICTURES)
+def test_style_pictures_are_colourful_and_full_of_strokes(name: str) -> None:
+    picture = style_picture(name, 160)
+    assert picture.shape == (160, 160, 3) and picture.dtype == np.float32
+    assert picture.min() >= 0 and picture.max() <= 1
+    hues = [colorsys.rgb_to_hsv(*p)[0] for p in picture[::8, ::8].reshape(-1, 3) if max(p) - min(p) > 0.2]
+    assert len(set((np.array(hues) * 6).astype(int))) >= 4  # of six sectors of the colour wheel
+    assert np.abs(np.diff(picture, axis=0)).mean() > 0.02
+    np.testing.assert_array_equal(picture, style_picture(name, 160))
+    assert np.abs(picture - style_picture(name, 160, seed=1)).mean() > 0.02
+
+
+def test_hsv_is_the_standard_s() -> None:
+    rng = np.random.default_rng(0)
+    for h, s, v in rng.random((20, 3)):
+        np.testing.assert_allclose(hsv(h, s, v), colorsys.hsv_to_rgb(h, s, v), atol=1e-6)
+
+
+def test_noise_falls_with_its_exponent_and_ranks_are_even() -> None:
+    noise = spectrum_noise(np.random.default_rng(0), 128, 2.0)
+    assert noise.mean() == pytest.approx(0, abs=1e-3) and noise.std() == pytest.approx(1, abs=1e-3)
+    amplitude = np.abs(np.fft.fft2(noise))
+    low, high = amplitude[0, 4:8].mean(), amplitude[0, 32:56].mean()
+    assert 10 < low / high < 200  # (44 / 6)^2 = 54
+    ranks = rank(noise)
+    np.testing.assert_allclose(np.quantile(ranks, [0.1, 0.5, 0.9]), [0.1, 0.5, 0.9], atol=1e-3)
+    assert palette(np.random.default_rng(0), 5).shape == (5, 3)

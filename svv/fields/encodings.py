@@ -7,6 +7,7 @@ compiled kernels: the backward pass adds to ``gradient`` and marks the vertices 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -117,7 +118,7 @@ class SparseLattice(Encoding):
     def rows_of_level(self, level: int) -> slice:
         """The table's rows that belong to a level."""
         ends = [*self.bases.tolist(), len(self.index)]
-        first = [int(self.index[a:b].max(initial=-1)) + 1 for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        first = [int(self.index[a:b].max(initial=-1)) + 1 for a, b in itertools.pairwise(ends)]
         return slice(first[level - 1] if level else 0, first[level])
 
     def look_up(self, x: Tensor) -> Tensor:
@@ -128,9 +129,12 @@ class SparseLattice(Encoding):
     def add_gradient(self, x: Tensor, gradient: Tensor) -> None:
         lattice.encode_backward(x.numpy(), gradient.contiguous().numpy(), *self.layout, *self.buffers_for_gradient())
 
-    def restricted(self, occupied: NDArray[np.uint8], cells: int) -> SparseLattice:
-        """The same features on fewer cells; ``occupied`` must be a subset of those this lattice was made for."""
-        result = SparseLattice(occupied, cells, self.resolutions, self.features)
+    def restricted(self, occupied: NDArray[np.uint8], cells: int, finer: Sequence[int] = ()) -> SparseLattice:
+        """The same features on fewer cells, with ``finer`` levels of zeros behind those there are.
+
+        ``occupied`` must be a subset of the cells this lattice was made for.
+        """
+        result = SparseLattice(occupied, cells, (*self.resolutions, *finer), self.features)
         with torch.no_grad():
             for level in range(self.levels):
                 shape = tuple(self.shapes[level].tolist())
@@ -182,8 +186,8 @@ class LatticeAdam:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Moments and ages, for a checkpoint."""
-        pairs = [(f"{k}.{name}", v) for name, vs in (("moments", self.moments), ("age", self.age)) for k, v in enumerate(vs)]
-        return dict(pairs)
+        state: dict[str, NDArray[Any]] = {f"{k}.moments": v for k, v in enumerate(self.moments)}
+        return state | {f"{k}.age": v for k, v in enumerate(self.age)}
 
     def load(self, state: dict[str, NDArray[Any]]) -> None:
         """Take the state of an earlier :meth:`state`."""

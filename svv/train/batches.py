@@ -27,16 +27,11 @@ class Batch:
     """Straight RGB in [0, 1]. (R, 3)"""
     alpha: Tensor
     """(R,)"""
-    generator: np.random.Generator
 
-    def over_random_backgrounds(self) -> tuple[Tensor, Tensor]:
-        """True colour over a random background a ray, and the backgrounds. (R, 3) each
-
-        A random background makes every error of alpha an error of colour.
-        """
-        background = torch.from_numpy(self.generator.random(tuple(self.colour.shape), dtype=np.float32))
-        alpha = self.alpha[:, None]
-        return self.colour * alpha + background * (1.0 - alpha), background
+    @property
+    def premultiplied(self) -> Tensor:
+        """Colour over black. Beside the error of alpha it says all that random backgrounds would, without their noise."""
+        return self.colour * self.alpha[:, None]
 
 
 class RayPool:
@@ -55,7 +50,7 @@ class RayPool:
         generator = np.random.default_rng((self._seed, number))
         pixels = self._pool[generator.integers(0, len(self._pool), rays)]
         rgba = torch.from_numpy(self._pixels[pixels].astype(np.float32) / np.float32(255.0))
-        return Batch(self._caster.rays(pixels), rgba[:, :3], rgba[:, 3], generator)
+        return Batch(self._caster.rays(pixels), rgba[:, :3], rgba[:, 3])
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` evenly drawn visible pixels."""

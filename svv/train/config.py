@@ -20,7 +20,11 @@ class ReconstructSettings:
     iterations: int = 4000
     """Steps of the optimiser."""
     rays: int = 4096
-    """Rays a step."""
+    """Rays a step; between a quarter and twice as many are drawn, to come near ``samples``."""
+    samples: int = 32768
+    """Visible samples a step: opaque scenes have few on a ray, translucent ones many."""
+    refine_at: float = 0.5
+    """Part of the schedule after which step and density lattice become twice as fine; over 1 never."""
     density_rate: float = 0.3
     """Learning rate of the density lattice, in units of the extinction's exponent."""
     feature_rate: float = 0.02

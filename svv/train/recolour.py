@@ -60,9 +60,8 @@ class Recolouring:
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
         values = torch.cat([colour, offsets[:, None], (parts.shade - 1.0).square()[:, None]], dim=1)
-        out, transmittance, _ = composite(samples, sigma, values)
-        truth, background = batch.over_random_backgrounds()
-        error = (out[:, :3] + transmittance[:, None] * background - truth).square().mean()
+        out, _, _ = composite(samples, sigma, values)
+        error = (out[:, :3] - batch.premultiplied).square().mean()
         drift = (self.field.colours - self.start).square().sum()
         loss = error + s.offset_weight * out[:, 3].mean() + s.shade_weight * out[:, 4].mean() + s.palette_weight * drift
         self.networks.zero_grad(set_to_none=True)

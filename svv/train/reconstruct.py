@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -21,6 +22,10 @@ from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, falling
 
 
+RAYS_EVERY = 16
+"""Steps between two adjustments of the number of rays to the samples that they give."""
+
+
 class Reconstruction:
     """Trains a base field; hold it to go on, or take its parts."""
 
@@ -34,7 +39,7 @@ class Reconstruction:
     ) -> None:
         torch.manual_seed(seed)
         self.settings, self.field_settings = settings, field
-        self.laid_out = occupancy
+        self.refined: Occupancy | None = None
         self.occupancy = occupancy
         self.field = BaseField(field, occupancy)
         self.field.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
@@ -45,6 +50,7 @@ class Reconstruction:
         finest = field.resolutions[-1] if field.encoding == "lattice" else 512
         self.marching = Marching(1.0 / finest, keep=settings.keep)
         self.pool = RayPool(views, occupancy.box, seed)
+        self.rays = settings.rays
         networks = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
         self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
         self.tables = LatticeAdam(self.field.encodings)
@@ -52,13 +58,17 @@ class Reconstruction:
     def step(self, number: int, fraction: float) -> float:
         """One step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
-        batch = self.pool.batch(number, s.rays)
+        if fraction >= s.refine_at and self.refined is None and self.field.density is not None:
+            self.refine()
+        batch = self.pool.batch(number, self.rays)
         samples = march(batch.rays, self.occupancy, self.field.density, self.marching, seed=number + 1)
+        if number % RAYS_EVERY == 0:
+            ideal = s.samples * len(batch.rays) / max(len(samples), 1)
+            self.rays = int(np.clip(ideal, s.rays // 4, 2 * s.rays))
         sigma, geometry = self.field.geometry(samples)
         colour = self.field(geometry, encode_directions(torch.from_numpy(batch.rays.directions), samples.ray))
         out, transmittance, _ = composite(samples, sigma, colour)
-        truth, background = batch.over_random_backgrounds()
-        error = (out + transmittance[:, None] * background - truth).square().mean()
+        error = (out - batch.premultiplied).square().mean()
         loss = error + s.alpha_weight * (1.0 - transmittance - batch.alpha).square().mean()
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
@@ -74,6 +84,20 @@ class Reconstruction:
         self.networks.step()
         rates = [s.feature_rate] if self.field.density is None else [s.density_rate, s.feature_rate]
         self.tables.step([r * rate for r in rates])
+
+    def refine(self) -> None:
+        """Halve the step and give the density a level of its own twice as fine, in what pruning left.
+
+        The new level begins with zeros, so the field is the same before and after.
+        """
+        density, encoding = self.field.density, self.field.encoding
+        assert density is not None and isinstance(encoding, SparseLattice)
+        where = self.occupancy.occupied, self.occupancy.cells
+        self.field.density = density.restricted(*where, finer=(2 * density.resolutions[-1],))
+        self.field.encoding = encoding.restricted(*where)
+        self.tables = LatticeAdam(self.field.encodings)
+        self.marching = replace(self.marching, step=0.5 * self.marching.step)
+        self.refined = self.occupancy
 
     def prune(self, grow: bool) -> None:
         """Forget the cells in which nothing is visible any more."""

@@ -1,0 +1,262 @@
+"""The compiled kernels against the plain references, in value and gradient."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from svv.core.box import Box
+from svv.core.compositing import ray_weights
+from svv.core.encodings import hash_features, lattice_features, spherical_harmonics
+from svv.errors import BadInput
+from svv.fields.encodings import HashGrid, LatticeAdam, SparseLattice
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Extinction, Marching, Rays, composite, march
+from svv.kernels.marching import NO_STOP
+
+TOLERANCE = {"value": 2e-5, "gradient": 2e-4}
+UNIT = Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0))
+
+
+def sparse_lattice(seed: int = 0, features: int = 3) -> SparseLattice:
+    rng = np.random.default_rng(seed)
+    occupied = (rng.random((8, 7, 6)) < 0.3).astype(np.uint8)
+    lattice = SparseLattice(occupied, 8, (4, 8, 16), features)
+    lattice.randomize(1.0, torch.Generator().manual_seed(seed))
+    return lattice
+
+
+def points_in(occupied: np.ndarray, cells: int, count: int, seed: int = 0) -> torch.Tensor:
+    rng = np.random.default_rng(seed)
+    where = np.argwhere(occupied)
+    return torch.from_numpy(((where[rng.integers(0, len(where), count)] + rng.random((count, 3))) / cells).astype(np.float32))
+
+
+def lattice_arrays(lattice: SparseLattice) -> tuple[torch.Tensor, ...]:
+    return tuple(torch.from_numpy(a) for a in lattice.layout)
+
+
+def test_lattice_matches_reference_in_value_and_gradient() -> None:
+    lattice = sparse_lattice()
+    rng = np.random.default_rng(0)
+    occupied = (rng.random((8, 7, 6)) < 0.3).astype(np.uint8)
+    x = points_in(occupied, 8, 500)
+    table = lattice.table.detach().clone().requires_grad_()
+    expected = lattice_features(x, *lattice_arrays(lattice), table)
+    got = lattice(x)
+    torch.testing.assert_close(got, expected, atol=TOLERANCE["value"], rtol=0)
+    upstream = torch.randn(expected.shape, generator=torch.Generator().manual_seed(1))
+    expected.backward(upstream)
+    got.backward(upstream)
+    gradient, used = lattice.buffers_for_gradient()
+    torch.testing.assert_close(torch.from_numpy(gradient), table.grad, atol=TOLERANCE["gradient"], rtol=1e-4)
+    assert used[table.grad.abs().sum(1).numpy() > 0].all()
+
+
+def test_lattice_reproduces_linear_functions() -> None:
+    """Trilinear interpolation is exact for functions linear in x, y and z."""
+    lattice = SparseLattice(np.ones((4, 4, 4), np.uint8), 4, (4,), 1)
+    vertices = np.argwhere(np.ones((5, 5, 5))) / 4.0
+    with torch.no_grad():
+        lattice.table[:, 0] = torch.from_numpy(vertices @ [1.0, -2.0, 3.0] + 0.5)
+    x = torch.rand(200, 3, generator=torch.Generator().manual_seed(0))
+    torch.testing.assert_close(lattice(x)[:, 0], x @ torch.tensor([1.0, -2.0, 3.0]) + 0.5, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("finer", [(), (32,)])
+def test_restricted_lattice_gives_the_same_features_where_it_still_is(finer: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(3)
+    occupied = (rng.random((8, 8, 8)) < 0.4).astype(np.uint8)
+    lattice = SparseLattice(occupied, 8, (4, 8, 16), 2)
+    lattice.randomize(1.0, torch.Generator().manual_seed(3))
+    fewer = occupied * (rng.random(occupied.shape) < 0.5)
+    small = lattice.restricted(fewer, 8, finer)
+    x = points_in(fewer, 8, 300)
+    with torch.no_grad():
+        assert torch.equal(small(x)[:, :6], lattice(x))
+        assert not small(x)[:, 6:].any()
+    assert len(small.table) < len(lattice.table) or finer
+
+
+def test_hash_grid_matches_reference_in_value_and_gradient() -> None:
+    grid = HashGrid(levels=5, features=2, log2_entries=8, coarsest=4, finest=64)
+    grid.randomize(1.0, torch.Generator().manual_seed(0))
+    x = torch.rand(400, 3, generator=torch.Generator().manual_seed(1))
+    table = grid.table.detach().clone().requires_grad_()
+    expected = hash_features(x, torch.from_numpy(grid.resolutions), torch.from_numpy(grid.offsets), table)
+    got = grid(x)
+    torch.testing.assert_close(got, expected, atol=TOLERANCE["value"], rtol=0)
+    upstream = torch.randn(expected.shape, generator=torch.Generator().manual_seed(2))
+    expected.backward(upstream)
+    got.backward(upstream)
+    torch.testing.assert_close(
+        torch.from_numpy(grid.buffers_for_gradient()[0]), table.grad, atol=TOLERANCE["gradient"], rtol=1e-4
+    )
+
+
+def test_lattice_adam_is_adam_on_the_rows_it_uses() -> None:
+    lattice = sparse_lattice(1)
+    start = lattice.table.detach().clone()
+    twin = start.clone().requires_grad_()
+    theirs = torch.optim.Adam([twin], lr=0.01, betas=(0.9, 0.99), eps=1e-12)
+    ours = LatticeAdam([lattice])
+    gradient = torch.randn(start.shape, generator=torch.Generator().manual_seed(0))
+    rows = torch.arange(len(start)) % 3 > 0
+    gradient[~rows] = 0.0
+    for _ in range(5):
+        buffer, used = lattice.buffers_for_gradient()
+        buffer[:] = gradient.numpy()
+        used[:] = rows.numpy()
+        ours.step([0.01])
+        twin.grad = gradient.clone()
+        theirs.step()
+        assert not buffer.any()
+        assert not used.any()
+    torch.testing.assert_close(lattice.table.detach()[rows], twin.detach()[rows], atol=1e-5, rtol=0)
+    assert torch.equal(lattice.table.detach()[~rows], start[~rows])
+
+
+def diagonal_rays(count: int, seed: int = 0) -> Rays:
+    rng = np.random.default_rng(seed)
+    origins = rng.uniform(-1.0, 2.0, (count, 3))
+    towards = rng.uniform(0.2, 0.8, (count, 3)) - origins
+    directions = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    return Rays(origins.astype(np.float32), directions.astype(np.float32))
+
+
+def brute_force_optical_depth(rays: Rays, occupancy: Occupancy, density: SparseLattice, step: float) -> np.ndarray:
+    """Sums every half-step sample inside occupied cells, one by one."""
+    depth = np.zeros(len(rays))
+    for r, (o, d) in enumerate(zip(rays.origins.astype(float), rays.directions.astype(float), strict=True)):
+        t = (np.arange(int(6 / step)) + 0.5) * step
+        x = o + t[:, None] * d
+        x = x[((x > 0) & (x < 1)).all(1)]
+        cell = (x * occupancy.cells).astype(int)
+        x = x[occupancy.occupied[tuple(cell.T)] > 0]
+        if len(x):
+            with torch.no_grad():
+                raw = density(torch.from_numpy(x.astype(np.float32))).sum(1)
+            depth[r] = float((torch.exp(raw.clamp(max=9.0)) * step).sum())
+    return depth
+
+
+@pytest.mark.parametrize("least_weight", [0.0, 0.02, 0.3])
+def test_marching_conserves_optical_depth_whatever_it_leaves_out(least_weight: float) -> None:
+    rng = np.random.default_rng(0)
+    occupied = (rng.random((8, 8, 8)) < 0.4).astype(np.uint8)
+    occupancy = Occupancy(UNIT, 8, occupied)
+    density = SparseLattice(occupied, 8, (8,), 1)
+    density.randomize(2.0, torch.Generator().manual_seed(0))
+    rays, step = diagonal_rays(200), 1.0 / 64.0
+    samples = march(rays, occupancy, density, Marching(step, least_weight, 0.0, 1e6))
+    _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
+    expected = brute_force_optical_depth(rays, occupancy, density, step)
+    # A sample that rounding puts into the neighbouring cell may be counted or not.
+    worst = np.exp(2.0) * step
+    assert np.abs(-np.log(transmittance.numpy()) - expected).max() < 3 * worst
+    assert np.median(np.abs(-np.log(transmittance.numpy()) - expected)) < 1e-4
+    if least_weight == 0.0:
+        total = np.bincount(samples.ray.numpy(), weights.numpy(), minlength=len(rays))
+        np.testing.assert_allclose(total + transmittance.numpy(), 1.0, atol=1e-5)
+
+
+def test_marching_without_stop_keeps_what_is_hidden() -> None:
+    occupied = np.ones((4, 4, 4), np.uint8)
+    occupancy = Occupancy(UNIT, 4, occupied)
+    density = SparseLattice(occupied, 4, (4,), 1)
+    with torch.no_grad():
+        density.table.fill_(6.0)
+    rays = Rays(np.array([[-1.0, 0.5, 0.5]], np.float32), np.array([[1.0, 0.0, 0.0]], np.float32))
+    ended = march(rays, occupancy, density, Marching(1 / 32, 1e-3, 0.0, 7.0))
+    through = march(rays, occupancy, density, Marching(1 / 32, 1e-3, 0.0, float(NO_STOP)))
+    assert len(ended) < 8
+    assert len(through) == 32
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(1, 12), st.integers(1, 4), st.integers(0, 10**6))
+def test_composite_matches_reference_in_value_and_gradient(count: int, channels: int, seed: int) -> None:
+    """A ray of samples a step apart, compared with the reference by automatic differentiation."""
+    occupied = np.ones((4, 4, 4), np.uint8)
+    occupancy = Occupancy(UNIT, 4, occupied)
+    density = SparseLattice(occupied, 4, (4,), 1)
+    rays = Rays(np.array([[-1.0, 0.3, 0.6]], np.float32), np.array([[1.0, 0.0, 0.0]], np.float32))
+    samples = march(rays, occupancy, density, Marching(1.0 / count, 0.0, 0.0, 1e6))
+    generator = torch.Generator().manual_seed(seed)
+    sigma = (3.0 * torch.rand(len(samples), generator=generator)).requires_grad_()
+    values = torch.rand(len(samples), channels, generator=generator).requires_grad_()
+    twins = [t.detach().clone().requires_grad_() for t in (sigma, values)]
+    out, transmittance, weights = composite(samples, sigma, values)
+    expected_weights, expected_transmittance = ray_weights(twins[0], torch.full_like(twins[0], 1.0 / count))
+    expected = expected_weights @ twins[1]
+    torch.testing.assert_close(weights, expected_weights.detach(), atol=1e-5, rtol=0)
+    torch.testing.assert_close(out[0], expected, atol=1e-5, rtol=0)
+    torch.testing.assert_close(transmittance[0], expected_transmittance, atol=1e-5, rtol=0)
+    up = torch.randn(channels, generator=generator)
+    ((out[0] * up).sum() + 2.0 * transmittance[0]).backward()
+    ((expected * up).sum() + 2.0 * expected_transmittance).backward()
+    for mine, twin in zip((sigma, values), twins, strict=True):
+        torch.testing.assert_close(mine.grad, twin.grad, atol=TOLERANCE["gradient"], rtol=1e-3)
+
+
+def test_extinction_gradient_reaches_the_density_lattice() -> None:
+    """Finite differences of the transmittance with respect to one vertex of every level."""
+    occupied = np.ones((4, 4, 4), np.uint8)
+    occupancy = Occupancy(UNIT, 4, occupied)
+    density = SparseLattice(occupied, 4, (2, 4), 1)
+    density.randomize(1.0, torch.Generator().manual_seed(5))
+    rays, how = diagonal_rays(20, 1), Marching(1 / 40, 0.0, 0.0, 1e6)
+
+    def transmittance() -> float:
+        s = march(rays, occupancy, density, how)
+        return float(composite(s, s.sigma, s.sigma[:, None])[1].double().sum())
+
+    samples = march(rays, occupancy, density, how)
+    sigma = Extinction.apply(samples, density.table, density)
+    composite(samples, sigma, torch.zeros(len(samples), 1))[1].sum().backward()
+    gradient = density.buffers_for_gradient()[0][:, 0]
+    for row in (int(np.abs(gradient[:27]).argmax()), 27 + int(np.abs(gradient[27:]).argmax())):
+        step = 0.02
+        with torch.no_grad():
+            density.table[row] += step
+            above = transmittance()
+            density.table[row] -= 2 * step
+            below = transmittance()
+            density.table[row] += step
+        assert gradient[row] == pytest.approx((above - below) / (2 * step), rel=0.02)
+
+
+def test_spherical_harmonics_are_orthonormal() -> None:
+    """Monte-Carlo-free check: Fibonacci points integrate products of low bands almost exactly."""
+    n = 20000
+    k = np.arange(n) + 0.5
+    z = 1 - 2 * k / n
+    phi = np.pi * (1 + 5**0.5) * k
+    r = np.sqrt(1 - z * z)
+    d = torch.from_numpy(np.stack([r * np.cos(phi), r * np.sin(phi), z], 1))
+    basis = spherical_harmonics(d, 4)
+    gram = basis.T @ basis * (4 * np.pi / n)
+    torch.testing.assert_close(gram, torch.eye(16, dtype=torch.float64), atol=1e-3, rtol=0)
+
+
+@given(st.floats(1e-9, 1e6), st.floats(-1e6, 1e6), st.integers(0, 1000))
+def test_box_round_trip_at_any_scale(scale: float, shift: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    low = rng.random(3) * scale + shift * scale
+    high = low + (0.1 + rng.random(3)) * scale
+    box = Box.of_bounds(low, high)
+    assert max(box.extent) == 1.0
+    points = low + rng.random((10, 3)) * (high - low)
+    inside = box.to_box(points)
+    assert inside.min() >= -1e-6
+    assert (inside <= np.asarray(box.extent) + 1e-6).all()
+    np.testing.assert_allclose(box.to_world(inside), points, rtol=1e-9, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("high", [(0, 1, 1), (1, np.nan, 1), (-1, 1, 1)])
+def test_box_that_encloses_nothing(high: tuple[float, ...]) -> None:
+    with pytest.raises(BadInput):
+        Box.of_bounds((0, 0, 0), high)

@@ -204,7 +204,7 @@ class GpuMapper:
                 said = messages().strip().splitlines()[-1]
                 raise BadInput(f"VTK's GPU ray caster failed ({said}); try --mapper cpu.")
         read = vtkUnsignedCharArray()
-        self._window.GetPixelData(0, 0, camera.width - 1, camera.height - 1, 0, read)
+        self._window.GetPixelData(0, 0, camera.width - 1, camera.height - 1, 0, read, 0)
         return vtk_to_numpy(read).reshape(camera.height, camera.width, 3).astype(np.float32)
 
     def close(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -10,9 +12,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+from PIL import Image, ImageSequence
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOImage import vtkMetaImageReader, vtkNIFTIImageReader, vtkNrrdReader, vtkSLCReader
 from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
@@ -27,6 +31,9 @@ RAW_TYPES = {
     "float": "float32", "double": "float64", "half": "float16",
 }  # fmt: skip
 """Names of C types that raw files carry in their names, beside NumPy's own."""
+
+TIFFFILE_DECODES = (1, 8, 32773, 32946)
+"""TIFF compressions that tifffile decodes by itself: none, deflate, PackBits, the old number of deflate."""
 
 
 def read_volume(
@@ -88,12 +95,21 @@ def _read(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -> vt
 
 @contextmanager
 def vtk_messages() -> Iterator[Callable[[], str]]:
-    """Collect what VTK would print on the terminal; the function that it gives returns the text so far."""
+    """Collect what VTK has to say; the function that it gives returns the text so far.
+
+    VTK's logger, and the libraries below it (MetaIO, libtiff), also write to the process's standard error without
+    asking; that goes nowhere meanwhile.
+    """
     before, window = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(window)
+    kept = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
     try:
         yield window.GetOutput
     finally:
+        os.dup2(kept, 2)
+        os.close(kept)
         vtkOutputWindow.SetInstance(before)
 
 
@@ -101,21 +117,37 @@ def _run(reader: Any, file: Path) -> vtkImageData:
     """Run a VTK reader; what it complains about becomes one sentence."""
     with vtk_messages() as messages:
         reader.SetFileName(str(file))
+        _check_size(reader, file)
         reader.Update()
         output = reader.GetOutput()
         said = messages()
-    if output is not None and not output.IsA("vtkImageData"):
+    # Some readers only warn about missing data and leave the rest of the memory as it was.
+    if output is None or reader.GetErrorCode() or re.search("error|fail", said, re.IGNORECASE):
+        raise _damaged(file)
+    if not output.IsA("vtkImageData"):
         raise BadInput(f"{file} holds a {output.GetClassName()}, not a regular volume (image data).")
-    if output is None or "ERR" in said or "Error" in said or reader.GetErrorCode():
-        raise BadInput(f"Cannot read {file}: it is damaged or no {file.suffix} file{_reason(said)}.")
     return output
 
 
-def _reason(said: str) -> str:
-    """The first thing that VTK said, without its object addresses and line numbers."""
-    lines = [line.strip() for line in said.splitlines() if line.strip() and not line.startswith("ERROR: In")]
-    text = re.sub(r"^\w+ \(0x[0-9a-f]+\): ", "", lines[0]) if lines else ""
-    return f" ({text.rstrip('.')})" if text else ""
+def _check_size(reader: Any, file: Path) -> None:
+    """Refuse a header that asks for more than there is, which VTK would answer by ending the process."""
+    reader.UpdateInformation()
+    about = reader.GetOutputInformation(0)
+    key = vtkStreamingDemandDrivenPipeline.WHOLE_EXTENT()
+    if not about.Has(key):
+        return
+    extent = [about.Get(key, i) for i in range(6)]
+    size = [extent[2 * i + 1] - extent[2 * i] + 1 for i in range(3)]
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
+    if min(size) < 1:
+        raise _damaged(file)
+    if size[0] * size[1] * size[2] > memory:
+        shape = " x ".join(str(d) for d in size)
+        raise BadInput(f"{file} says that it holds {shape} voxels, more than this computer's memory can hold.")
+
+
+def _damaged(file: Path) -> BadInput:
+    return BadInput(f"Cannot read {file}: it is damaged, incomplete, or not what its name says.")
 
 
 def _read_nrrd(file: Path) -> vtkImageData:
@@ -153,7 +185,7 @@ def _read_npy(file: Path) -> vtkImageData:
     try:
         values = np.load(file, allow_pickle=False)
     except (ValueError, OSError, EOFError, MemoryError) as error:
-        raise BadInput(f"Cannot read {file}: it is damaged or no .npy file of numbers ({error}).") from error
+        raise _damaged(file) from error
     return from_array(values, name=file.stem)
 
 
@@ -174,30 +206,43 @@ def _read_folder(folder: Path) -> vtkImageData:
     return from_array(np.concatenate(slices), name=folder.name)
 
 
+class _Complaints(logging.Handler):
+    """Keeps what tifffile logs, since it logs where it should raise."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.records: list[logging.LogRecord] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.records.append(record)
+
+
 def _tiff_pages(file: Path) -> NDArray[Any]:
     """(pages, height, width) of a TIFF file."""
-    from tifffile import TiffFileError, imread  # only here: it is slow to import
+    import tifffile  # only here: it is slow to import
 
+    listener = _Complaints()
+    tifffile.logger().addHandler(listener)
     try:
-        values = imread(file)
-    except (TiffFileError, OSError, ValueError, IndexError, KeyError) as error:
-        values = _tiff_with_pillow(file, error)
-    if values.ndim == 2:
-        values = values[None]
-    if values.ndim != 3 or (values.shape[-1] in (3, 4) and values.shape[0] != values.shape[-1] and values.ndim == 3):
-        raise BadInput(f"{file} holds an array of shape {values.shape}; a volume needs grey pages of one size.")
-    return values
-
-
-def _tiff_with_pillow(file: Path, error: Exception) -> NDArray[Any]:
-    """Pillow carries libtiff, and so the compressions (LZW ...) that tifffile needs a further package for."""
-    from PIL import Image, ImageSequence
-
-    try:
-        with Image.open(file) as image:
+        with vtk_messages(), tifffile.TiffFile(file) as opened:
+            pages = list(opened.pages)  # where the file is cut off, they end with no more than a complaint
+            if any("invalid page offset" in record.getMessage() for record in listener.records):
+                raise _damaged(file)
+            if len({(page.shape, page.dtype) for page in pages}) != 1 or len(pages[0].shape) != 2:
+                raise BadInput(f"{file} is no volume: a TIFF stack needs grey pages of one size.")
+            if file.stat().st_size < max(max(a + b for a, b in zip(p.dataoffsets, p.databytecounts)) for p in pages):
+                raise _damaged(file)
+            if int(pages[0].compression) in TIFFFILE_DECODES:
+                return np.stack([page.asarray() for page in pages])
+        # Pillow carries libtiff, and so the compressions (LZW ...) that tifffile needs a further package for.
+        with vtk_messages(), Image.open(file) as image:
             return np.stack([np.asarray(page) for page in ImageSequence.Iterator(image)])
-    except (OSError, SyntaxError, ValueError):
-        raise BadInput(f"Cannot read {file}: it is damaged or no TIFF file ({error}).") from error
+    except BadInput:
+        raise
+    except Exception as error:  # damaged files make the decoders stumble in every way there is
+        raise _damaged(file) from error
+    finally:
+        tifffile.logger().removeHandler(listener)
 
 
 def _read_raw(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -> vtkImageData:

@@ -142,6 +142,9 @@ def stylize(
     keep: Annotated[list[int] | None, typer.Option(metavar="K", help="A region that stays as it is.")] = None,
     preset: PresetOption = Preset.balanced,
     seed: Seed = 0,
+    features: Annotated[
+        str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
+    ] = "auto",
     json: Json = None,
 ) -> None:
     """Paint the regions of a scene in the manner of pictures.
@@ -153,11 +156,13 @@ def stylize(
 
     pairs = None if mapping is None else parse_mapping(mapping)
     _check_targets(out, json)
-    styles = [read_style(path) for path in style]
+    styles, names = [read_style(path) for path in style], [path.stem for path in style]
     loaded = _load(scene)
     checkpoint = checkpoint_path(out)
     with shown("Stylizing") as progress:
-        styled, report = stylize_scene(loaded, styles, pairs, set(keep or ()), preset.value, seed, progress, checkpoint)
+        styled, report = stylize_scene(
+            loaded, styles, pairs, set(keep or ()), preset.value, seed, progress, checkpoint, names, features
+        )
     _finish(styled, report, out, json, checkpoint)
 
 

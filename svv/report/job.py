@@ -181,12 +181,13 @@ class Job:
 
         def work(progress: Progress) -> None:
             styles = [read_style(style) for style in self.styles]
+            names = [style.stem for style in self.styles]
             scene, report = stylize_scene(
-                Scene.load(self.scene), styles, None, set(), s.preset, s.seed, progress, checkpoint
+                Scene.load(self.scene), styles, None, set(), s.preset, s.seed, progress, checkpoint, names
             )
             scene.save(path)
             shown = [fitted(style, s.orbit_size) for style in styles]
-            write_png(self.out / "styles.png", sheet([shown], [style.stem for style in self.styles]))
+            write_png(self.out / "styles.png", sheet([shown], names))
             write_json(self.out / "stylize.json", {**report, "scene_bytes": path.stat().st_size})
             checkpoint.unlink(missing_ok=True)
 

@@ -15,7 +15,6 @@ import ctypes.util
 import os
 import re
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -213,7 +212,7 @@ class GpuMapper:
         self._window.Finalize()
 
 
-def choose_mapper(mapper: str) -> Callable[[Stage, Shading, float], CpuMapper | GpuMapper]:
+def choose_mapper(mapper: str) -> type[CpuMapper] | type[GpuMapper]:
     """The ray caster for ``auto``, ``gpu`` or ``cpu``; auto is the GPU where OpenGL runs on hardware.
 
     Raises:

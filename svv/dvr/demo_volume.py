@@ -1,0 +1,128 @@
+"""The demo's own volume: a ring, field lines and a shell, stirred by a turbulent flow.
+
+A passive scalar is carried along by a random flow that has no divergence and a Kolmogorov spectrum (energy ~
+k^(-5/3)), the way smoke is carried by wind. Before the stirring it is a torus (values near 1) threaded by the field
+lines of a dipole (near 0.6) inside a sphere (near 0.3). Nothing is read from anywhere, so no licence hangs on it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, zoom
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.dvr.grids import from_array
+from svv.dvr.transfer_functions import TransferFunction
+from svv.errors import BadInput
+
+Array = NDArray[np.float64]
+
+COARSE = 48
+"""Grid on which the flow is traced back; it is smooth, so its paths need no more."""
+
+STEPS = 12
+"""Steps of the tracing."""
+
+LINES = 7
+"""Field lines."""
+
+
+def demo_volume(resolution: int = 128, seed: int = 7) -> vtkImageData:
+    """The volume, float32 values in [0, 1], in the cube [-1, 1]^3.
+
+    Args:
+        resolution: Voxels along each axis, >= 16.
+        seed: Of the flow.
+
+    Raises:
+        BadInput: A resolution below 16.
+    """
+    if resolution < 16:
+        raise BadInput(f"The demo's volume needs at least 16 voxels along each axis, not {resolution}.")
+    rng = np.random.default_rng(seed)
+    before = _carried_back(_flow(rng))
+    points = np.stack([zoom(axis, resolution / COARSE, order=3, grid_mode=False) for axis in before])
+    values = _scalar(points, zoom(_noise(rng, 1.2), resolution / COARSE, order=3))
+    return from_array(values.astype(np.float32), (2.0 / (resolution - 1),) * 3, (-1.0,) * 3, "concentration")
+
+
+def demo_transfer_function() -> TransferFunction:
+    """Three visible ranges of distinct hues: a translucent blue shell, crimson field lines, a golden ring."""
+    return TransferFunction(
+        colours=(
+            (0.0, 0.1, 0.4, 0.95), (0.4, 0.15, 0.55, 1.0),
+            (0.46, 0.9, 0.1, 0.35), (0.68, 1.0, 0.2, 0.4),
+            (0.74, 1.0, 0.72, 0.1), (1.0, 1.0, 0.85, 0.3),
+        ),
+        opacities=(
+            (0.0, 0.0, 0.5, 0.0), (0.17, 0.0, 0.5, 0.0), (0.27, 0.08, 0.5, 0.0), (0.36, 0.0, 0.5, 0.0),
+            (0.46, 0.0, 0.5, 0.0), (0.56, 0.6, 0.5, 0.0), (0.66, 0.0, 0.5, 0.0),
+            (0.74, 0.0, 0.5, 0.0), (0.84, 0.9, 0.5, 0.0), (1.0, 0.95, 0.5, 0.0),
+        ),
+        name="demo",
+    )  # fmt: skip
+
+
+def _grid() -> Array:
+    """Points (3: z, y, x; n, n, n) of the coarse grid in [-1, 1]^3."""
+    axis = np.linspace(-1.0, 1.0, COARSE)
+    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"))
+
+
+def _noise(rng: np.random.Generator, slope: float) -> Array:
+    """A random periodic field (n, n, n) of mean 0 and variance 1 with amplitudes ~ k^-slope, k up to n / 4."""
+    waves = np.fft.fftfreq(COARSE, 1 / COARSE)
+    k = np.sqrt(sum(w * w for w in np.meshgrid(waves, waves, waves, indexing="ij")))
+    spectrum = np.fft.fftn(rng.standard_normal((COARSE,) * 3))
+    shaped = np.where((k > 0) & (k < COARSE / 4), np.maximum(k, 1.0) ** -slope, 0.0)
+    field = np.fft.ifftn(spectrum * shaped).real
+    return field / field.std()
+
+
+def _flow(rng: np.random.Generator) -> Array:
+    """A divergence-free velocity (3: z, y, x; n, n, n) of variance 1: E(k) ~ k^(-5/3), so amplitudes ~ k^(-11/6)."""
+    waves = np.fft.fftfreq(COARSE, 1 / COARSE)
+    k = np.stack(np.meshgrid(waves, waves, waves, indexing="ij"))
+    spectrum = np.stack([np.fft.fftn(_noise(rng, 11 / 6)) for _ in range(3)])
+    along = (k * spectrum).sum(axis=0) / np.maximum((k * k).sum(axis=0), 1.0)
+    velocity = np.fft.ifftn(spectrum - k * along, axes=(1, 2, 3)).real
+    return velocity / velocity.std()
+
+
+def _carried_back(flow: Array) -> Array:
+    """Where the fluid at each grid point was before it was stirred, (3, n, n, n)."""
+    point = _grid()
+    for _ in range(STEPS):
+        index = (point + 1.0) * 0.5 * COARSE
+        speed = np.stack([map_coordinates(axis, index, order=1, mode="grid-wrap") for axis in flow])
+        _, y, x = point
+        turn = 1.6 * np.exp(-3.0 * (x * x + y * y))  # a whirl about z, faster inside
+        point = point - 0.09 / STEPS * speed - turn / STEPS * np.stack([0 * x, x, -y])
+    return point
+
+
+def _scalar(point: Array, patches: Array) -> Array:
+    """Concentration before the stirring, at points (3: z, y, x; ...)."""
+    z, y, x = point
+    across = np.maximum(np.hypot(x, y), 1e-3)
+    radius = np.sqrt(across**2 + z * z)
+    ring = np.hypot(across - 0.36, z)
+    # Lines of a dipole: r = L sin^2(polar angle) = L (across / r)^2, at LINES azimuths.
+    number = radius**3 / across**2
+    steepness = np.hypot(3 * radius * z / across**2, 3 * radius / across - 2 * radius**3 / across**3)
+    turn = np.mod(np.arctan2(y, x) * LINES / (2 * np.pi), 1.0) - 0.5
+    line = np.hypot((number - 0.74) / steepness, turn * 2 * np.pi / LINES * across)
+    line = np.hypot(line, np.maximum(radius - 0.72, 0.0))  # none leaves the shell
+    shell = radius - 0.8
+    parts = (
+        _tube(ring, 0.12),
+        0.62 * _tube(line, 0.065),
+        0.3 * _tube(shell, 0.05) * (0.8 + 0.2 * np.tanh(1.5 * patches)),
+    )
+    return np.clip(np.maximum.reduce(parts), 0.0, 1.0)
+
+
+def _tube(distance: Array, width: float) -> Array:
+    """1 at distance 0, steep at ``width``: lower values, which are other ranges, make only a thin skin."""
+    return np.exp(-np.log(2.0) * (distance / width) ** 4)

@@ -81,6 +81,20 @@ def test_restricted_lattice_gives_the_same_features_where_it_still_is(finer: tup
     assert len(small.table) < len(lattice.table) or finer
 
 
+def test_summed_levels_are_one_level() -> None:
+    """Nested trilinear levels sum to a trilinear function on the finest."""
+    rng = np.random.default_rng(4)
+    occupied = (rng.random((9, 7, 5)) < 0.4).astype(np.uint8)
+    lattice = SparseLattice(occupied, 8, (2, 4, 8, 16), 1)
+    lattice.randomize(1.0, torch.Generator().manual_seed(4))
+    fewer = occupied * (rng.random(occupied.shape) < 0.7)
+    x = points_in(fewer, 8, 500)
+    with torch.no_grad():
+        one = lattice.summed(fewer, 8)
+        torch.testing.assert_close(one(x)[:, 0], lattice(x).sum(1), atol=2e-5, rtol=0)
+    assert one.levels == 1
+
+
 def test_hash_grid_matches_reference_in_value_and_gradient() -> None:
     grid = HashGrid(levels=5, features=2, log2_entries=8, coarsest=4, finest=64)
     grid.randomize(1.0, torch.Generator().manual_seed(0))

@@ -144,6 +144,30 @@ class SparseLattice(Encoding):
                 result.table[result.rows_of_level(level)] = self.table[old]
         return result
 
+    def summed(self, occupied: NDArray[np.uint8], cells: int) -> SparseLattice:
+        """A lattice of the finest level alone that gives the sum of all levels' features, exactly.
+
+        Resolutions are nested, so within a fine cell every coarser level is itself trilinear: its values at the fine
+        vertices say all. ``occupied`` must be a subset of the cells this lattice was made for.
+        """
+        finest = self.resolutions[-1]
+        result = SparseLattice(occupied, cells, (finest,), self.features)
+        vertices = np.argwhere(_vertices(_resample(occupied, cells, finest)))
+        table = self.table.detach().numpy()
+        total = np.zeros((len(vertices), self.features), np.float32)
+        for level, resolution in enumerate(self.resolutions):
+            low, rest = np.divmod(vertices, finest // resolution)
+            part = (rest * (resolution / finest)).astype(np.float32)
+            shape = self.shapes[level]
+            for corner in itertools.product((0, 1), repeat=3):
+                weight = np.where(corner, part, 1.0 - part).prod(axis=1, dtype=np.float32)
+                x, y, z = np.minimum(low + corner, shape - 1).T  # a corner beyond the edge has weight 0
+                row = self.index[self.bases[level] + (x * shape[1] + y) * shape[2] + z]
+                total += np.where(weight > 0, weight, 0.0)[:, None] * table[row]
+        with torch.no_grad():
+            result.table.copy_(torch.from_numpy(total))
+        return result
+
 
 class HashGrid(Encoding):
     """Multiresolution hash encoding (Müller et al. 2022), the encoding of the preset ``paper``."""

@@ -1,10 +1,11 @@
-"""The networks of the three stages: base radiance field, palette colour network (PCN), unrestricted colour network (UCN).
+"""The networks of the stages: base radiance field, palette (PCN) and unrestricted colour network (UCN).
 
 Letters: S samples, P palette colours, G geometry features.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import torch
@@ -64,6 +65,8 @@ def mlp(inputs: int, width: int, hidden: int, outputs: int) -> nn.Sequential:
 
 def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
     """Spherical harmonics of each sample's ray: (R, 3) and (S,) -> (S, 16)."""
+    if len(ray) < len(directions):
+        return spherical_harmonics(directions[ray.long()], 4)
     return spherical_harmonics(directions, 4)[ray.long()]
 
 
@@ -76,7 +79,10 @@ class BaseField(nn.Module):
     31-64-64-3.
     """
 
-    def __init__(self, settings: FieldSettings, occupancy: Occupancy) -> None:
+    def __init__(
+        self, settings: FieldSettings, occupancy: Occupancy, density_resolutions: Sequence[int] | None = None
+    ) -> None:
+        """Lay out the field; the density has the features' levels unless ``density_resolutions`` are given."""
         super().__init__()
         self.encoding = settings.encode(occupancy)
         self.density: SparseLattice | None = None
@@ -85,7 +91,8 @@ class BaseField(nn.Module):
             self.density_mlp = mlp(self.encoding.width, settings.width, 1, 16)
             self.geometry_width = 15
         else:
-            self.density = SparseLattice(occupancy.occupied, occupancy.cells, settings.resolutions, 1)
+            levels = density_resolutions or settings.resolutions
+            self.density = SparseLattice(occupancy.occupied, occupancy.cells, levels, 1)
             self.geometry_width = self.encoding.width
         self.colour_mlp = mlp(self.geometry_width + DIRECTION_WIDTH, settings.width, 2, 3)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, distance_transform_cdt
 
 from svv.core.box import Box
 from svv.core.cameras import Camera
@@ -28,6 +29,15 @@ class Occupancy:
     box: Box
     cells: int
     occupied: NDArray[np.uint8]
+    samples_a_ray: int = 16
+    """Room that marching has found to suffice; it grows when it does not."""
+
+    @cached_property
+    def distance(self) -> NDArray[np.uint8]:
+        """0 in occupied cells, else the chessboard distance to the nearest: how far a ray may leap. (X, Y, Z)"""
+        if not self.occupied.any():
+            return np.full(self.occupied.shape, 255, np.uint8)
+        return distance_transform_cdt(self.occupied == 0, metric="chessboard").clip(0, 255).astype(np.uint8)
 
     @property
     def extent(self) -> NDArray[np.float32]:
@@ -56,7 +66,7 @@ class Occupancy:
         visible[self.occupied > 0] = optical_depth >= least
         if grow:
             visible = binary_dilation(visible, np.ones((3, 3, 3), bool))
-        return Occupancy(self.box, self.cells, (self.occupied * visible).astype(np.uint8))
+        return Occupancy(self.box, self.cells, (self.occupied * visible).astype(np.uint8), self.samples_a_ray)
 
 
 def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Occupancy:

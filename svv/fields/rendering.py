@@ -111,17 +111,22 @@ def march(
         seed: > 0 shifts each ray's samples at random; 0 puts them in the middle of their steps.
     """
     count, blocks = len(rays), -(-len(rays) // marching.BLOCK)
-    capacity = blocks * marching.BLOCK * (int(np.linalg.norm(occupancy.extent) / how.step) + 2)
-    buffers = _sample_buffers(capacity)
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
     lattice = density if density is not None else _constant(occupancy)
     limits = (how.least_weight, how.keep, how.stop) if density is not None else (-1.0, 0.0, marching.NO_STOP)
-    marching.march(
-        rays.origins, rays.directions, occupancy.occupied, np.float32(occupancy.cells), occupancy.extent,
-        np.float32(how.step), seed, *lattice.layout, lattice.table.detach().numpy()[:, 0], CEILING,
-        *(np.float32(v) for v in limits), *buffers, start, number, tail,
-    )  # fmt: skip
+    while True:
+        # Room for the longest possible ray would be hundreds of times what is needed, so it is found by trying.
+        buffers = _sample_buffers(blocks * marching.BLOCK * occupancy.samples_a_ray)
+        full = np.zeros(blocks, np.uint8)
+        marching.march(
+            rays.origins, rays.directions, occupancy.distance, np.float32(occupancy.cells), occupancy.extent,
+            np.float32(how.step), seed, *lattice.layout, lattice.table.detach().numpy()[:, 0], CEILING,
+            *(np.float32(v) for v in limits), *buffers, start, number, tail, full,
+        )  # fmt: skip
+        if not full.any():
+            break
+        occupancy.samples_a_ray *= 2
     packed = _sample_buffers(int(number.sum()))
     marching.gather(start, number, np.cumsum(number) - number, *buffers, *packed)
     position, skipped, sigma, ray = packed

@@ -148,11 +148,13 @@ class Scene:
             raise BadInput(f"The scene holds no network '{network}', only {', '.join(self.networks)}.")
         caster = RayCaster([camera], self.occupancy.box)
         pixels = camera.width * camera.height
-        parts = []
+        rgba, depth = np.zeros((pixels, 4), np.float32), np.full(pixels, np.nan, np.float32)
+        region = np.full(pixels, -1, np.int16)
         for first in range(0, pixels, CHUNK):
             progress(first / pixels, "rendering")
-            parts.append(self._render_rays(caster.rays(np.arange(first, min(first + CHUNK, pixels))), network))
-        rgba, depth, region = (np.concatenate(p) for p in zip(*parts, strict=True))
+            part = slice(first, min(first + CHUNK, pixels))
+            rays = caster.rays(np.arange(part.start, part.stop))
+            self._render_rays(rays, network, rgba[part], depth[part], region[part])
         if background is not None:
             alpha = rgba[:, 3:]
             rgba = np.concatenate([rgba[:, :3] * alpha + np.asarray(background, np.float32) * (1 - alpha),
@@ -162,22 +164,24 @@ class Scene:
         return Rendering(rgba.reshape(*shape, 4), depth.reshape(shape), region.reshape(shape))
 
     @torch.no_grad()
-    def _render_rays(self, rays: Rays, network: str) -> tuple[Any, Any, Any]:
-        samples, colour, region, sigma = self.shade(rays, network)
+    def _render_rays(self, rays: Rays, network: str, rgba: Any, depth: Any, region: Any) -> None:
+        """Write what rays see into the images, where they see anything."""
+        samples, colour, of, sigma = self.shade(rays, network)
+        if not len(samples):
+            return
         distance = (samples.position - torch.from_numpy(rays.origins)[samples.ray.long()]).norm(dim=1)
         values = [colour, distance[:, None]]
         if self.palette is not None:
-            values.append(nn.functional.one_hot(region.long(), len(self.regions)).float())
+            values.append(nn.functional.one_hot(of, len(self.regions)).float())
         out, transmittance, _ = composite(samples, sigma, torch.cat(values, dim=1))
         alpha = 1.0 - transmittance
-        visible = alpha > FAINT
-        safe = torch.where(visible, alpha, torch.ones_like(alpha))[:, None]
-        rgb = torch.where(visible[:, None], out[:, :3] / safe, torch.zeros(1)).clamp(0.0, 1.0)
-        depth = torch.where(visible, out[:, 3] / safe[:, 0] * self.occupancy.box.size, torch.tensor(torch.nan))
-        of = out[:, 4:].argmax(1) if self.palette is not None else torch.zeros(len(rays), dtype=torch.int64)
-        index = torch.where(visible, of, torch.tensor(-1)).to(torch.int16)
-        alpha = torch.where(visible, alpha, torch.zeros(1))
-        return torch.cat([rgb, alpha[:, None]], dim=1).numpy(), depth.numpy(), index.numpy()
+        seen = torch.nonzero(alpha > FAINT)[:, 0]
+        mean = out[seen] / alpha[seen, None]
+        at = seen.numpy()
+        rgba[at, :3] = mean[:, :3].clamp(0.0, 1.0).numpy()
+        rgba[at, 3] = alpha[seen].numpy()
+        depth[at] = mean[:, 3].numpy() * self.occupancy.box.size
+        region[at] = mean[:, 4:].argmax(1).numpy() if self.palette is not None else 0
 
     def shade(self, rays: Rays, network: str) -> tuple[Samples, Tensor, Tensor, Tensor]:
         """Samples of rays with their colour (S, 3), region (S,) and edited extinction (S,)."""
@@ -250,6 +254,7 @@ class Scene:
             "shape": self.occupancy.occupied.shape,
             "settings": self.settings.to_json(),
             "marching": {k: getattr(self.marching, k) for k in ("step", "least_weight", "stop")},
+            "density_resolutions": None if self.base.density is None else self.base.density.resolutions,
             "networks": self.networks,
             "regions": [vars(r) for r in self.regions],
             "camera_rig": self.camera_rig,
@@ -273,11 +278,10 @@ class Scene:
         occupancy = Occupancy(box, int(header["cells"]), np.ascontiguousarray(bits.reshape(shape)))
         s = header["settings"]
         settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"])})
-        base = BaseField(settings, occupancy)
+        base = BaseField(settings, occupancy, header["density_resolutions"])
         palette, styled = None, None
         regions = tuple(
-            Region(**{**r, "colour": tuple(r["colour"]), "edited_colour": r["edited_colour"] and tuple(r["edited_colour"])})
-            for r in header["regions"]
+            Region(**{k: tuple(v) if isinstance(v, list) else v for k, v in r.items()}) for r in header["regions"]
         )
         if "pcn" in header["networks"]:
             palette = PaletteField(settings, occupancy, base.geometry_width, torch.zeros(len(regions), 3))
@@ -285,9 +289,8 @@ class Scene:
             styled = UnrestrictedField(settings, occupancy)
         for name, network in zip(NETWORKS, (base, palette, styled), strict=True):
             if network is not None:
-                prefix = f"{name}."
-                state = {k[len(prefix) :]: torch.from_numpy(v.astype(np.float32)) for k, v in tensors.items() if k.startswith(prefix)}
-                network.load_state_dict(state)
+                own = {k.removeprefix(f"{name}."): v for k, v in tensors.items() if k.startswith(f"{name}.")}
+                network.load_state_dict({k: torch.from_numpy(v.astype(np.float32)) for k, v in own.items()})
                 network.requires_grad_(False)
         m = header["marching"]
         marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))

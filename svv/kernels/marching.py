@@ -38,9 +38,9 @@ def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: i
         a, b = index[at], index[at + nz]
         c, d = index[at + ny * nz], index[at + ny * nz + nz]
         uz = np.float32(1.0) - wz
-        total += (np.float32(1.0) - wx) * (
-            (np.float32(1.0) - wy) * (uz * table[a] + wz * table[a + 1]) + wy * (uz * table[b] + wz * table[b + 1])
-        ) + wx * ((np.float32(1.0) - wy) * (uz * table[c] + wz * table[c + 1]) + wy * (uz * table[d] + wz * table[d + 1]))
+        near = (np.float32(1.0) - wy) * (uz * table[a] + wz * table[a + 1]) + wy * (uz * table[b] + wz * table[b + 1])
+        far = (np.float32(1.0) - wy) * (uz * table[c] + wz * table[c + 1]) + wy * (uz * table[d] + wz * table[d + 1])
+        total += (np.float32(1.0) - wx) * near + wx * far
     return total
 
 
@@ -57,29 +57,47 @@ def uniform(seed, a, b):  # type: ignore[no-untyped-def]
     return np.float32(h >> np.uint64(40)) * np.float32(1.0 / 16777216.0)
 
 
+@njit(fastmath=True, inline="always")
+def inverse(d):  # type: ignore[no-untyped-def]
+    """1 / d, or 0 for a ray that runs along the axis' planes."""
+    return np.float32(0.0) if abs(d) < 1e-9 else np.float32(1.0) / d
+
+
+@njit(fastmath=True, inline="always")
+def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
+    """Where a ray leaves the slab of ``empty`` - 1 cells to either side of a cell, along one axis."""
+    if inverse_d == 0.0:
+        return np.float32(1e30)
+    return (np.float32(cell + empty if d > 0 else cell + 1 - empty) * side - o) * inverse_d
+
+
 @njit(parallel=True, fastmath=True, cache=True)
 def march(  # type: ignore[no-untyped-def]
-    origins, directions, occupied, cells, extent, step, jitter_seed,
+    origins, directions, distance, cells, extent, step, jitter_seed,
     shapes, scales, bases, index, table, ceiling,
     least_weight, keep, stop,
-    position, skipped, sigma, ray, start, count, tail,
+    position, skipped, sigma, ray, start, count, tail, full,
 ):
     """March rays through the occupied cells and keep the samples that matter.
 
+    ``distance`` (X, Y, Z) holds 0 for occupied cells, else the chessboard distance to the nearest occupied one.
     Every ray is sampled with a fixed step (shifted by a random part of it if ``jitter_seed`` > 0, by half a step
     otherwise). A sample whose weight stays below ``least_weight`` is kept with probability ``keep`` only; the optical
     depth of the samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so
     transmittance stays exact. A ray ends where its optical depth exceeds ``stop``; with NO_STOP it never ends and
     what lies in front counts for nothing, so that the extinction may be edited afterwards.
 
-    The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``.
+    The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``. A block that
+    would need more marks itself in ``full`` (blocks,) and stops.
     """
     rays = origins.shape[0]
     blocks = (rays + BLOCK - 1) // BLOCK
     capacity = sigma.shape[0] // blocks
-    nx, ny, nz = occupied.shape
+    nx, ny, nz = distance.shape
+    side, rate = np.float32(1.0) / cells, np.float32(1.0) / step
     for block in prange(blocks):
         n = block * capacity
+        end = n + capacity
         for r in range(block * BLOCK, min(rays, (block + 1) * BLOCK)):
             start[r] = n
             ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
@@ -96,9 +114,7 @@ def march(  # type: ignore[no-untyped-def]
             tau = np.float32(0.0)
             depth = np.float32(0.0)
             if near < far:
-                ix_ = np.float32(1e9) if abs(dx) < 1e-9 else np.float32(1.0) / dx
-                iy_ = np.float32(1e9) if abs(dy) < 1e-9 else np.float32(1.0) / dy
-                iz_ = np.float32(1e9) if abs(dz) < 1e-9 else np.float32(1.0) / dz
+                ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)
                 shift = np.float32(0.5)
                 if jitter_seed > 0:
                     shift = uniform(jitter_seed, r, 0)
@@ -110,12 +126,13 @@ def march(  # type: ignore[no-untyped-def]
                     cx = min(max(int(x * cells), 0), nx - 1)
                     cy = min(max(int(y * cells), 0), ny - 1)
                     cz = min(max(int(z * cells), 0), nz - 1)
-                    if occupied[cx, cy, cz] == 0:
-                        # To the first sample behind the cell's far side.
-                        tx = ((cx + (dx > 0)) / cells - ox) * ix_ if abs(dx) >= 1e-9 else np.float32(1e30)
-                        ty = ((cy + (dy > 0)) / cells - oy) * iy_ if abs(dy) >= 1e-9 else np.float32(1e30)
-                        tz = ((cz + (dz > 0)) / cells - oz) * iz_ if abs(dz) >= 1e-9 else np.float32(1e30)
-                        i = max(i + 1, int(math.ceil(min(tx, min(ty, tz)) / step - shift)))
+                    empty = int(distance[cx, cy, cz])
+                    if empty > 0:
+                        # To the first sample behind the cube of empty cells around this one.
+                        tx = leap(cx, empty, dx, ox, ix_, side)
+                        ty = leap(cy, empty, dy, oy, iy_, side)
+                        tz = leap(cz, empty, dz, oz, iz_, side)
+                        i = max(i + 1, int(math.ceil(min(tx, min(ty, tz)) * rate - shift)))
                         continue
                     x = min(max(x, np.float32(0.0)), extent[0])
                     y = min(max(y, np.float32(0.0)), extent[1])
@@ -124,8 +141,11 @@ def march(  # type: ignore[no-untyped-def]
                     s = np.exp(min(raw, ceiling))
                     thickness = s * step
                     weight = np.float32(1.0) - np.exp(-thickness)
-                    if stop < NO_STOP:
+                    if weight >= least_weight and stop < NO_STOP:
                         weight *= np.exp(-depth)
+                    if n == end:
+                        full[block] = 1
+                        break
                     if weight >= least_weight or (keep > 0 and uniform(jitter_seed, r, i + 1) < keep):
                         position[n, 0], position[n, 1], position[n, 2] = x, y, z
                         skipped[n] = tau

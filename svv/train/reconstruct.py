@@ -109,9 +109,9 @@ class Reconstruction:
     def finish(self) -> tuple[BaseField, Occupancy]:
         """The trained field with features only where something is left, frozen."""
         if self.field.density is not None and isinstance(self.field.encoding, SparseLattice):
-            cells = self.occupancy.cells
-            self.field.density = self.field.density.restricted(self.occupancy.occupied, cells)
-            self.field.encoding = self.field.encoding.restricted(self.occupancy.occupied, cells)
+            where = self.occupancy.occupied, self.occupancy.cells
+            self.field.density = self.field.density.summed(*where)
+            self.field.encoding = self.field.encoding.restricted(*where)
         self.field.requires_grad_(False)
         return self.field, self.occupancy
 

@@ -164,8 +164,8 @@ h2 { font-size: 20px; margin: 0 0 4px }
 section { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: 24px;
   margin-top: 24px }
 section > p { color: var(--soft); margin: 0 0 16px; max-width: 80ch }
-img, video { display: block; width: 100%; height: auto; border-radius: 6px }
-video { background: #fff; border: 1px solid var(--line); border-radius: 10px }
+img, video { display: block; max-width: 100%; height: auto; margin: 0 auto; border-radius: 6px }
+video { width: 100%; background: #fff; border: 1px solid var(--line); border-radius: 10px }
 .numbers { display: grid; grid-template-columns: repeat(auto-fit, minmax(158px, 1fr)); gap: 12px; margin-bottom: 24px }
 .numbers div { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: 14px 18px }
 .numbers b { display: block; font-size: 22px; font-weight: 650; white-space: nowrap; color: var(--accent);

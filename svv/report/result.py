@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from svv.fields.scene import Scene
 from svv.progress import duration
 from svv.report.job import Job
 from svv.report.page import Page, Picture, Table, cost_table, write_page
@@ -35,15 +36,13 @@ def write_result(path: Path, job: Job) -> None:
     Raises:
         BadInput: it cannot be written (see :func:`svv.io.atomic.atomic_path`).
     """
-    from svv.fields.scene import Scene
-
-    scene = Scene.load(job.scene)
+    scene = Scene.load(job.variants.get("styled", ("", None))[1] or job.scene)
     training, styling = _read(job, "train", "train.json"), _read(job, "stylize", "stylize.json")
     scores = _read(job, "evaluate", "scores.json")
     styles = [Picture("Styles", "What the regions are painted after.", job.out / "styles.png")] if styling else []
     parts: list[Picture | Table] = [
         Picture("All around", "The same views of every variant.", job.out / "contact.png"),
-        _regions(scene, len(job.styles)),
+        _regions(scene),
         *styles,
         Picture("Region by region", "Each region alone, the others made transparent.", job.out / "regions.png"),
     ]
@@ -69,21 +68,25 @@ def _numbers(training: dict[str, Any], scores: dict[str, Any]) -> list[tuple[str
     if scores:
         numbers.append((f"{scores['pcn']['psnr']:.1f} dB", "PSNR on unseen views"))
         numbers.append((f"{scores['pcn']['psnr_foreground']:.1f} dB", "PSNR of the foreground"))
-        numbers.append((f"{scores['pcn']['seconds_per_view']:.2f} s", f"for a view of {scores['pcn']['size']} pixels"))
+        numbers.append((f"{scores['pcn']['seconds_per_view']:.2f} s", f"for a view of {_size(scores['pcn'])} pixels"))
     numbers.append((duration(training["seconds"]["total"]), "of training"))
     numbers.append((f"{training['scene_bytes'] / 1e6:.1f} MB", "scene file"))
     numbers.append((f"{training['peak_rss_bytes'] / 1e9:.1f} GB", "peak memory of training"))
     return numbers
 
 
-def _regions(scene: Any, styles: int) -> Table:
-    rows = []
+def _regions(scene: Scene) -> Table:
+    rows, styled = [], "styled" in scene.networks
     for index, region in enumerate(scene.regions):
-        row = [str(index), hex_colour(region.colour), f"{float(region.share):.0%}"]
-        rows.append([*row, f"picture {index % styles}"] if styles else row)
-    columns = ["Region", "Colour", "Share"] + ["Style"] * (styles > 0)
+        row = [str(index), hex_colour(region.colour), f"{region.share:.0%}"]
+        rows.append([*row, region.style or "as it is"] if styled else row)
+    columns = ["Region", "Colour", "Share"] + ["Style"] * styled
     text = "What the palette found: each region can be recoloured, relit, thinned out or stylized on its own."
     return Table("Regions", text, columns, rows, swatch=1)
+
+
+def _size(scores: dict[str, Any]) -> str:
+    return " x ".join(map(str, scores["size"]))
 
 
 def _scores(scores: dict[str, Any]) -> Table:

@@ -1,0 +1,69 @@
+"""The demo: the whole job on a volume and on style pictures that the project generates itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from svv.errors import BadInput, Progress
+from svv.io.atomic import atomic_path, write_json
+from svv.io.output import write_png
+from svv.report.job import JobSettings
+from svv.report.run import run_job
+from svv.report.source import VolumeSource
+from svv.report.stages import Show, Stages, unseen
+
+STYLES = {"brush-strokes": "brush strokes", "stippling": "stippling"}
+"""Name of a file -> name of a generated style picture, see :func:`svv.train.textures.style_picture`."""
+
+
+def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show = unseen) -> Path:
+    """Generate the input, then do the whole job, or what is left of it.
+
+    Args:
+        out: The folder of all results; made where it is missing.
+        settings: What to do.
+        resolution: Voxels along each side of the volume.
+        show: How progress is shown.
+
+    Returns:
+        The page ``report.html``.
+
+    Raises:
+        BadInput: a folder that cannot be written to, or a setting out of range.
+        Cancelled: ``show``'s progress stopped the demo; the same call goes on where it was.
+    """
+    stages = Stages(out, show)
+    volume, tf = out / "volume.vti", out / "tf.json"
+    styles = [out / f"{name}.png" for name in STYLES]
+    stages.do(
+        "input",
+        "Volume and styles",
+        {"resolution": resolution},
+        [volume, tf, *styles],
+        lambda progress: _generate(out, resolution, progress),
+    )
+    return run_job(VolumeSource(volume, tf), styles, out, settings, show, stages)
+
+
+def _generate(out: Path, resolution: int, progress: Progress) -> None:
+    from svv.dvr.demo_volume import demo_transfer_function, demo_volume
+    from svv.train.textures import style_picture
+
+    progress(0.0, "volume")
+    _write_volume(out / "volume.vti", demo_volume(resolution))
+    write_json(out / "tf.json", [demo_transfer_function().to_dict()])  # a list, as ParaView exports presets
+    for index, (file, name) in enumerate(STYLES.items()):
+        progress((index + 1) / (len(STYLES) + 1), name)
+        write_png(out / f"{file}.png", style_picture(name))
+    progress(1.0, "")
+
+
+def _write_volume(path: Path, image: object) -> None:
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    with atomic_path(path) as temporary:
+        writer = vtkXMLImageDataWriter()
+        writer.SetFileName(str(temporary))
+        writer.SetInputData(image)
+        if not writer.Write():
+            raise BadInput(f"Cannot write {path}: VTK's writer stopped; is the disk full?")

@@ -57,5 +57,6 @@ def _otsu(counts: NDArray[np.int64]) -> tuple[int, int]:
 
     first, second = np.triu_indices(len(counts) - 1, k=1)
     zero, last = np.zeros_like(first), np.full_like(first, len(counts))
-    best = np.argmax(between(zero, first + 1) + between(first + 1, second + 1) + between(second + 1, last))
-    return int(first[best]), int(second[best])
+    score = between(zero, first + 1) + between(first + 1, second + 1) + between(second + 1, last)
+    best = score >= score.max() * (1 - 1e-9)  # all cuts through one empty stretch are equal: the middle one is meant
+    return int(first[best].mean()), int(second[best].mean())

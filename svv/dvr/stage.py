@@ -64,13 +64,13 @@ class Stage:
         return self.scale * self.rotation.T @ (camera.position - self.centre), -turned[:, 2], turned[:, 1]
 
 
-def set_stage(image: vtkImageData, tf: TransferFunction, unit_distance: float | None = None) -> Stage:
+def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
     """Crop a volume to its visible cells and bring it to the size of one.
 
     Args:
         image: One-component point scalars (see ``as_volume``).
-        tf: For the image's values (see ``TransferFunction.fitted``).
-        unit_distance: Opacity unit distance in world units; by default the function's, else ParaView's rule.
+        tf: For the image's values (see ``TransferFunction.fitted``); without an opacity unit distance it gets
+            ParaView's.
 
     Raises:
         BadInput: No cell holds a value with an opacity above 0.
@@ -92,8 +92,7 @@ def set_stage(image: vtkImageData, tf: TransferFunction, unit_distance: float | 
     centre = matrix[:3, 3] + matrix[:3, :3] @ (0.5 * (first + last))
     scale = 1.0 / visible.max()
     numbers, gain, offset = _small_type(cropped)
-    if unit_distance is None:
-        unit_distance = tf.unit_distance if tf.unit_distance is not None else unit_distance_for(image)
+    unit_distance = tf.unit_distance or unit_distance_for(image)
     staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
     return Stage(staged, tf.mapped(gain, offset), scale * unit_distance, rotation, centre, scale, visible)
 

@@ -18,7 +18,7 @@ from svv.dvr.grids import as_volume, index_to_world, to_array
 from svv.dvr.histogram import default_transfer_function
 from svv.dvr.mappers import Shading, choose_mapper
 from svv.dvr.stage import Stage, set_stage
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.volumes import read_volume
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.viewset import ViewSet
@@ -117,6 +117,8 @@ def make_views(
         tf = TransferFunction.read(tf)
     given = tf or default_transfer_function(image)
     fitted = given.fitted(*_range(image), rescale)
+    rescaled = fitted is not given
+    fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(image))
     stage = set_stage(image, fitted)
     centre, half = stage.centre, 0.5 * stage.visible_size
     if frame == "whole":
@@ -135,8 +137,8 @@ def make_views(
         "grid": _grid(image),
         "bounds": stage.bounds.tolist(),
         "rig": {"centre": np.asarray(centre).tolist(), "radius": radius, "fov_x": fov},
-        "tf": replace(fitted, unit_distance=float(stage.unit_distance / stage.scale)).to_dict(),
-        "tf_rescaled": fitted is not given,
+        "tf": fitted.to_dict(),
+        "tf_rescaled": rescaled,
         "shading": asdict(shading),
         "sample_distance": float(distance / stage.scale),
         "mapper": mapper_name,

@@ -153,18 +153,34 @@ def _damaged(file: Path) -> BadInput:
 def _read_nrrd(file: Path) -> vtkImageData:
     image = _run(vtkNrrdReader(), file)
     with file.open("rb") as opened:
-        header = opened.read(65536).split(b"\n\n")[0].decode("latin-1")
-    # VTK reads the lengths of the space directions as spacing and leaves out where they point.
-    found = re.search(r"^space directions:(.*)$", header, re.MULTILINE)
-    vectors = re.findall(r"\(([^)]*)\)", found.group(1)) if found else []
-    if len(vectors) == 3:
-        try:
-            axes = np.array([[float(x) for x in vector.split(",")] for vector in vectors]).T
-        except ValueError:
-            raise BadInput(f"{file} has space directions that are no numbers; it is damaged.") from None
-        if axes.shape == (3, 3):
-            set_geometry(image, axes, np.array(image.GetOrigin()))
+        header = re.split(rb"\r?\n\r?\n", opened.read(65536))[0].decode("latin-1")
+    fields = dict(re.findall(r"^([a-z ]+): *(.*?)\r?$", header, re.MULTILINE))
+    try:
+        sizes = [int(size) for size in fields["sizes"].split()]
+        if len(sizes) != 3:
+            return image
+        # VTK decodes the data, but takes a short first axis for components, and the lengths of the space
+        # directions for spacing without where they point.
+        data = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(sizes[::-1])
+        axes = np.diag([abs(float(x)) for x in fields.get("spacings", "1 1 1").split()])
+        if "space directions" in fields:
+            axes = np.array([_vector(text) for text in re.findall(r"\([^)]*\)", fields["space directions"])]).T
+        origin = np.array(_vector(fields.get("space origin", "(0,0,0)")))
+        if axes.shape != (3, 3):
+            raise ValueError("a volume needs three axes")
+        image = from_array(data, name="NRRD")
+        set_geometry(image, axes, origin)
+    except (KeyError, ValueError) as error:
+        raise _damaged(file) from error
     return image
+
+
+def _vector(text: str) -> list[float]:
+    """Three numbers as NRRD writes them, ``(1,2,3)``."""
+    numbers = [float(x) for x in text.strip("() ").split(",")]
+    if len(numbers) != 3:
+        raise ValueError(f"{text} is no vector of three numbers")
+    return numbers
 
 
 def _read_nifti(file: Path) -> vtkImageData:

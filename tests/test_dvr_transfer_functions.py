@@ -1,0 +1,221 @@
+"""Transfer functions: presets, bumps, defaults and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip("vtkmodules")
+
+from svv.dvr.grids import from_array  # noqa: E402
+from svv.dvr.histogram import default_transfer_function  # noqa: E402
+from svv.dvr.transfer_functions import TransferFunction, unit_distance_for  # noqa: E402
+from svv.errors import BadInput  # noqa: E402
+
+PRESET = {
+    "Name": "two",
+    "ColorSpace": "RGB",
+    "RGBPoints": [0, 0, 0, 0, 10, 1, 0.5, 0],
+    "Points": [0, 0, 0.5, 0, 4, 0.8, 0.5, 0, 6, 0, 0.5, 0, 10, 0, 0.5, 0],
+}
+
+
+def preset(**changes: object) -> TransferFunction:
+    return TransferFunction.from_dict({**PRESET, **changes})
+
+
+def test_a_preset_is_read_as_paraview_means_it() -> None:
+    for data in (PRESET, [PRESET]):
+        tf = TransferFunction.from_dict(data)
+        assert tf.name == "two" and tf.range == (0.0, 10.0) and tf.unit_distance is None
+        np.testing.assert_allclose(tf.opacity_at([-1, 0, 2, 4, 5, 6, 11]), [0, 0, 0.4, 0.8, 0.4, 0, 0])
+        np.testing.assert_allclose(tf.colour_at([0, 5, 99]), [[0, 0, 0], [0.5, 0.25, 0], [1, 0.5, 0]])
+
+
+def test_without_points_opacity_is_paraviews_ramp() -> None:
+    tf = TransferFunction.from_dict({key: PRESET[key] for key in ("ColorSpace", "RGBPoints")})
+    np.testing.assert_allclose(tf.opacity_at([0, 2.5, 10]), [0, 0.25, 1])
+
+
+def test_midpoint_and_sharpness_shape_the_way() -> None:
+    tf = preset(Points=[0, 0, 0.2, 0, 10, 1, 0.5, 0])
+    np.testing.assert_allclose(tf.opacity_at([1, 2, 10]), [0.25, 0.5, 1])
+    sharp = preset(Points=[0, 0, 0.5, 1, 10, 1, 0.5, 0])
+    np.testing.assert_allclose(sharp.opacity_at([1, 5, 9]), [0, 0.5, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("space", "middle"),
+    [("RGB", (0.5, 0.5, 0)), ("HSV", (1, 1, 0)), ("Step", (0, 1, 0)), ("Lab", None), ("Diverging", None)],
+)
+def test_colour_spaces(space: str, middle: tuple | None) -> None:
+    """Half way from red to green: olive in RGB, yellow along the hues, green in steps."""
+    tf = preset(ColorSpace=space, RGBPoints=[0, 1, 0, 0, 10, 0, 1, 0])
+    if middle is not None:
+        np.testing.assert_allclose(tf.colour_at(5), middle, atol=1e-6)
+    else:
+        assert np.abs(tf.colour_at(5) - preset(RGBPoints=[0, 1, 0, 0, 10, 0, 1, 0]).colour_at(5)).max() > 0.05
+
+
+def test_two_points_of_one_value_make_a_jump() -> None:
+    tf = preset(Points=[0, 0, 0.5, 0, 5, 0, 0.5, 0, 5, 0.9, 0.5, 0, 10, 0.9, 0.5, 0])
+    np.testing.assert_allclose(tf.opacity_at([4.99, 5.01]), [0, 0.9], atol=1e-6)
+
+
+unit = st.floats(0, 1)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    values=st.lists(st.floats(-1e9, 1e9), min_size=1, max_size=6, unique=True),
+    data=st.data(),
+    space=st.sampled_from(["RGB", "HSV", "Lab", "Diverging", "Step"]),
+    distance=st.one_of(st.none(), st.floats(1e-9, 1e9)),
+)
+def test_json_round_trip(values: list[float], data: st.DataObject, space: str, distance: float | None) -> None:
+    def points() -> tuple:
+        return tuple((v, data.draw(unit), data.draw(unit), data.draw(unit)) for v in sorted(values))
+
+    tf = TransferFunction(points(), points(), distance, "any", space)
+    assert TransferFunction.from_dict(json.loads(json.dumps([tf.to_dict()]))) == tf
+
+
+def test_bumps_are_triangles_of_one_colour_each(tmp_path: Path) -> None:
+    bumps = [
+        {"centre": 10, "width": 4, "opacity": 0.2, "colour": [1, 0, 0]},
+        {"centre": 20, "width": 6, "opacity": 0.8},
+    ]
+    (tmp_path / "tf.json").write_text(json.dumps({"Name": "b", "bumps": bumps, "ScalarOpacityUnitDistance": 2}))
+    tf = TransferFunction.read(tmp_path / "tf.json")
+    assert tf.name == "b" and tf.unit_distance == 2
+    values = [8, 9, 10, 11, 12, 15, 17, 18.5, 20, 23]
+    np.testing.assert_allclose(tf.opacity_at(values), [0, 0.1, 0.2, 0.1, 0, 0, 0, 0.4, 0.8, 0])
+    np.testing.assert_allclose(tf.colour_at([8, 10, 12]), [[1, 0, 0]] * 3)
+    assert np.abs(tf.colour_at(20) - tf.colour_at(10)).max() > 0.5
+
+
+def test_where_bumps_overlap_the_larger_opacity_holds() -> None:
+    tf = TransferFunction.from_bumps(
+        [{"centre": 10, "width": 8, "opacity": 0.5}, {"centre": 12, "width": 8, "opacity": 0.5}]
+    )
+    np.testing.assert_allclose(tf.opacity_at([10, 11, 12]), [0.5, 0.375, 0.5])
+
+
+@settings(max_examples=30, deadline=None)
+@given(scale=st.floats(1e-6, 1e6), offset=st.floats(-1e6, 1e6), value=st.floats(-2, 12))
+def test_mapping_moves_the_values_and_nothing_else(scale: float, offset: float, value: float) -> None:
+    if scale < 1e-9 * abs(offset):
+        return  # the points fall together in floating point
+    moved = preset().mapped(scale, offset)
+    at = scale * value + offset
+    np.testing.assert_allclose(moved.opacity_at(at), preset().opacity_at((at - offset) / scale), atol=1e-5)
+
+
+def test_rescaling_follows_its_rule() -> None:
+    unit_preset = preset(RGBPoints=[0, 0, 0, 0, 1, 1, 1, 1], Points=[0, 0, 0.5, 0, 1, 0.5, 0.5, 0])
+    assert unit_preset.fitted(0, 200).range == (0, 200)
+    assert unit_preset.fitted(0, 1e-3).range == (0, 1e-3)
+    assert unit_preset.fitted(0, 1.2).range == (0, 1)
+    assert unit_preset.fitted(0, 200, rescale=False).range == (0, 1)
+    assert preset().fitted(0, 200).range == (0, 10)
+    stretched = preset().fitted(-100, 100, rescale=True)
+    np.testing.assert_allclose(stretched.opacity_at([-100, -20, 20, 100]), [0, 0.8, 0, 0], atol=1e-9)
+
+
+def test_visible_ranges_are_where_something_shows() -> None:
+    tf = preset(Points=[0, 0, 0.5, 0, 2, 0.5, 0.5, 0, 4, 0, 0.5, 0, 7, 0, 0.5, 0, 9, 1, 0.5, 0])
+    ranges = tf.visible_ranges(-5, 20)
+    np.testing.assert_allclose(ranges, [(0, 4), (7, 20)], atol=1e-9)
+    # A bump far narrower than any sampling of the data's range is not missed.
+    narrow = preset(RGBPoints=[0, 1, 1, 1, 1e9, 1, 1, 1], Points=[5, 0, 0.5, 0, 5.1, 0.5, 0.5, 0, 5.2, 0, 0.5, 0])
+    np.testing.assert_allclose(narrow.visible_ranges(0, 1e9), [(5, 5.2)], atol=1e-6)
+
+
+BAD = {
+    "no points": ({"RGBPoints": []}, "RGBPoints"),
+    "odd count": ({"Points": [0, 1, 0.5]}, "four for each"),
+    "no numbers": ({"RGBPoints": ["a", "b", "c", "d"]}, "finite numbers"),
+    "nan": ({"Points": [0, float("nan"), 0.5, 0, 1, 1, 0.5, 0]}, "finite numbers"),
+    "not ascending": ({"Points": [1, 0, 0.5, 0, 0, 1, 0.5, 0]}, "ascending"),
+    "opacity 2": ({"Points": [0, 2, 0.5, 0, 1, 1, 0.5, 0]}, "between 0 and 1"),
+    "colour -1": ({"RGBPoints": [0, -1, 0, 0, 1, 1, 1, 1]}, "between 0 and 1"),
+    "space": ({"ColorSpace": "CMYK"}, "colour space"),
+    "unit distance": ({"ScalarOpacityUnitDistance": 0}, "unit distance"),
+    "unit distance text": ({"ScalarOpacityUnitDistance": "x"}, "must be a number"),
+    "bumps": ({"bumps": [{"centre": 1}]}, "centre, width and opacity"),
+    "no bumps": ({"bumps": []}, "at least one bump"),
+    "flat bump": ({"bumps": [{"centre": 1, "width": 0, "opacity": 1}]}, "width above 0"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_functions_are_refused(case: str) -> None:
+    changes, words = BAD[case]
+    with pytest.raises(BadInput, match=words) as caught:
+        preset(**changes)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("data", [None, [], 3, {"x": 1}, [[1]], "text"])
+def test_what_is_no_function_is_refused(data: object) -> None:
+    with pytest.raises(BadInput, match="no transfer function"):
+        TransferFunction.from_dict(data)
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="No such file"):
+        TransferFunction.read(tmp_path / "no.json")
+    (tmp_path / "tf.json").write_text("[{")
+    with pytest.raises(BadInput, match="not valid JSON"):
+        TransferFunction.read(tmp_path / "tf.json")
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([0, 0, 0.5, 0, 10, 0, 0.5, 0], "transparent everywhere"),
+        ([0, 0, 0.5, 0, 1, 0, 0.5, 0, 1.5, 1, 0.5, 0, 2, 0, 0.5, 0], "transparent everywhere"),  # but outside [3, 9]
+        ([0, 1, 0.5, 0, 10, 1, 0.5, 0], "opaque everywhere"),
+    ],
+)
+def test_functions_that_show_nothing_of_the_data_are_refused(points: list, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        preset(Points=points).fitted(3, 9)
+
+
+def test_a_function_outside_the_data_is_refused() -> None:
+    for low, high in ((11, 20), (-5, -1)):
+        with pytest.raises(BadInput, match="rescale"):
+            preset().fitted(low, high)
+
+
+def test_unit_distance_is_paraviews() -> None:
+    """ParaView's Wavelet (21^3 points, spacing 1) shows 1.7320508075688774."""
+    assert unit_distance_for(from_array(np.zeros((21, 21, 21)))) == pytest.approx(np.sqrt(3), rel=1e-12)
+    image = from_array(np.zeros((5, 9, 17)), (1, 2, 3))
+    assert unit_distance_for(image) == pytest.approx(np.sqrt(16**2 + 16**2 + 12**2) / np.cbrt(16 * 8 * 4))
+
+
+@pytest.mark.parametrize("background", [0, 1, 2])
+def test_the_default_shows_two_classes_and_hides_the_background(background: int) -> None:
+    rng = np.random.default_rng(0)
+    sizes = [600, 600, 600]
+    sizes[background] = 8000
+    means = (10.0, 50.0, 90.0)
+    voxels = np.concatenate([rng.normal(mean, 2, size) for mean, size in zip(means, sizes)])
+    tf = default_transfer_function(from_array(voxels[:9200].reshape(20, 20, 23)))
+    shown = tf.opacity_at(means) > 0.05
+    assert shown.tolist() == [i != background for i in range(3)]
+    others = [mean for i, mean in enumerate(means) if i != background]
+    assert np.abs(np.subtract(*tf.colour_at(others))).max() > 0.3
+    tf.fitted(float(voxels.min()), float(voxels.max()))
+
+
+def test_a_constant_volume_has_no_default() -> None:
+    with pytest.raises(BadInput, match="same value|the value"):
+        default_transfer_function(from_array(np.full((3, 3, 3), 7)))

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
-from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow, vtkVolume, vtkVolumeProperty
+from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow, vtkVolume, vtkVolumeProperty
 from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper, vtkGPUVolumeRayCastMapper
 
 from svv.core.cameras import Camera
@@ -71,7 +71,7 @@ class Shading:
     diffuse: float = 1.0
     """Share of the headlight that a surface facing the camera reflects in its own colour, >= 0."""
     specular: float = 0.0
-    """Share that is mirrored as a white highlight, >= 0."""
+    """Share that is mirrored as a white highlight, >= 0. The CPU's highlights are wider than the GPU's."""
     specular_power: float = 100.0
     """Sharpness of the highlight, > 0."""
 
@@ -317,7 +317,10 @@ def _volume(mapper: Any, stage: Stage, shading: Shading) -> vtkVolume:
 def _renderer(window: Any, volume: vtkVolume) -> vtkRenderer:
     renderer = vtkRenderer()
     renderer.AddVolume(volume)
-    renderer.CreateLight()  # a white headlight
+    light = vtkLight()
+    light.SetLightTypeToHeadlight()
+    light.SetAmbientColor(1.0, 1.0, 1.0)  # by default black, and with it the CPU ray caster's ambient part
+    renderer.AddLight(light)
     window.AddRenderer(renderer)
     return renderer
 

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
+from PIL import Image
 
-from svv.errors import Cancelled, Progress
+from svv import cli
+from svv.errors import BadInput, Cancelled, Progress
 from svv.io.output import write_mp4, write_png
 from svv.measure import measured
+from svv.report.demo import run_demo
+from svv.report.job import JobSettings
 from svv.report.page import Page, Picture, Table, cost_table, write_page
 from svv.report.pictures import error_picture, hex_colour, over_white, sheet, shrunk
 from svv.report.stages import Stages, fingerprint
@@ -126,7 +134,7 @@ def test_a_page_needs_nothing_beside_it(tmp_path: Path) -> None:
     write_png(tmp_path / "a.png", np.zeros((8, 8, 3)))
     write_mp4(tmp_path / "a.mp4", [np.zeros((16, 16, 3), np.uint8)])
     cost = {"title": "Training <1>", "seconds": 70.0, "peak_rss_bytes": 2_000_000_000}
-    parts = [
+    parts: list[Picture | Table] = [
         Picture("Heading & more", "Text.", tmp_path / "a.png"),
         Table("Table", "Text.", ["Name", "Colour"], [["a", "#ff0000"]], swatch=1),
         cost_table([cost]),
@@ -140,3 +148,122 @@ def test_a_page_needs_nothing_beside_it(tmp_path: Path) -> None:
     assert "url(" not in text
     for expected in ("Heading &amp; more", "Training &lt;1&gt;", "1 min 10 s", "2.00 GB", "background:#ff0000"):
         assert expected in text
+
+
+SMALL = JobSettings(
+    n=12, test=2, size=64, mapper="cpu", preset="draft", time_limit=4.0, orbit=4, orbit_size=64, recolour=True
+)
+RESOLUTION = 24
+
+
+@dataclass
+class Shown:
+    """Notes which stages are shown; raises like Ctrl-C in one of them."""
+
+    stop_in: str | None = None
+    titles: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def __call__(self, title: str) -> Iterator[Progress]:
+        self.titles.append(title)
+
+        def progress(fraction: float, label: str) -> None:
+            assert -1e-9 <= fraction <= 1 + 1e-9
+            if title == self.stop_in and fraction > 0.3:
+                raise Cancelled
+
+        yield progress
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tiny demo that was stopped in the middle of its training and then begun again."""
+    out = tmp_path_factory.mktemp("demo") / "out"
+    stopped = Shown(stop_in="Training")
+    with pytest.raises(Cancelled):
+        run_demo(out, SMALL, RESOLUTION, stopped)
+    assert not (out / "scene.svv").exists()
+    again = Shown()
+    run_demo(out, SMALL, RESOLUTION, again)
+    assert stopped.titles == ["Volume and styles", "Drawing 12 + 2 views", "Training"]
+    assert again.titles[0] == "Training"
+    return out
+
+
+def test_the_demo_leaves_what_it_promises(finished: Path) -> None:
+    there = {path.name for path in finished.iterdir()}
+    assert there >= {
+        "volume.vti", "tf.json", "brush-strokes.png", "stippling.png", "views", "scene.svv", "recoloured.svv",
+        "styled.svv", "orbit", "orbit.mp4", "contact.png", "unseen.png", "regions.png", "report.html",
+    }  # fmt: skip
+    assert not [name for name in there if name.endswith("checkpoint") or name.startswith(".")]
+    orbits = {path.name: len(list(path.iterdir())) for path in (finished / "orbit").iterdir()}
+    assert orbits == {"volume-rendering": 4, "palette-network": 4, "recoloured": 4, "styled": 4}
+    reader = imageio_ffmpeg.read_frames(str(finished / "orbit.mp4"))
+    assert next(reader)["size"][0] >= 4 * 64
+    assert len(list(reader)) == 4
+
+
+def test_the_figures_have_the_promised_keys(finished: Path) -> None:
+    for name in ("train.json", "stylize.json"):
+        report = json.loads((finished / name).read_text())
+        assert report.keys() >= {
+            "seconds", "peak_rss_bytes", "parameters", "scene_bytes", "device", "seed", "preset",
+        }  # fmt: skip
+        assert report["seconds"]["total"] > 0
+    scores = json.loads((finished / "scores.json").read_text())
+    for network in ("base", "pcn"):
+        assert scores[network].keys() >= {
+            "psnr", "psnr_foreground", "ssim", "flip", "lpips", "views", "size", "seconds_per_view", "network",
+            "background",
+        }  # fmt: skip
+        assert scores[network]["views"] == 2
+        assert scores[network]["psnr"] > 12  # an empty picture of this volume has about 10 dB
+
+
+def test_the_variants_differ_where_they_should(finished: Path) -> None:
+    def frame(name: str) -> np.ndarray:
+        return over_white(np.asarray(Image.open(finished / "orbit" / name / "0001.png").convert("RGBA"))).astype(int)
+
+    plain = frame("palette-network")
+    assert np.abs(plain - frame("volume-rendering")).mean() < 40
+    for name in ("recoloured", "styled"):
+        assert np.abs(plain - frame(name)).max() > 30
+
+
+def test_the_same_demo_again_does_nothing(finished: Path) -> None:
+    shown = Shown()
+    run_demo(finished, SMALL, RESOLUTION, shown)
+    assert shown.titles == []
+
+
+def test_another_orbit_trains_nothing(finished: Path) -> None:
+    shown = Shown()
+    run_demo(finished, replace(SMALL, orbit=3), RESOLUTION, shown)
+    assert [title.split(":")[0] for title in shown.titles] == ["Orbit"] * 4 + ["Side by side"]
+
+
+def test_commands_on_the_trained_scene(finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def svv(*arguments: str | Path) -> str:
+        cli.app([str(a) for a in arguments], prog_name="svv", standalone_mode=False)
+        return capsys.readouterr().out
+
+    scene, red = finished / "scene.svv", tmp_path / "red.svv"
+    assert "0: colour #" in svv("info", scene, "--json", tmp_path / "info.json")
+    info = json.loads((tmp_path / "info.json").read_text())
+    assert info["networks"] == ["base", "pcn"]
+    svv("edit", scene, "--region", "0", "--colour", "#ff0000", "--opacity", "0.5", "--out", red)
+    svv("info", red, "--json", tmp_path / "info.json")
+    region = json.loads((tmp_path / "info.json").read_text())["regions"][0]
+    assert (region["edited_colour"], region["opacity"]) == ([1.0, 0.0, 0.0], 0.5)
+    for name in (scene, red):
+        svv("render", name, "--size", "48", "--out", tmp_path / f"{name.stem}.png")
+    before, after = (np.asarray(Image.open(tmp_path / f"{name}.png")).astype(int) for name in ("scene", "red"))
+    assert np.abs(before - after).max() > 20
+    svv("evaluate", scene, "--views", finished / "views", "--network", "base", "--json", tmp_path / "scores.json")
+    assert json.loads((tmp_path / "scores.json").read_text())["network"] == "base"
+    with pytest.raises(BadInput, match="no region 99"):
+        svv("edit", scene, "--region", "99", "--opacity", "0", "--out", tmp_path / "none.svv")
+    with pytest.raises(BadInput, match="styled"):
+        svv("render", scene, "--network", "styled", "--out", tmp_path / "none.png")
+    assert not list(tmp_path.glob("none*"))

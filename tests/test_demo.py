@@ -22,6 +22,8 @@ from svv.report.demo import run_demo
 from svv.report.job import JobSettings
 from svv.report.page import Page, Picture, Table, cost_table, write_page
 from svv.report.pictures import error_picture, hex_colour, over_white, sheet, shrunk
+from svv.report.run import run_job
+from svv.report.source import ViewSource, VolumeSource
 from svv.report.stages import Stages, fingerprint
 
 
@@ -70,6 +72,17 @@ def test_a_stopped_stage_is_not_done(tmp_path: Path) -> None:
     with pytest.raises(Cancelled):
         Stages(tmp_path).do("a", "A", {}, [tmp_path / "a"], stopped)
     assert Stages(tmp_path).do("a", "A", {}, [tmp_path / "a"], lambda progress: None)
+
+
+def test_a_job_that_fails_at_once_leaves_no_empty_folder(tmp_path: Path) -> None:
+    (tmp_path / "noise.vti").write_text("no volume")
+    with pytest.raises(BadInput, match=r"noise\.vti"):
+        run_job(VolumeSource(tmp_path / "noise.vti"), [], tmp_path / "out", JobSettings())
+    with pytest.raises(BadInput, match="no volume"):
+        run_job(VolumeSource(tmp_path / "none.vti"), [], tmp_path / "out", JobSettings())
+    with pytest.raises(BadInput, match="no views"):
+        run_job(ViewSource(tmp_path), [], tmp_path / "out", JobSettings())
+    assert [path.name for path in tmp_path.iterdir()] == ["noise.vti"]
 
 
 def test_a_changed_file_has_another_fingerprint(tmp_path: Path) -> None:

@@ -77,6 +77,13 @@ class Job:
         self.variants: dict[str, tuple[str, Path | None]] = {}
         """Name of a column of the orbit -> its stage and its scene file; none for the volume renderings."""
 
+    @property
+    def has_unseen(self) -> bool:
+        """Whether there are views to score with; those that another job left in the folder do not count."""
+        if isinstance(self.source, VolumeSource):
+            return self.settings.test > 0
+        return (self.views / "transforms_test.json").exists()
+
     def make_views(self) -> None:
         """Draw the training and the test views, unless the source is views."""
         source, s = self.source, self.settings
@@ -115,7 +122,7 @@ class Job:
         from svv.fields.scene import Scene
         from svv.train.pipeline import evaluate_scene
 
-        if not (self.views / "transforms_test.json").exists():
+        if not self.has_unseen:
             return
 
         def work(progress: Progress) -> None:

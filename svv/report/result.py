@@ -58,7 +58,7 @@ def write_result(path: Path, job: Job) -> None:
         _numbers(training, scores),
         job.out / "orbit.mp4",
         parts,
-        _facts(job, training, styling),
+        _facts(job, scene, training, styling),
     )
     write_page(path, page)
 
@@ -98,7 +98,7 @@ def _scores(scores: dict[str, Any]) -> Table:
     return Table("Scores", PROTOCOL, ["Network", *(name for name, _ in SCORES.values())], rows)
 
 
-def _facts(job: Job, training: dict[str, Any], styling: dict[str, Any]) -> list[tuple[str, str]]:
+def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, Any]) -> list[tuple[str, str]]:
     facts, s = [], job.settings
     if isinstance(job.source, VolumeSource):
         meta = read_meta(job.views)
@@ -111,6 +111,8 @@ def _facts(job: Job, training: dict[str, Any], styling: dict[str, Any]) -> list[
         )
     elif isinstance(job.source, ViewSource):
         facts.append(("Views", str(job.source.folder)))
+        if "assumed" in scene.made["source"]:
+            facts.append(("Assumed", scene.made["source"]["assumed"]))
     facts.append(("Preset", s.preset if s.time_limit is None else f"{s.preset}, at most {duration(s.time_limit)}"))
     facts.append(("Seed", str(s.seed)))
     facts.append(("Parameters", f"{int(training['parameters']):,}"))

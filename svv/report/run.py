@@ -37,8 +37,9 @@ def run_job(
         BadInput: bad input anywhere, or a folder that cannot be written to.
         Cancelled: ``show``'s progress stopped the job; the same call goes on where it was.
     """
+    source.identity()  # what is missing is told before anything is made, and not after minutes of work
     for style in styles:
-        read_style(style)  # before minutes of work, not after them
+        read_style(style)
     job = Job(source, styles, out, settings, stages or Stages(out, show))
     job.make_views()
     job.train()

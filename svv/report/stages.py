@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +77,13 @@ class Stages:
         if done and fresh and done["key"] == key and all(path.exists() for path in outputs):
             self.costs[name] = done
             return False
-        with self.show(title) as progress, measured() as cost:
-            work(progress)
+        try:
+            with self.show(title) as progress, measured() as cost:
+                work(progress)
+        except BaseException:
+            with suppress(OSError):  # it holds what earlier stages made, and stays
+                self.folder.rmdir()
+            raise
         self._redone.add(name)
         self.costs[name] = self._record[name] = {
             "key": key,

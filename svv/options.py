@@ -50,7 +50,7 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Where the result goes.")
 Json = Annotated[Path | None, typer.Option("--json", help="Write the figures to this JSON file too.")]
 Seed = Annotated[int, typer.Option(help="Same seed, same result.")]
 PresetOption = Annotated[Preset, typer.Option(help="draft: seconds; fast, balanced: minutes; paper: its large grid.")]
-TimeLimit = Annotated[float | None, typer.Option(metavar="SECONDS", min=1, help="Stop training after this long.")]
+TimeLimit = Annotated[float | None, typer.Option(metavar="SECONDS", min=1, help="Shorten training to this long.")]
 TransferFunction = Annotated[
     Path | None,
     typer.Option("--tf", metavar="TF.json", help="Transfer function: a ParaView preset, or a list of opacity bumps."),

@@ -32,7 +32,8 @@ def sparse_lattice(seed: int = 0, features: int = 3) -> SparseLattice:
 def points_in(occupied: np.ndarray, cells: int, count: int, seed: int = 0) -> torch.Tensor:
     rng = np.random.default_rng(seed)
     where = np.argwhere(occupied)
-    return torch.from_numpy(((where[rng.integers(0, len(where), count)] + rng.random((count, 3))) / cells).astype(np.float32))
+    points = (where[rng.integers(0, len(where), count)] + rng.random((count, 3))) / cells
+    return torch.from_numpy(points.astype(np.float32))
 
 
 def lattice_arrays(lattice: SparseLattice) -> tuple[torch.Tensor, ...]:

@@ -233,7 +233,7 @@ def _resample(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArr
     k = cells // resolution
     o = np.pad(o, [(0, -n % k) for n in o.shape])
     x, y, z = (n // k for n in o.shape)
-    return o.reshape(x, k, y, k, z, k).any(axis=(1, 3, 5))
+    return np.asarray(o.reshape(x, k, y, k, z, k).any(axis=(1, 3, 5)))
 
 
 def _vertices(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -162,7 +162,8 @@ class PaletteField(nn.Module):
     def light_like(self, base: BaseField) -> None:
         """Start the lighting MLP's hidden layers from the base colour MLP's."""
         with torch.no_grad():
-            for mine, its in zip(self.lighting_mlp[:-1], base.colour_mlp[:-1], strict=True):
+            pairs = zip(list(self.lighting_mlp)[:-1], list(base.colour_mlp)[:-1], strict=True)
+            for mine, its in pairs:
                 if isinstance(mine, nn.Linear) and isinstance(its, nn.Linear):
                     mine.weight.copy_(its.weight)
 

@@ -117,7 +117,7 @@ def _shrink(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     n, h, w = masks.shape
     k = max(1, max(h, w) // MASK_SIZE)
     padded = np.pad(masks, [(0, 0), (0, -h % k), (0, -w % k)])
-    return padded.reshape(n, padded.shape[1] // k, k, padded.shape[2] // k, k).any(axis=(2, 4))
+    return np.asarray(padded.reshape(n, padded.shape[1] // k, k, padded.shape[2] // k, k).any(axis=(2, 4)))
 
 
 def _hull(masks: NDArray[np.bool_], cameras: Sequence[Camera], box: Box, cells: int) -> NDArray[np.uint8]:

@@ -280,9 +280,7 @@ class Scene:
         settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"])})
         base = BaseField(settings, occupancy, header["density_resolutions"])
         palette, styled = None, None
-        regions = tuple(
-            Region(**{k: tuple(v) if isinstance(v, list) else v for k, v in r.items()}) for r in header["regions"]
-        )
+        regions = tuple(_region(r) for r in header["regions"])
         if "pcn" in header["networks"]:
             palette = PaletteField(settings, occupancy, base.geometry_width, torch.zeros(len(regions), 3))
         if "styled" in header["networks"]:
@@ -313,3 +311,8 @@ class Scene:
             "made": self.made,
         }
 
+
+def _region(values: dict[str, Any]) -> Region:
+    """A region from its plain values."""
+    plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+    return Region(**plain)

@@ -87,8 +87,8 @@ def march(  # type: ignore[no-untyped-def]
     transmittance stays exact. A ray ends where its optical depth exceeds ``stop``; with NO_STOP it never ends and
     what lies in front counts for nothing, so that the extinction may be edited afterwards.
 
-    The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``. A block that
-    would need more marks itself in ``full`` (blocks,) and stops.
+    The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``. A
+    block that would need more marks itself in ``full`` (blocks,) and stops.
     """
     rays = origins.shape[0]
     blocks = (rays + BLOCK - 1) // BLOCK

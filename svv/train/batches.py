@@ -30,7 +30,7 @@ class Batch:
 
     @property
     def premultiplied(self) -> Tensor:
-        """Colour over black. Beside the error of alpha it says all that random backgrounds would, without their noise."""
+        """Colour over black: with the error of alpha it says all that random backgrounds would, without their noise."""
         return self.colour * self.alpha[:, None]
 
 

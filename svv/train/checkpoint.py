@@ -65,6 +65,12 @@ class Checkpoint:
         """The state of a stage in progress, restored if the file holds one of that name."""
         return StageState(self, name, network, optimiser, tables)
 
+    def extra(self, name: str) -> Arrays | None:
+        """What was saved beside the parameters of the stage in progress; None if it is another or none."""
+        if self._progress.get("stage") != name:
+            return None
+        return {k[6:]: v for k, v in self._state.items() if k.startswith("extra.")}
+
     def _write(self) -> None:
         header = {"key": self.key, "finished": self.finished, "progress": self._progress}
         arrays = {f"done.{k}": v for k, v in self.arrays.items()} | {f"state.{k}": v for k, v in self._state.items()}
@@ -84,7 +90,6 @@ class StageState:
         self.network, self.optimiser, self.tables = network, optimiser, tables
         self.restored: tuple[int, float] | None = None
         """Steps done and seconds spent before, if the stage goes on."""
-        self.extra: Arrays = {}
         progress = checkpoint._progress
         if progress.get("stage") == name:
             self._restore(checkpoint._state)
@@ -94,7 +99,6 @@ class StageState:
         tensors = {k[8:]: torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith("network.")}
         self.network.load_state_dict(tensors)
         self.tables.load({k[7:]: v for k, v in state.items() if k.startswith("tables.")})
-        self.extra = {k[6:]: v for k, v in state.items() if k.startswith("extra.")}
         saved = self.optimiser.state_dict()
         for number, _ in enumerate(p for g in self.optimiser.param_groups for p in g["params"]):
             prefix = f"adam.{number}."

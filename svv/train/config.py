@@ -17,7 +17,7 @@ from svv.fields.networks import FieldSettings
 class ReconstructSettings:
     """Stage 1, the base radiance field."""
 
-    iterations: int = 4000
+    iterations: int = 2500
     """Steps of the optimiser."""
     rays: int = 4096
     """Rays a step; between a quarter and twice as many are drawn, to come near ``samples``."""
@@ -51,7 +51,7 @@ class ReconstructSettings:
 class RecolourSettings:
     """Stage 2, the palette colour network."""
 
-    iterations: int = 1500
+    iterations: int = 1000
     """Steps of the optimiser."""
     rays: int = 4096
     """Rays a step."""
@@ -69,6 +69,9 @@ class RecolourSettings:
     """Weight of the palette's squared distance to where it started."""
     shade_weight: float = 0.003
     """Weight of (m - 1)^2, which keeps the material's brightness in I and the light's in m."""
+    mixing_weight: float = 0.01
+    """Weight of 1 - sum w_i^2: each point belongs to one range of the transfer function, and an edit of one region
+    must not bleed into another."""
 
 
 @dataclass(frozen=True)
@@ -114,23 +117,23 @@ PRESETS = {
     "draft": Preset(
         "draft",
         FieldSettings(width=32),
-        ReconstructSettings(iterations=600),
-        RecolourSettings(iterations=300),
+        ReconstructSettings(iterations=500),
+        RecolourSettings(iterations=250),
         StylizeSettings(distil_iterations=150, style_iterations=42),
     ),
     "fast": Preset(
         "fast",
         FieldSettings(),
-        ReconstructSettings(iterations=1800),
-        RecolourSettings(iterations=800),
+        ReconstructSettings(iterations=1200),
+        RecolourSettings(iterations=500),
         StylizeSettings(distil_iterations=300, style_iterations=105),
     ),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
     "paper": Preset(
         "paper",
         FieldSettings("hash", (16, 4096), features=2, shading=False),
-        ReconstructSettings(iterations=30000, feature_rate=0.01, network_rate=0.01, decay=0.1, alpha_weight=0.0),
-        RecolourSettings(iterations=2500, feature_rate=0.01, network_rate=0.01),
+        ReconstructSettings(iterations=30000, feature_rate=0.01, network_rate=0.01, decay=0.1),
+        RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, shade_weight=0.0, mixing_weight=0.0),
         fitted=False,
     ),
 }
@@ -147,7 +150,9 @@ PIXELS_A_CELL = 2.5
 """Pixels that the finest lattice cell covers at least: finer cells are seen by too few rays to learn."""
 
 
-def fitted_field(field: FieldSettings, cameras: Sequence[Camera], box: Box, finest: int = 256) -> tuple[FieldSettings, str]:
+def fitted_field(
+    field: FieldSettings, cameras: Sequence[Camera], box: Box, finest: int = 256
+) -> tuple[FieldSettings, str]:
     """The lattice levels that the views can resolve, and the reason in a sentence.
 
     The finest level has cells of at least :data:`PIXELS_A_CELL` pixels where the box is seen; coarser levels halve

@@ -36,7 +36,8 @@ class Distillation:
         """
         assert scene.palette is not None
         torch.manual_seed(seed)
-        self.scene, self.teacher, self.palette, self.settings, self.seed = scene, scene.palette, transferred, settings, seed
+        self.scene, self.teacher, self.palette = scene, scene.palette, transferred
+        self.settings, self.seed = settings, seed
         self.field = UnrestrictedField(scene.settings, scene.occupancy)
         # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it.
         with torch.no_grad():

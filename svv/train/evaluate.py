@@ -17,7 +17,9 @@ from svv.train.lpips import load_lpips, lpips
 WHITE = (1.0, 1.0, 1.0)
 
 
-def evaluate_scene(scene: Scene, views: ViewSet, network: str | None = None, progress: Progress = silent) -> dict[str, Any]:
+def evaluate_scene(
+    scene: Scene, views: ViewSet, network: str | None = None, progress: Progress = silent
+) -> dict[str, Any]:
     """Mean scores over views that were not trained on.
 
     The truth is alpha-blended on white and the prediction clamped to [0, 1]; scores are means over the images.

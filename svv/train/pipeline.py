@@ -204,13 +204,11 @@ def stylize_scene(
         for region, target in targets.items():
             transferred[region] = target.statistics[0]
         distillation = Distillation(scene, transferred, settings, seed)
-        seconds["distil"] = _run_stage(
-            Loop(settings.distil_iterations, None, part(progress, 0.0, 0.15), "distillation"), distillation, saved, "distil"
-        )
+        loop = Loop(settings.distil_iterations, None, part(progress, 0.0, 0.15), "distillation")
+        seconds["distil"] = _run_stage(loop, distillation, saved, "distil")
         stylization = Stylization(scene, distillation.field, targets, settings, part(progress, 0.15, 0.2))
-        seconds["stylize"] = _run_stage(
-            Loop(settings.style_iterations, None, part(progress, 0.2, 1.0), "stylization"), stylization, saved, "stylize"
-        )
+        loop = Loop(settings.style_iterations, None, part(progress, 0.2, 1.0), "stylization")
+        seconds["stylize"] = _run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds
     distillation.field.requires_grad_(False)
     regions = tuple(
@@ -272,7 +270,7 @@ def _run_stage(loop: Loop, work: Distillation | Stylization, saved: Checkpoint |
 
 
 def camera_rig(views: ViewSet) -> dict[str, Any]:
-    """Where the training cameras stand: ``centre`` (3,), ``radius`` (median, world units), ``fov_x`` (radians), ``size``."""
+    """Where the training cameras stand: ``centre`` (3,), ``radius`` (world units), ``fov_x`` (radians), ``size``."""
     positions = np.stack([c.camera_to_world[:3, 3] for c in views.cameras])
     axes = np.stack([-c.camera_to_world[:3, 2] for c in views.cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

@@ -59,11 +59,13 @@ class Recolouring:
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
-        values = torch.cat([colour, offsets[:, None], (parts.shade - 1.0).square()[:, None]], dim=1)
+        mixed = 1.0 - parts.weights.square().sum(dim=1)
+        values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
         out, _, _ = composite(samples, sigma, values)
         error = (out[:, :3] - batch.premultiplied).square().mean()
         drift = (self.field.colours - self.start).square().sum()
-        loss = error + s.offset_weight * out[:, 3].mean() + s.shade_weight * out[:, 4].mean() + s.palette_weight * drift
+        penalties = out.new_tensor([s.offset_weight, s.shade_weight, s.mixing_weight])
+        loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         rate = falling(fraction, s.decay)

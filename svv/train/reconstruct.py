@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,7 +21,6 @@ from svv.train.batches import RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, falling
-
 
 RAYS_EVERY = 16
 """Steps between two adjustments of the number of rays to the samples that they give."""
@@ -106,6 +106,21 @@ class Reconstruction:
         if pruned.occupied.any():
             self.occupancy = pruned
 
+    def layout(self) -> dict[str, NDArray[Any]]:
+        """What a checkpoint needs beside the parameters, to lay them out again."""
+        refined = np.zeros(0, np.uint8) if self.refined is None else self.refined.occupied
+        return {"occupied": self.occupancy.occupied, "refined": refined, "rays": np.array(self.rays)}
+
+    def go_on_from(self, layout: dict[str, NDArray[Any]] | None) -> None:
+        """Take the layout of an interrupted run, if there was one."""
+        if layout is None:
+            return
+        if layout["refined"].size:
+            self.occupancy = replace(self.occupancy, occupied=layout["refined"])
+            self.refine()
+        self.occupancy = replace(self.occupancy, occupied=layout["occupied"])
+        self.rays = int(layout["rays"])
+
     def finish(self) -> tuple[BaseField, Occupancy]:
         """The trained field with features only where something is left, frozen."""
         if self.field.density is not None and isinstance(self.field.encoding, SparseLattice):
@@ -162,15 +177,11 @@ def reconstruct(
     work = Reconstruction(views, occupancy, field, settings, seed)
     loop = Loop(settings.iterations, limit, progress, "base NeRF")
     if checkpoint is not None:
+        work.go_on_from(checkpoint.extra("base"))
         state = checkpoint.stage("base", work.field, work.networks, work.tables)
         if state.restored is not None:
             loop.done, loop.spent = state.restored
-            work.occupancy = Occupancy(occupancy.box, occupancy.cells, state.extra["occupied"])
-
-        def save(done: int, spent: float) -> None:
-            state.save(done, spent, {"occupied": work.occupancy.occupied})
-
-        loop.save = save
+        loop.save = lambda done, spent: state.save(done, spent, work.layout())
     seconds = loop.run(work.step)
     if loop.done:
         work.prune(grow=False)

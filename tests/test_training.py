@@ -1,0 +1,354 @@
+"""The three stages on a small generated scene: what they learn, keep, refuse, and go on from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from svv.core.cameras import Camera, sphere_cameras
+from svv.errors import BadInput, Cancelled, silent
+from svv.fields.networks import FieldSettings, PaletteField
+from svv.fields.occupancy import carve
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.train import pipeline
+from svv.train.checkpoint import Checkpoint
+from svv.train.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings, fitted_field
+from svv.train.pipeline import style_pairs, stylize_scene, train_scene
+from svv.train.stylize import StyledView, visible_from
+
+SIZE = 64
+RED, BLUE = np.array([0.9, 0.1, 0.1]), np.array([0.1, 0.2, 0.9])
+RED_CENTRE, BLUE_CENTRE, RADIUS = np.array([-0.35, 0.0, 0.0]), np.array([0.35, 0.0, 0.0]), 0.3
+
+
+def two_balls(camera: Camera) -> np.ndarray:
+    """Exact view of an opaque red and an opaque blue ball under a headlight, straight alpha. (H, W, 4) uint8"""
+    origins, directions = camera.rays()
+    nearest = np.full(directions.shape[:2], np.inf)
+    image = np.zeros((*directions.shape[:2], 4))
+    for centre, colour in ((RED_CENTRE, RED), (BLUE_CENTRE, BLUE)):
+        towards = centre - origins
+        along = (towards * directions).sum(-1)
+        inside = RADIUS**2 - ((towards - along[..., None] * directions) ** 2).sum(-1)
+        t = along - np.sqrt(np.maximum(inside, 0.0))
+        hit = (inside > 0) & (t < nearest)
+        cosine = np.sqrt(np.maximum(inside, 0.0)) / RADIUS
+        image[hit, :3] = (colour * (0.2 + 0.8 * cosine[..., None]))[hit]
+        image[hit, 3] = 1.0
+        nearest = np.where(hit, t, nearest)
+    return (image * 255.0).round().astype(np.uint8)
+
+
+def views_of(cameras: list[Camera]) -> ViewSet:
+    images = np.stack([two_balls(c) for c in cameras])
+    return ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(len(cameras))), {})
+
+
+@pytest.fixture(scope="module")
+def views() -> ViewSet:
+    return views_of(sphere_cameras(42, (0.0, 0.0, 0.0), 4.0, np.radians(30), SIZE))
+
+
+@pytest.fixture(scope="module")
+def unseen() -> ViewSet:
+    return views_of(sphere_cameras(5, (0.0, 0.0, 0.0), 4.0, np.radians(30), SIZE))
+
+
+TINY = Preset(
+    "tiny",
+    FieldSettings(width=32),
+    ReconstructSettings(iterations=220, rays=1024, samples=8192, cells=32),
+    RecolourSettings(iterations=300, rays=1024),
+    StylizeSettings(distil_iterations=40, distil_rays=1024, style_iterations=4, style_views=12, style_size=64),
+)
+
+
+@pytest.fixture(scope="module")
+def trained(views: ViewSet) -> tuple[Scene, dict[str, object]]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(PRESETS, "tiny", TINY)
+        return train_scene(views, "tiny")
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(PRESETS, "tiny", TINY)
+
+
+def test_hull_holds_the_balls_and_little_else(views: ViewSet) -> None:
+    hull = carve(views.images[..., 3] > 0, views.cameras, 32)
+    low, high = hull.box.bounds
+    np.testing.assert_allclose(low, [-0.65, -0.3, -0.3], atol=0.06)
+    np.testing.assert_allclose(high, [0.65, 0.3, 0.3], atol=0.06)
+    rng = np.random.default_rng(0)
+    on = rng.normal(size=(500, 3))
+    on *= 0.98 * RADIUS / np.linalg.norm(on, axis=1, keepdims=True)
+    for centre in (RED_CENTRE, BLUE_CENTRE):
+        cell = (hull.box.to_box(on + centre) * hull.cells).astype(int)
+        assert hull.occupied[tuple(cell.T)].all()
+    balls = 2 * 4 / 3 * np.pi * RADIUS**3
+    assert hull.occupied.sum() * (hull.box.size / hull.cells) ** 3 < 2.5 * balls
+
+
+def test_hull_of_nothing_is_refused(views: ViewSet) -> None:
+    with pytest.raises(BadInput, match="Nothing is visible"):
+        carve(np.zeros(views.images.shape[:3], bool), views.cameras, 32)
+
+
+def test_stages_learn_unseen_views(trained: tuple[Scene, dict[str, object]], unseen: ViewSet) -> None:
+    scene, report = trained
+    base = pipeline.evaluate_scene(scene, unseen, "base")
+    palette = pipeline.evaluate_scene(scene, unseen, "pcn")
+    assert base["psnr"] > 24.0
+    assert palette["psnr"] > base["psnr"] - 2.0
+    assert base["views"] == 5
+    assert report["preset"] == "tiny"
+    assert set(report["seconds"]) >= {"hull", "base", "palette", "pcn", "total"}  # type: ignore[call-overload]
+    assert int(report["peak_rss_bytes"]) > 0  # type: ignore[call-overload]
+
+
+def region_at(scene: Scene, colour: np.ndarray) -> int:
+    hues = [np.array(r.colour) / max(r.colour) for r in scene.regions]
+    return int(np.argmin([np.abs(h - colour / colour.max()).sum() for h in hues]))
+
+
+def front() -> Camera:
+    """Both balls side by side: red left, blue right."""
+    pose = np.eye(4)
+    pose[2, 3] = 4.0
+    return Camera(pose, np.radians(30), SIZE, SIZE)
+
+
+def test_regions_are_the_balls(trained: tuple[Scene, dict[str, object]]) -> None:
+    scene, _ = trained
+    assert len(scene.regions) == 2
+    shown = scene.render(front(), "pcn")
+    truth = two_balls(front())
+    ball = np.where(truth[..., 0] > truth[..., 2], region_at(scene, RED), region_at(scene, BLUE))
+    seen = (truth[..., 3] > 0) & (shown.region >= 0)
+    assert (shown.region == ball)[seen].mean() > 0.95
+    assert (shown.region[shown.rgba[..., 3] == 0] == -1).all()
+    assert np.isnan(shown.depth[shown.region == -1]).all()
+    middle = shown.depth[SIZE // 2, SIZE // 2 - 10]
+    assert middle == pytest.approx(4.0 - RADIUS, abs=0.12)
+
+
+def test_edits_change_their_region_alone(trained: tuple[Scene, dict[str, object]]) -> None:
+    scene, _ = trained
+    red = region_at(scene, RED)
+    before = scene.render(front(), "pcn")
+    left, right = before.region == red, before.region == region_at(scene, BLUE)
+    green = scene.edited(red, colour=(0.1, 0.9, 0.1)).render(front(), "pcn").rgba
+    assert (green[left][:, 1] > green[left][:, 0]).mean() > 0.9
+    bleeding = np.abs(green[right] - before.rgba[right])
+    assert bleeding.mean() < 0.03 < np.abs(green[left] - before.rgba[left]).mean()
+    assert bleeding.max() < 0.12
+    hidden = scene.edited(red, opacity=0.0).render(front(), "pcn").rgba
+    assert hidden[left][:, 3].mean() < 0.1
+    assert hidden[right][:, 3].mean() > 0.9
+    assert before.rgba[left][:, 3].mean() > 0.9
+    flat = scene.edited(red, lighting=0.0).render(front(), "pcn").rgba
+    assert np.std(flat[left][:, 0]) < np.std(before.rgba[left][:, 0])
+    same = scene.edited(red, colour=scene.regions[red].colour).render(front(), "pcn").rgba
+    np.testing.assert_allclose(same, before.rgba, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"region": 7}, "no region 7"),
+        ({"region": 0, "colour": (2.0, 0.0, 0.0)}, "red, green and blue"),
+        ({"region": 0, "opacity": -1.0}, "at least 0"),
+        ({"region": 0, "lighting": float("nan")}, "at least 0"),
+    ],
+)
+def test_edits_that_cannot_be(trained: tuple[Scene, dict[str, object]], changes: dict[str, object], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        trained[0].edited(**changes)  # type: ignore[arg-type]
+
+
+def test_scene_file_gives_the_same_images(trained: tuple[Scene, dict[str, object]], tmp_path: Path) -> None:
+    scene = trained[0].edited(0, colour=(0.2, 0.8, 0.3), lighting=1.5)
+    scene.save(tmp_path / "a.svv")
+    again = Scene.load(tmp_path / "a.svv")
+    one, two = scene.render(front()), again.render(front())
+    difference = np.abs(two.rgba - one.rgba)  # tables are stored in half precision
+    assert difference.mean() < 2e-3
+    assert np.quantile(difference, 0.99) < 0.02
+    assert again.regions == scene.regions
+    assert again.camera_rig == scene.camera_rig
+    again.save(tmp_path / "b.svv")
+    assert (tmp_path / "a.svv").stat().st_size == (tmp_path / "b.svv").stat().st_size
+
+
+def test_same_seed_same_scene(views: ViewSet, tiny: None, trained: tuple[Scene, dict[str, object]]) -> None:
+    again, _ = train_scene(views, "tiny")
+    np.testing.assert_array_equal(again.render(front()).rgba, trained[0].render(front()).rgba)
+
+
+@pytest.mark.parametrize("stop_at", [0.3, 0.8])
+def test_a_stopped_training_goes_on_to_the_same_scene(
+    views: ViewSet, tiny: None, trained: tuple[Scene, dict[str, object]], tmp_path: Path, stop_at: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setattr("svv.train.loop.SAVE_EVERY", 0.0)
+    path = tmp_path / "scene.svv.checkpoint"
+
+    def stop(fraction: float, label: str) -> None:
+        if fraction > stop_at and "loss" in label:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        train_scene(views, "tiny", progress=stop, checkpoint=path)
+    assert path.exists()
+    seen: list[float] = []
+    resumed, _ = train_scene(views, "tiny", progress=lambda f, _: seen.append(f), checkpoint=path)
+    # Stage 1 hands stage 2 a base in half precision when it comes from the file.
+    assert np.abs(resumed.render(front()).rgba - trained[0].render(front()).rgba).mean() < 5e-3
+    assert min(seen) >= 0.0
+    assert seen[-1] == 1.0
+
+
+def test_checkpoint_of_another_run_is_not_used(views: ViewSet, tmp_path: Path) -> None:
+    path = tmp_path / "x.checkpoint"
+    Checkpoint(path, {"seed": 0}).finish("base", {"seconds": 1.0}, {"a": np.ones(3)})
+    assert "base" in Checkpoint(path, {"seed": 0}).finished
+    assert not Checkpoint(path, {"seed": 1}).finished
+    path.write_bytes(b"rubbish")
+    assert not Checkpoint(path, {"seed": 0}).finished
+
+
+def test_time_limit_is_kept_and_still_gives_a_scene(views: ViewSet) -> None:
+    scene, report = train_scene(views, "balanced", time_limit=4.0)
+    assert report["seconds"]["total"] < 12.0
+    assert scene.networks == ("base", "pcn")
+
+
+@pytest.mark.parametrize(("preset", "limit", "words"), [("best", None, "no preset"), ("draft", 0.0, "time limit")])
+def test_training_that_cannot_be(views: ViewSet, preset: str, limit: float | None, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        train_scene(views, preset, limit)
+
+
+def test_too_few_views(views: ViewSet) -> None:
+    few = ViewSet(views.cameras[:2], views.images[:2], views.names[:2], {})
+    with pytest.raises(BadInput, match="2 views are too few"):
+        train_scene(few, "draft")
+
+
+def test_lattice_is_no_finer_than_pixels(views: ViewSet) -> None:
+    hull = carve(views.images[..., 3] > 0, views.cameras, 32)
+    coarse, reason = fitted_field(FieldSettings(), views.cameras, hull.box)
+    fine, _ = fitted_field(FieldSettings(), [c.resized(800, 800) for c in views.cameras], hull.box)
+    assert coarse.resolutions[-1] < fine.resolutions[-1]
+    assert "pixel" in reason
+
+
+# --- stage 3 -------------------------------------------------------------------------------------------------------
+
+
+def test_one_region_styled_the_other_kept(trained: tuple[Scene, dict[str, object]], tiny: None) -> None:
+    scene, _ = trained
+    red, blue = region_at(scene, RED), region_at(scene, BLUE)
+    rng = np.random.default_rng(0)
+    style = np.repeat(rng.random((32, 32, 1)), 3, 2).repeat(4, 0).repeat(4, 1).astype(np.float32) * [0.2, 1.0, 0.3]
+    styled, report = stylize_scene(scene, [style], keep={blue}, preset_name="tiny", features="embedded")
+    assert styled.networks == ("base", "pcn", "styled")
+    assert styled.regions[red].style is not None
+    assert styled.regions[blue].style is None
+    before, after = scene.render(front(), "pcn"), styled.render(front(), "styled")
+    left, right = before.region == red, before.region == blue
+    np.testing.assert_allclose(after.rgba[right], before.rgba[right], atol=0.06)
+    assert after.rgba[left][:, 1].mean() > after.rgba[left][:, 0].mean()
+    np.testing.assert_array_equal(after.rgba[..., 3], before.rgba[..., 3])
+    with pytest.raises(BadInput, match="is styled"):
+        styled.edited(red, colour=(1.0, 0.0, 0.0))
+    assert styled.edited(red, opacity=0.0).render(front()).rgba[left][:, 3].mean() < 0.1
+    assert set(report["seconds"]) == {"distil", "stylize", "total"}
+
+
+def test_region_images_keep_their_occluders(trained: tuple[Scene, dict[str, object]]) -> None:
+    """Seen along x, the nearer ball hides the farther: the hidden region's image shows only background."""
+    scene, _ = trained
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    pose[0, 3] = 4.0
+    (view,) = visible_from(scene, [Camera(pose, np.radians(30), SIZE, SIZE)], silent)
+    colours = torch.ones(len(view.position), 3)
+    _, near = view.image(colours, region_at(scene, BLUE), 0.25)
+    hidden, far = view.image(colours, region_at(scene, RED), 0.25)
+    assert near.max() > 0.9
+    assert float(far.mean()) < 0.15 * float(near.mean())
+    assert float((hidden - 0.25).abs().mean()) < 0.15
+
+
+def test_region_image_is_weighted_colour_over_background() -> None:
+    view = StyledView(
+        torch.zeros(3, 3), torch.tensor([0.5, 0.25, 0.25]), torch.tensor([0, 0, 1]), torch.tensor([0, 1, 0]), 1, 2
+    )
+    image, mask = view.image(torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), 0, 0.2)
+    torch.testing.assert_close(mask, torch.tensor([[0.5, 0.25]]))
+    torch.testing.assert_close(image[:, 0, 0], torch.tensor([0.6, 0.1, 0.1]))
+    torch.testing.assert_close(image[:, 0, 1], torch.tensor([0.15, 0.15, 0.4]))
+
+
+@pytest.mark.parametrize(
+    ("regions", "styles", "mapping", "keep", "words"),
+    [
+        (2, 0, None, (), "at least one style"),
+        (2, 1, {5: 0}, (), "no region 5"),
+        (2, 1, {0: 3}, (), "no style 3"),
+        (2, 1, None, (4,), "no region 4"),
+        (2, 1, {0: 0}, (0,), "at once"),
+        (2, 1, None, (0, 1), "every one is kept"),
+        (0, 1, None, (), "no regions"),
+    ],
+)
+def test_pairs_that_cannot_be(
+    regions: int, styles: int, mapping: dict[int, int] | None, keep: tuple[int, ...], words: str
+) -> None:
+    with pytest.raises(BadInput, match=words):
+        style_pairs(regions, styles, mapping, keep)
+
+
+def test_pairs_in_turn() -> None:
+    assert style_pairs(3, 2, None, ()) == {0: 0, 1: 1, 2: 0}
+    assert style_pairs(3, 2, None, (0,)) == {1: 0, 2: 1}
+    assert style_pairs(3, 2, {2: 1}, ()) == {2: 1}
+
+
+@pytest.mark.parametrize("colours", [1, 2, 8])
+def test_palette_network_with_any_number_of_colours(views: ViewSet, colours: int) -> None:
+    """Weights sum to 1, nothing is negative that may not be, also for a palette of one."""
+    hull = carve(views.images[..., 3] > 0, views.cameras, 32)
+    field = PaletteField(FieldSettings(resolutions=(16, 32)), hull, 8, torch.rand(colours, 3))
+    x = torch.from_numpy((np.argwhere(hull.occupied)[:50] / hull.cells).astype(np.float32))
+    with torch.no_grad():
+        parts = field(x, torch.randn(len(x), 8), torch.randn(len(x), 16))
+    torch.testing.assert_close(parts.weights.sum(1), torch.ones(len(x)))
+    assert (parts.specular >= 0).all()
+    assert (parts.intensity >= 0).all()
+    assert (parts.shade > 0).all()
+    assert (parts.shade < 2).all()
+    assert parts.diffuse(field.colours + parts.offsets).shape == (len(x), 3)
+
+
+def test_the_papers_preset_runs(views: ViewSet, monkeypatch: pytest.MonkeyPatch, unseen: ViewSet) -> None:
+    paper = PRESETS["paper"]
+    short = replace(
+        paper,
+        field=replace(paper.field, levels=4, log2_entries=12, resolutions=(16, 64)),
+        reconstruct=replace(paper.reconstruct, iterations=60, rays=256, samples=1 << 13, cells=32),
+        recolour=replace(paper.recolour, iterations=10, rays=256),
+    )
+    monkeypatch.setitem(PRESETS, "paper", short)
+    scene, report = train_scene(views, "paper")
+    assert scene.base.density is None
+    assert not scene.palette.shading  # type: ignore[union-attr]
+    assert pipeline.evaluate_scene(scene, unseen, "base")["psnr"] > 15.0
+    assert report["preset"] == "paper"

@@ -51,7 +51,14 @@ def test_midpoint_and_sharpness_shape_the_way() -> None:
 
 @pytest.mark.parametrize(
     ("space", "middle"),
-    [("RGB", (0.5, 0.5, 0)), ("HSV", (1, 1, 0)), ("Step", (0, 1, 0)), ("Lab", None), ("Diverging", None)],
+    [
+        ("RGB", (0.5, 0.5, 0)),
+        ("HSV", (1, 1, 0)),
+        ("Step", (0, 1, 0)),
+        ("Lab", None),
+        ("Lab/CIEDE2000", None),
+        ("Diverging", None),
+    ],
 )
 def test_colour_spaces(space: str, middle: tuple | None) -> None:
     """Half way from red to green: olive in RGB, yellow along the hues, green in steps."""
@@ -60,6 +67,11 @@ def test_colour_spaces(space: str, middle: tuple | None) -> None:
         np.testing.assert_allclose(tf.colour_at(5), middle, atol=1e-6)
     else:
         assert np.abs(tf.colour_at(5) - preset(RGBPoints=[0, 1, 0, 0, 10, 0, 1, 0]).colour_at(5)).max() > 0.05
+
+
+def test_paraviews_blue_to_red_rainbow_has_green_in_the_middle() -> None:
+    tf = preset(ColorSpace="HSV", RGBPoints=[0, 0, 0, 1, 1, 1, 0, 0])
+    np.testing.assert_allclose(tf.colour_at(0.5), (0, 1, 0), atol=1e-6)
 
 
 def test_two_points_of_one_value_make_a_jump() -> None:
@@ -74,7 +86,7 @@ unit = st.floats(0, 1)
 @given(
     values=st.lists(st.floats(-1e9, 1e9), min_size=1, max_size=6, unique=True),
     data=st.data(),
-    space=st.sampled_from(["RGB", "HSV", "Lab", "Diverging", "Step"]),
+    space=st.sampled_from(["RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step"]),
     distance=st.one_of(st.none(), st.floats(1e-9, 1e9)),
 )
 def test_json_round_trip(values: list[float], data: st.DataObject, space: str, distance: float | None) -> None:

@@ -20,7 +20,7 @@ from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.errors import BadInput
 
-COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Step")
+COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step")
 """Spaces in which colours are interpolated between two points (ParaView's names)."""
 
 OPAQUE = 0.99
@@ -44,7 +44,7 @@ class TransferFunction:
             sharpness shape the way to the next point as in VTK (0.5 and 0: straight).
         unit_distance: Opacity unit distance in world units; None: ParaView's default (see ``unit_distance_for``).
         name: For people.
-        space: One of ``COLOUR_SPACES``; HSV goes round the short way, as in ParaView.
+        space: One of ``COLOUR_SPACES``; HSV does not wrap round, as in ParaView.
 
     Raises:
         BadInput: No points, values that are not finite or not ascending, numbers outside [0, 1], an unknown space.
@@ -161,9 +161,10 @@ class TransferFunction:
             "HSV": colour.SetColorSpaceToHSV,
             "Lab": colour.SetColorSpaceToLab,
             "Diverging": colour.SetColorSpaceToDiverging,
+            "Lab/CIEDE2000": colour.SetColorSpaceToLabCIEDE2000,
             "Step": colour.SetColorSpaceToStep,
         }[self.space]()
-        colour.SetHSVWrap(1)
+        colour.SetHSVWrap(0)  # VTK would take the short way round: ParaView's blue-to-red rainbow has green in it
         colour.AllowDuplicateScalarsOn()
         opacity.AllowDuplicateScalarsOn()
         for value, *rgb in self.colours:

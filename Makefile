@@ -30,15 +30,15 @@ clean:
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "make needs python3 3.11 or newer; name one, for example: make test PYTHON=python3.12" >&2; exit 1; }
-	$(PYTHON) -m venv $(VENV) || \
+	@$(PYTHON) -m venv $(VENV) || \
 		{ rm -rf $(VENV); echo "python3 lacks venv; install it first, for example: sudo apt-get install python3-venv" >&2; exit 1; }
 
 # torch goes first and alone: asked for by name with its pinned version, it is taken from wherever pip is set up to
 # look, and nothing after it can pull in another build.
 $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(BIN)/python
-	.ci/offscreen
+	@.ci/offscreen
 	@echo 'Installing into $(VENV): a few minutes, once.'
-	$(PIP) setuptools
-	$(PIP) "$$(grep '^torch==' constraints.txt)"
-	$(PIP) --no-build-isolation -e '.[standalone,dev]'
+	@$(PIP) setuptools
+	@$(PIP) "$$(grep '^torch==' constraints.txt)"
+	@$(PIP) --no-build-isolation -e '.[standalone,dev]'
 	@touch $@

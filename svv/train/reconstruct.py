@@ -64,7 +64,7 @@ class Reconstruction:
         samples = march(batch.rays, self.occupancy, self.field.density, self.marching, seed=number + 1)
         if number % RAYS_EVERY == 0:
             ideal = s.samples * len(batch.rays) / max(len(samples), 1)
-            self.rays = int(np.clip(ideal, s.rays // 4, 2 * s.rays))
+            self.rays = int(np.clip(ideal, s.rays // 4, s.rays))
         sigma, geometry = self.field.geometry(samples)
         colour = self.field(geometry, encode_directions(torch.from_numpy(batch.rays.directions), samples.ray))
         out, transmittance, _ = composite(samples, sigma, colour)

@@ -13,7 +13,7 @@ from svv.core.nnfm import luminance
 from svv.errors import BadInput
 from svv.train import features as features_module
 from svv.train.features import VGG16_WIDTHS, PatchFeatures, load_features, read_features
-from svv.train.style_loss import StyleLossSettings, StyleTarget, solid
+from svv.train.style_loss import OBLIQUE, StyleLossSettings, StyleTarget, solid
 
 SMALL = StyleLossSettings(style_size=64)
 
@@ -179,6 +179,21 @@ def test_the_background_is_the_luminance_of_the_style_s_mean_colour() -> None:
     target = StyleTarget(PatchFeatures(), style, SMALL)
     assert target.background == pytest.approx(float(luminance(torch.tensor([0.9, 0.2, 0.4]))), abs=1e-6)
     assert 0 <= target.background <= 1
+
+
+def test_a_solid_texture_has_the_style_s_colours_and_a_pixel_of_it_is_a_pixel() -> None:
+    torch.manual_seed(0)
+    target = StyleTarget(PatchFeatures(), stripes(0), SMALL)
+    paint = target.solid_texture(torch.rand(20_000, 3) * 4 - 2, pixel=1 / 128) + target.statistics[0][:, None].T
+    assert paint.min() > -1e-5 and paint.max() < 1 + 1e-5
+    torch.testing.assert_close(paint.mean(0), target.statistics[0], rtol=0, atol=0.02)
+    # Along the picture's second axis the stripes of 4 pixels change every 4/128 of the box; along its normal never.
+    down = torch.linspace(0, 32 / 128, 257)[:, None] * OBLIQUE[:, 1] / OBLIQUE[:, 1].square().sum()
+    red = target.solid_texture(down, 1 / 128)[:, 0] > 0
+    assert int((red[1:] != red[:-1]).sum()) in (7, 8)
+    normal = torch.linalg.cross(OBLIQUE[:, 0], OBLIQUE[:, 1])
+    along = target.solid_texture(torch.linspace(-1, 1, 50)[:, None] * normal, 1 / 128)
+    torch.testing.assert_close(along, along[:1].expand(50, 3), rtol=0, atol=1e-3)
 
 
 def test_styles_that_are_flat_dark_or_tiny_give_a_finite_loss() -> None:

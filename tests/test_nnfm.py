@@ -11,6 +11,7 @@ from svv.core.nnfm import (
     cell_weights,
     colour_statistics,
     colour_transfer,
+    energy_loss,
     luminance,
     nearest,
     nnfm_loss,
@@ -89,6 +90,18 @@ def test_nothing_in_the_foreground_is_a_loss_of_zero_that_can_be_differentiated(
     for loss in (nnfm_loss(features, style, none), nnfm_loss(features[:0], style)):
         assert loss.item() == 0
         loss.backward()
+
+
+def test_energy_is_nought_for_equal_spectra_and_one_for_a_blur() -> None:
+    style = vectors(300, 7, 12) * torch.arange(1, 8, dtype=torch.float64)
+    assert energy_loss(-style.flip(0), style).item() == pytest.approx(0, abs=1e-12)  # strengths only, no directions
+    assert energy_loss(style * 0, style).item() == pytest.approx(1, abs=1e-6)
+    assert energy_loss(style * 2, style).item() == pytest.approx(1)
+    weights = torch.ones(600, dtype=torch.float64)
+    weights[300:] = 0
+    assert energy_loss(torch.cat([style, 9 * style]), style, weights).item() == pytest.approx(0, abs=1e-12)
+    half = (style[:9] / 2).requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: energy_loss(x, style), (half,))
 
 
 def test_cells_weigh_their_share_of_foreground() -> None:

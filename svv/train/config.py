@@ -20,7 +20,7 @@ class ReconstructSettings:
     iterations: int = 2500
     """Steps of the optimiser."""
     rays: int = 4096
-    """Rays a step; between a quarter and twice as many are drawn, to come near ``samples``."""
+    """Rays a step at most; down to a quarter as many are drawn, so as not to exceed ``samples``."""
     samples: int = 32768
     """Visible samples a step: opaque scenes have few on a ray, translucent ones many."""
     refine_at: float = 0.5
@@ -78,13 +78,13 @@ class RecolourSettings:
 class StylizeSettings:
     """Stage 3, distillation and stylization."""
 
-    distil_iterations: int = 474
-    """Steps of the distillation: the paper's 624 less the 150 that a copy of the table replaces."""
+    distil_iterations: int = 300
+    """Steps of the distillation (the paper: 624 of one view each, 150 of which a copy of the table replaces)."""
     distil_views: int = 312
     """Views whose rays the distillation draws."""
-    distil_rays: int = 2048
+    distil_rays: int = 16384
     """Rays a step of the distillation."""
-    feature_rate: float = 0.01
+    feature_rate: float = 0.03
     """Learning rate of the features in the distillation."""
     network_rate: float = 0.005
     """Learning rate of the network in the distillation."""
@@ -134,6 +134,7 @@ PRESETS = {
         FieldSettings("hash", (16, 4096), features=2, shading=False),
         ReconstructSettings(iterations=30000, feature_rate=0.01, network_rate=0.01, decay=0.1),
         RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, shade_weight=0.0, mixing_weight=0.0),
+        StylizeSettings(distil_iterations=474),
         fitted=False,
     ),
 }

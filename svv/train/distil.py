@@ -1,7 +1,9 @@
 """Stage 3, first half: the unrestricted colour network learns the diffuse colours of the palette colour network.
 
 (StyleRF-VolVis, section UCN.) The teacher's palette holds each style's mean colour instead of its region's own (the
-colour transfer), so that stylization starts near its goal.
+colour transfer), so that stylization starts near its goal. Ours goes further where the style loss says so: the region
+is painted with the style as a solid texture, strokes that every view sees alike. From one flat colour, where every
+place has the same nearest neighbour, and with views that each put their strokes elsewhere, none would appear.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from svv.fields.rendering import RayCaster, march
 from svv.fields.scene import Scene
 from svv.train.config import StylizeSettings
 from svv.train.loop import falling
+from svv.train.style_loss import StyleTarget
 
 DISTILLATION_SIZE = 256
 """Side in pixels of the views whose rays are drawn: they only choose where samples fall."""
@@ -25,12 +28,15 @@ DISTILLATION_SIZE = 256
 class Distillation:
     """Trains a UCN on the diffuse colours of a scene's PCN, along rays from all around."""
 
-    def __init__(self, scene: Scene, transferred: Tensor, settings: StylizeSettings, seed: int) -> None:
+    def __init__(
+        self, scene: Scene, transferred: Tensor, targets: dict[int, StyleTarget], settings: StylizeSettings, seed: int
+    ) -> None:
         """Prepare it.
 
         Args:
             scene: With a palette colour network.
             transferred: The palette after colour transfer, RGB. (P, 3)
+            targets: Style of each region that gets one.
             settings: Of stage 3.
             seed: Of networks and rays.
         """
@@ -45,6 +51,9 @@ class Distillation:
         rig = scene.camera_rig
         cameras = sphere_cameras(settings.distil_views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)
         self.caster = RayCaster(cameras, scene.occupancy.box)
+        self.targets = {region: target for region, target in targets.items() if target.settings.seeded}
+        view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
+        self.pixel = float(view / settings.style_size)
         networks = list(self.field.colour_mlp.parameters())
         self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
         self.tables = LatticeAdam([self.field.encoding])
@@ -60,6 +69,10 @@ class Distillation:
         with torch.no_grad():
             intensity, weights, offsets = self.teacher.material(samples.position)
             truth = intensity[:, None] * (weights[:, :, None] * (self.palette + offsets)).sum(dim=1)
+            region = weights.argmax(dim=1)
+            for number_of, target in self.targets.items():
+                own = region == number_of
+                truth[own] += target.solid_texture(samples.position[own], self.pixel)
         loss = (self.field(samples.position) - truth.clamp(0.0, 1.0)).square().mean()
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

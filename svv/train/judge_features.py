@@ -23,11 +23,10 @@ from torch import Tensor, nn
 from svv.core.nnfm import colour_statistics, colour_transfer
 from svv.io.images import read_style
 from svv.train.features import STRIDE, PatchFeatures, StyleFeatures, load_features
-from svv.train.style_loss import StyleLossSettings, StyleTarget, resized
+from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, resized
 from svv.train.textures import STYLE_PICTURES, style_picture
 from svv.train.train_features import WIDTHS
 
-PAPER = StyleLossSettings(balance=None, colours=0.0)
 OURS = StyleLossSettings()
 DIRECTIONS = 128
 """Random projections of a sliced Wasserstein distance."""
@@ -53,16 +52,18 @@ def untrained() -> nn.Module:
 
 
 CANDIDATES: dict[str, tuple[Callable[[], nn.Module], StyleLossSettings]] = {
-    "untrained network, plain matching": (untrained, PAPER),
+    "untrained network, plain matching": (untrained, PAPER_LOSS),
     "untrained network, ours": (untrained, replace(OURS, balance=0.02)),
-    "trained network, plain matching": (lambda: load_features("network"), PAPER),
+    "trained network, plain matching": (lambda: load_features("network"), PAPER_LOSS),
     "trained network, ours": (lambda: load_features("network"), replace(OURS, balance=0.02)),
-    "raw patches, plain matching": (RawPatches, PAPER),
+    "raw patches, plain matching": (RawPatches, PAPER_LOSS),
     "raw patches, ours": (RawPatches, OURS),
-    "cosine patches, plain matching": (PatchFeatures, PAPER),
-    "cosine patches, balanced only": (PatchFeatures, replace(OURS, colours=0.0)),
+    "cosine patches, plain matching": (PatchFeatures, PAPER_LOSS),
+    "cosine patches, ours without balance": (PatchFeatures, replace(OURS, balance=None)),
+    "cosine patches, ours without colours": (PatchFeatures, replace(OURS, colours=0.0)),
+    "cosine patches, ours without energy": (PatchFeatures, replace(OURS, energy=0.0)),
     "cosine patches, ours": (PatchFeatures, OURS),
-    "cosine patches, two octaves": (PatchFeatures, replace(OURS, octaves=2)),
+    "cosine patches, ours, two octaves": (PatchFeatures, replace(OURS, octaves=2)),
 }
 
 

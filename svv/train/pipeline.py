@@ -27,7 +27,7 @@ from svv.train.features import load_features
 from svv.train.loop import Loop
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import hull, reconstruct
-from svv.train.style_loss import StyleLossSettings, StyleTarget
+from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
 
 LEAST_VIEWS = 3
@@ -195,7 +195,7 @@ def stylize_scene(
         targets = {
             region: StyleTarget(
                 network, torch.as_tensor(styles[style], dtype=torch.float32).permute(2, 0, 1),
-                loss or StyleLossSettings(), seed,
+                loss or (PAPER_LOSS if chosen.name == "paper" else StyleLossSettings()), seed,
             )
             for region, style in pairs.items()
         }  # fmt: skip
@@ -203,11 +203,11 @@ def stylize_scene(
         transferred = scene.palette.colours.detach().clone()
         for region, target in targets.items():
             transferred[region] = target.statistics[0]
-        distillation = Distillation(scene, transferred, settings, seed)
-        loop = Loop(settings.distil_iterations, None, part(progress, 0.0, 0.15), "distillation")
+        distillation = Distillation(scene, transferred, targets, settings, seed)
+        loop = Loop(settings.distil_iterations, None, part(progress, 0.0, 0.25), "distillation")
         seconds["distil"] = _run_stage(loop, distillation, saved, "distil")
-        stylization = Stylization(scene, distillation.field, targets, settings, part(progress, 0.15, 0.2))
-        loop = Loop(settings.style_iterations, None, part(progress, 0.2, 1.0), "stylization")
+        stylization = Stylization(scene, distillation.field, targets, settings, part(progress, 0.25, 0.3))
+        loop = Loop(settings.style_iterations, None, part(progress, 0.3, 1.0), "stylization")
         seconds["stylize"] = _run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds
     distillation.field.requires_grad_(False)

@@ -1,8 +1,9 @@
 """What a region's render is drawn towards: one style picture, its features and colours, and the loss against them.
 
-The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.train.features`. Two things are added, and
-both can be turned off: the matching is balanced, so that a smooth render does not stay with the few smooth places of
-the style, and the region's colours keep to the style's mean and covariance, which a cosine cannot see.
+The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.train.features`. What is added can be turned off
+(:data:`PAPER_LOSS`) and answers what goes wrong with NNFM alone: a smooth render stays with the few smooth places of
+the style (balanced matching), colours drift (their mean and covariance), and views that disagree about where a stroke
+lies average it away (the features' energy, and a start that is painted already and holds the strokes in place).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from torch import Tensor, nn
 from svv.core.nnfm import (
     cell_weights,
     colour_statistics,
+    energy_loss,
     luminance,
     nnfm_loss,
     statistics_loss,
@@ -26,6 +28,9 @@ from svv.train.features import STRIDE
 LEAST_SHARE = 0.3
 """Share of foreground from which on a cell of the feature map is matched."""
 
+
+WHOLE, LEAST_CELLS = 0.95, 16
+"""Share of foreground from which on a cell counts for the energy, and how many it takes: outlines would spoil it."""
 
 FAINTEST = 0.02
 """Opacity from which on a pixel belongs to a region."""
@@ -43,10 +48,23 @@ class StyleLossSettings:
     """Scales of render and style that are matched: 1, or also halves of both (2), and so on."""
     colours: float = 3.0
     """Weight of mean and covariance of the region's colours against the style's."""
+    energy: float = 3.0
+    """Weight of the strength of each feature against the style's (:func:`svv.core.nnfm.energy_loss`)."""
     variation: float = 0.0
     """Weight of total variation within the region."""
     most_vectors: int = 3000
     """Style vectors kept for matching, drawn at random beyond that."""
+    seeded: bool = True
+    """Whether distillation paints the scene with the style as a solid texture, for the matching to start from."""
+    anchor: float = 3.0
+    """Weight of the squared distance to the colours after distillation, in a scene: all views share its strokes."""
+
+
+PAPER_LOSS = StyleLossSettings(balance=None, colours=0.0, energy=0.0, seeded=False, anchor=0.0)
+"""The loss as the paper has it."""
+
+OBLIQUE = torch.tensor([[0.74, -0.31], [0.51, 0.84], [0.44, -0.45]])
+"""Axes, orthonormal to two digits, of the plane of a solid texture: askew to every face of a volume."""
 
 
 class StyleTarget:
@@ -62,6 +80,7 @@ class StyleTarget:
     def __init__(self, network: nn.Module, style: Tensor, settings: StyleLossSettings, seed: int = 0) -> None:
         self.network, self.settings = network, settings
         style = resized(style, settings.style_size)
+        self.picture = style
         self.statistics = colour_statistics(style.flatten(1).T)
         self.background = float(luminance(self.statistics[0]))
         """Grey level in [0, 1] behind the region's render: the luminance of the style's mean colour."""
@@ -107,7 +126,30 @@ class StyleTarget:
         features = self.network(picture[None, :, top:, left:])[0].flatten(1).T - mean
         weights = cell_weights(cover[top:, left:], STRIDE)
         seen = weights > LEAST_SHARE
-        return nnfm_loss(features[seen], vectors, weights[seen], self.settings.balance)
+        features, weights = features[seen], weights[seen]
+        loss = nnfm_loss(features, vectors, weights, self.settings.balance)
+        whole = weights > WHOLE
+        if self.settings.energy and int(whole.sum()) >= LEAST_CELLS:
+            loss = loss + self.settings.energy * energy_loss(features[whole], vectors)
+        return loss
+
+    def solid_texture(self, position: Tensor, pixel: float) -> Tensor:
+        """The style as paint that goes all through space: its colours' difference from their mean.
+
+        The picture lies on an oblique plane, is mirrored at its rims and reaches along the plane's normal. Wherever a
+        surface stands across the normal it shows the picture, elsewhere strokes drawn out along it.
+
+        Args:
+            position: Box coordinates, (S, 3).
+            pixel: Side of a pixel of the stylization views at the scene's centre, in box units.
+
+        Returns:
+            (S, 3), mean 0 over the picture.
+        """
+        height, width = self.picture.shape[1:]
+        at = position @ OBLIQUE / (pixel * torch.tensor([width / 2, height / 2]))
+        colours = F.grid_sample(self.picture[None], at[None, None], padding_mode="reflection", align_corners=False)
+        return colours[0, :, 0].T - self.statistics[0]
 
 
 def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Tensor]:
@@ -123,7 +165,7 @@ def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Ten
     Returns:
         m' c + (1 - m') background and m'. What is opaque already stays as it is.
     """
-    there = mask[mask > FAINTEST]
+    there = mask.detach()[mask > FAINTEST]
     if len(there) == 0:
         return colours, mask
     gain = 1 / mask.clamp_min(float(there.quantile(0.9)))

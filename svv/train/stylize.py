@@ -97,6 +97,8 @@ class Stylization:
         self.views = [v for v in self.views if any(self._covers(v, r) for r in targets)]
         if not self.views:
             raise BadInput("None of the regions to be styled is visible; choose other regions with --map.")
+        with torch.no_grad():  # half precision: these are as many numbers as the samples' positions
+            self.starts = [torch.cat([field(p).half() for p in v.position.split(PIECE)]) for v in self.views]
         networks = list(field.colour_mlp.parameters())
         self.networks = torch.optim.Adam(networks, settings.style_network_rate, betas=(0.9, 0.99), eps=1e-12)
         self.tables = LatticeAdam([field.encoding])
@@ -104,7 +106,8 @@ class Stylization:
     def step(self, number: int, fraction: float) -> float:
         """One view: all its regions; returns the style loss. The rates are fixed, as in the paper."""
         # A stride that shares no factor with the number of views jumps around the scene, so no side falls behind.
-        view = self.views[number * _coprime(len(self.views)) % len(self.views)]
+        index = number * _coprime(len(self.views)) % len(self.views)
+        view, start = self.views[index], self.starts[index]
         with torch.no_grad():
             colours = torch.cat([self.field(p) for p in view.position.split(PIECE)])
         colours.requires_grad_()
@@ -112,7 +115,9 @@ class Stylization:
         for region, target in self.targets.items():
             if self._covers(view, region):
                 image, mask = view.image(colours, region, target.background)
-                losses.append(target.loss(image, mask))
+                own = (view.region == region).nonzero()[:, 0]
+                away = ((colours[own] - start[own]).square().sum(1) * view.weight[own]).sum() / view.weight[own].sum()
+                losses.append(target.loss(image, mask) + target.settings.anchor * away)
         loss = torch.stack(losses).sum()
         (gradient,) = torch.autograd.grad(loss, colours)
         self.networks.zero_grad(set_to_none=True)

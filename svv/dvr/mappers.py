@@ -287,12 +287,15 @@ def _visible_blocks(stage: Stage) -> tuple[NDArray[np.float64], float]:
 
 def _straight(cast: NDArray[np.uint16]) -> Pixels:
     """Premultiplied 15-bit pixels to straight 8-bit ones."""
-    numbers = cast.astype(np.float32)
-    alpha = numbers[..., 3:]
-    colour = numbers[..., :3] * (255.0 / np.maximum(alpha, 1.0))
-    opacity = np.where(alpha >= NEARLY_OPAQUE, 255.0, alpha * (255.0 / FULL))
-    pixels: Pixels = np.rint(np.minimum(np.concatenate([colour, opacity], axis=-1), 255.0)).astype(np.uint8)
-    pixels[pixels[..., 3] == 0] = 0
+    pixels: Pixels = np.zeros(cast.shape, np.uint8)
+    shown = cast[..., 3] > 0
+    numbers = cast[shown].astype(np.float32)  # (pixels, 4)
+    alpha = numbers[:, 3]
+    numbers[:, :3] *= (255.0 / alpha)[:, None]
+    numbers[:, 3] = np.where(alpha >= NEARLY_OPAQUE, 255.0, alpha * (255.0 / FULL))
+    levels = np.rint(np.minimum(numbers, 255.0)).astype(np.uint8)
+    levels[levels[:, 3] == 0] = 0
+    pixels[shown] = levels
     return pixels
 
 

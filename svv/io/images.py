@@ -53,9 +53,7 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         if isinstance(error, BadInput):
             raise
-        raise BadInput(
-            f"The style picture {path} is damaged or of an unusual kind ({error}): save it anew."
-        ) from error
+        raise BadInput(f"The style picture {path} is damaged or of an unusual kind ({error}): save it anew.") from error
     finally:
         Image.MAX_IMAGE_PIXELS = limit
 
@@ -66,9 +64,7 @@ def _check_size(path: Path, width: int, height: int, decoder_shrinks: bool) -> N
             f"The style picture {path} has {width} x {height} pixels: at least {SMALLEST} x {SMALLEST} are needed."
         )
     if width * height > MOST_PIXELS and not decoder_shrinks:
-        raise BadInput(
-            f"The style picture {path} has {width} x {height} pixels: shrink it to a few thousand first."
-        )
+        raise BadInput(f"The style picture {path} has {width} x {height} pixels: shrink it to a few thousand first.")
 
 
 def _pixels(image: Image.Image, long_side: int) -> NDArray[np.float32]:
@@ -88,7 +84,7 @@ def _pixels(image: Image.Image, long_side: int) -> NDArray[np.float32]:
         image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)
     image = ImageOps.exif_transpose(_srgb(image))
     image = image.resize(_size(image, long_side), Image.Resampling.LANCZOS, reducing_gap=3)
-    return np.asarray(image, np.float32) / 255
+    return np.asarray(image, np.float32) / np.float32(255)
 
 
 def _size(image: Image.Image, long_side: int) -> tuple[int, int]:
@@ -103,9 +99,7 @@ def _srgb(image: Image.Image) -> Image.Image:
         try:
             source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
             exif = image.getexif()
-            converted = ImageCms.profileToProfile(
-                image, source, ImageCms.createProfile("sRGB"), outputMode="RGB"
-            )
+            converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
             assert converted is not None  # only an in-place conversion returns none
             converted.getexif().update(exif)
             return converted

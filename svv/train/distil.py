@@ -69,10 +69,10 @@ class Distillation:
         with torch.no_grad():
             intensity, weights, offsets = self.teacher.material(samples.position)
             truth = intensity[:, None] * (weights[:, :, None] * (self.palette + offsets)).sum(dim=1)
-            region = weights.argmax(dim=1)
+            region, normal = weights.argmax(dim=1), self.normals(samples.position)
             for number_of, target in self.targets.items():
                 own = region == number_of
-                truth[own] += target.solid_texture(samples.position[own], self.pixel)
+                truth[own] += target.solid_texture(samples.position[own], normal[own], self.pixel)
         loss = (self.field(samples.position) - truth.clamp(0.0, 1.0)).square().mean()
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
@@ -82,3 +82,29 @@ class Distillation:
         self.networks.step()
         self.tables.step([self.settings.feature_rate * rate])
         return float(loss.detach())
+
+    def normals(self, position: Tensor) -> Tensor:
+        """Gradient of the extinction's exponent at positions, by differences within their cells. (S, 3) -> (S, 3)"""
+        cells = self.scene.occupancy.cells
+        # Beyond the cell there may be nothing stored, so the steps stay inside it.
+        low = torch.floor(position * cells) / cells
+        high = low + (1.0 - 1e-3) / cells
+        reach = 0.5 / cells
+        gradient = []
+        for axis in range(3):
+            ends = []
+            for end in (torch.maximum(position - reach, low), torch.minimum(position + reach, high)):
+                moved = position.clone()
+                moved[:, axis] = end[:, axis]
+                ends.append(moved)
+            before, after = (self._exponent(x) for x in ends)
+            gradient.append((after - before) / (ends[1] - ends[0])[:, axis].clamp_min(1e-6))
+        return torch.stack(gradient, dim=1)
+
+    def _exponent(self, position: Tensor) -> Tensor:
+        base = self.scene.base
+        if base.density is not None:
+            return base.density.look_up(position).sum(dim=1)
+        assert base.density_mlp is not None
+        exponent: Tensor = base.density_mlp(base.encoding(position))[:, 0]
+        return exponent

@@ -54,13 +54,15 @@ class PatchFeatures(nn.Module):
         gain = torch.hypot(at[:, None].float(), at[None].float())
         gain[0, 0] = 1
         kernels = torch.einsum("uy,vx,uv->uvyx", basis, basis, gain).reshape(-1, 1, side, side)
-        self.register_buffer("kernels", kernels.repeat(3, 1, 1, 1), persistent=False)
+        self.register_buffer("kernels", kernels, persistent=False)
         self.margin, self.channels = (side - STRIDE) // 2, 3 * side * side
 
     def forward(self, image: Tensor) -> Tensor:
         """Features of pictures: (n, 3, h, w) in [0, 1] -> (n, 3 side^2, h // 4, w // 4)."""
         padded = F.pad(image, (self.margin,) * 4, mode="reflect")
-        return F.conv2d(padded, self.kernels, stride=STRIDE, groups=3)
+        # Each channel as a picture of its own: many times faster on a CPU than a convolution in groups.
+        found = F.conv2d(padded.flatten(0, 1)[:, None], self.kernels, stride=STRIDE)
+        return found.unflatten(0, (len(image), 3)).flatten(1, 2)
 
 
 class StyleFeatures(nn.Module):
@@ -73,6 +75,9 @@ class StyleFeatures(nn.Module):
         deviation: Divides them after that.
         taps: Which activations of the third block are concatenated; all by default.
     """
+
+    mean: Tensor
+    deviation: Tensor
 
     def __init__(
         self,
@@ -87,13 +92,14 @@ class StyleFeatures(nn.Module):
         self.taps = tuple(range(len(widths[2]))) if taps is None else tuple(taps)
         self.register_buffer("mean", torch.tensor(mean).view(3, 1, 1), persistent=False)
         self.register_buffer("deviation", torch.tensor(deviation).view(3, 1, 1), persistent=False)
-        self.blocks, channels = nn.ModuleList(), 3
+        self.layers: list[list[nn.Conv2d]] = []
+        channels = 3
         for block in widths:
-            layers = nn.ModuleList()
+            self.layers.append([])
             for width in block:
-                layers.append(nn.Conv2d(channels, width, 3, padding=1, padding_mode="reflect"))
+                self.layers[-1].append(nn.Conv2d(channels, width, 3, padding=1, padding_mode="reflect"))
                 channels = width
-            self.blocks.append(layers)
+        self.blocks = nn.ModuleList(nn.ModuleList(block) for block in self.layers)
         self.channels = sum(widths[2][tap] for tap in self.taps)
 
     def forward(self, image: Tensor) -> Tensor:
@@ -107,13 +113,13 @@ class StyleFeatures(nn.Module):
         """
         x = ((image - self.mean) / self.deviation).contiguous(memory_format=torch.channels_last)
         maps: list[Tensor] = []
-        for number, block in enumerate(self.blocks):
+        for number, block in enumerate(self.layers):
             if number:
                 x = self.pool(x)
             for layer in block:
                 x = torch.relu(layer(x))
                 maps.append(x)
-        third = maps[-len(self.blocks[2]) :]
+        third = maps[-len(self.layers[2]) :]
         return torch.cat([third[tap] for tap in self.taps], 1)
 
 
@@ -146,7 +152,7 @@ def load_features(name: str = "auto", progress: Progress = silent) -> nn.Module:
             network = read_features(path)
     else:
         network = read_features(cached if name == "vgg16" else Path(name))
-    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
+    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
 
 
 def read_features(path: Path) -> StyleFeatures:

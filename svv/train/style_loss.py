@@ -63,8 +63,8 @@ class StyleLossSettings:
 PAPER_LOSS = StyleLossSettings(balance=None, colours=0.0, energy=0.0, seeded=False, anchor=0.0)
 """The loss as the paper has it."""
 
-OBLIQUE = torch.tensor([[0.74, -0.31], [0.51, 0.84], [0.44, -0.45]])
-"""Axes, orthonormal to two digits, of the plane of a solid texture: askew to every face of a volume."""
+OBLIQUE = torch.linalg.qr(torch.tensor([[0.74, -0.31, 0.6], [0.51, 0.84, -0.2], [0.44, -0.45, -0.77]]))[0]
+"""Axes (columns) of a solid texture: askew to every face of a volume. (3, 3)"""
 
 
 class StyleTarget:
@@ -133,21 +133,23 @@ class StyleTarget:
             loss = loss + self.settings.energy * energy_loss(features[whole], vectors)
         return loss
 
-    def solid_texture(self, position: Tensor, pixel: float) -> Tensor:
+    def solid_texture(self, position: Tensor, normal: Tensor, pixel: float) -> Tensor:
         """The style as paint that goes all through space: its colours' difference from their mean.
 
-        The picture lies on an oblique plane, is mirrored at its rims and reaches along the plane's normal. Wherever a
-        surface stands across the normal it shows the picture, elsewhere strokes drawn out along it.
+        The picture, mirrored at its rims, is thrown along that one of three oblique axes which a surface faces most.
 
         Args:
             position: Box coordinates, (S, 3).
+            normal: Of the surface there, of any length and either sign, (S, 3).
             pixel: Side of a pixel of the stylization views at the scene's centre, in box units.
 
         Returns:
             (S, 3), mean 0 over the picture.
         """
         height, width = self.picture.shape[1:]
-        at = position @ OBLIQUE / (pixel * torch.tensor([width / 2, height / 2]))
+        along = (normal @ OBLIQUE).abs().argmax(1, keepdim=True)
+        across = torch.cat([(along + 1) % 3, (along + 2) % 3], dim=1)
+        at = (position @ OBLIQUE).gather(1, across) / (pixel * torch.tensor([width / 2, height / 2]))
         colours = F.grid_sample(self.picture[None], at[None, None], padding_mode="reflection", align_corners=False)
         return colours[0, :, 0].T - self.statistics[0]
 

@@ -28,8 +28,9 @@ def hsv(hue: NDArray, saturation: NDArray, value: NDArray) -> Floats:
     return (np.asarray(value)[..., None] * (1 - np.asarray(saturation)[..., None] * ramp)).astype(np.float32)
 
 
-def palette(rng: Generator, k: int) -> Floats:
-    """``k`` colours (k, 3) that go together: one to three hues, from dark to light, some of them greyish."""
+def palette(rng: Generator, count: int | np.integer) -> Floats:
+    """So many colours (count, 3) that go together: one to three hues, dark to light, some of them greyish."""
+    k = int(count)
     hues = rng.random() + rng.choice([0, 0.08, 0.33, 0.5], 3) * rng.choice([-1, 1], 3)
     hue = rng.choice(hues, k) + rng.normal(0, 0.03, k)
     return hsv(hue, rng.beta(1.6, 1.6, k) * rng.uniform(0.3, 1), np.clip(rng.normal(0.6, 0.3, k), 0.03, 1))

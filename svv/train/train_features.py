@@ -46,7 +46,8 @@ class Pupil(nn.Module):
     def __init__(self, widths: Sequence[Sequence[int]] = WIDTHS) -> None:
         super().__init__()
         self.trunk = StyleFeatures(widths, "mean", (0.5, 0.5, 0.5), (0.25, 0.25, 0.25))
-        self.norms = nn.ModuleList(nn.ModuleList(nn.BatchNorm2d(width) for width in block) for block in widths)
+        self.norm_layers = [[nn.BatchNorm2d(width) for width in block] for block in widths]
+        self.norms = nn.ModuleList(nn.ModuleList(block) for block in self.norm_layers)
         last, every = widths[2][-1], sum(widths[2])
         self.local = nn.Sequential(nn.Linear(every, 128), nn.ReLU(), nn.Linear(128, 64))
         self.whole = nn.Sequential(nn.Linear(2 * every, 128), nn.ReLU(), nn.Linear(128, 64))
@@ -56,7 +57,7 @@ class Pupil(nn.Module):
         """Activations of every convolution, in order."""
         x = ((image - self.trunk.mean) / self.trunk.deviation).contiguous(memory_format=torch.channels_last)
         maps = []
-        for number, (block, norms) in enumerate(zip(self.trunk.blocks, self.norms, strict=True)):
+        for number, (block, norms) in enumerate(zip(self.trunk.layers, self.norm_layers, strict=True)):
             if number:
                 x = self.trunk.pool(x)
             for layer, norm in zip(block, norms, strict=True):
@@ -124,26 +125,29 @@ def export(pupil: Pupil, sample: Tensor, path: Path, facts: dict[str, str]) -> N
     was = pupil.training
     means = [x.mean((0, 2, 3)).clamp_min(1e-3) for x in pupil.eval().maps(sample)]
     pupil.train(was)
-    state, before = {}, torch.ones(3)
+    state: dict[str, Tensor] = {}
+    before = torch.ones(3)
     layers = [
-        (f"blocks.{b}.{i}", layer, pupil.norms[b][i])
-        for b, block in enumerate(pupil.trunk.blocks)
+        (f"blocks.{b}.{i}", layer, pupil.norm_layers[b][i])
+        for b, block in enumerate(pupil.trunk.layers)
         for i, layer in enumerate(block)
     ]
     for (name, layer, norm), mean in zip(layers, means, strict=True):
+        assert norm.running_mean is not None and norm.running_var is not None and layer.bias is not None
         gain = norm.weight / (norm.running_var + norm.eps).sqrt()
         weight = layer.weight * (gain / mean)[:, None, None, None] * before[None, :, None, None]
         bias = ((layer.bias - norm.running_mean) * gain + norm.bias) / mean
         state |= {f"{name}.weight": weight.half().contiguous(), f"{name}.bias": bias.half()}
         before = mean
-    widths = ",".join("-".join(str(layer.out_channels) for layer in block) for block in pupil.trunk.blocks)
+    widths = ",".join("-".join(str(layer.out_channels) for layer in block) for block in pupil.trunk.layers)
     save_file(state, path, {"svv": "style features", "widths": widths, "pool": "mean"} | facts)
 
 
 def train(minutes: float, seed: int, out: Path) -> None:
     """Train for ``minutes`` of wall time in all (over every resumption) and write the weights to ``out``."""
     torch.manual_seed(seed)
-    generator, pupil = torch.Generator().manual_seed(seed), Pupil().to(memory_format=torch.channels_last)
+    generator = torch.Generator().manual_seed(seed)
+    pupil: Pupil = Pupil().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimizer = torch.optim.AdamW(pupil.parameters(), 2e-3, weight_decay=1e-3)
     kept = out.with_suffix(".checkpoint.pt")
     spent, iteration = 0.0, 0
@@ -153,10 +157,11 @@ def train(minutes: float, seed: int, out: Path) -> None:
         optimizer.load_state_dict(state["optimizer"])
         spent, iteration = state["spent"], state["iteration"]
         generator.set_state(state["generator"])
-    number = seed * 1_000_000 + iteration
-    print(f"generating {FIRST_PICTURES} pictures, starting with number {number}", flush=True)
-    pictures = [_picture(number + i) for i in range(FIRST_PICTURES)]
-    started, saved, means = time.monotonic(), time.monotonic(), {}
+    number = seed * 1_000_000
+    print(f"generating {FIRST_PICTURES} pictures, starting with number {number + iteration}", flush=True)
+    pictures = [_picture(number + iteration + i) for i in range(FIRST_PICTURES)]
+    means: dict[str, float] = {}
+    started = saved = time.monotonic()
     while (now := spent + time.monotonic() - started) < 60 * minutes:
         rate = min(1.0, (iteration + 1) / 50) * (0.5 + 0.5 * math.cos(math.pi * now / (60 * minutes)))
         for group in optimizer.param_groups:

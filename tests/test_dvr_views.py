@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -307,7 +308,7 @@ def test_progress_stops_the_work() -> None:
         make_views(from_array(blob()), ramp(), 12, 16, progress=stop)
 
 
-BAD = {
+BAD: dict[str, tuple[dict[str, Any], str]] = {
     "n": ({"n": 2}, "At least 3"),
     "size": ({"size": 0}, "at least one pixel"),
     "test": ({"test": 182}, "0 to 181"),

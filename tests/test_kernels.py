@@ -46,13 +46,15 @@ def test_lattice_matches_reference_in_value_and_gradient() -> None:
     occupied = (rng.random((8, 7, 6)) < 0.3).astype(np.uint8)
     x = points_in(occupied, 8, 500)
     table = lattice.table.detach().clone().requires_grad_()
-    expected = lattice_features(x, *lattice_arrays(lattice), table)
+    shapes, scales, bases, index = lattice_arrays(lattice)
+    expected = lattice_features(x, shapes, scales, bases, index, table)
     got = lattice(x)
     torch.testing.assert_close(got, expected, atol=TOLERANCE["value"], rtol=0)
     upstream = torch.randn(expected.shape, generator=torch.Generator().manual_seed(1))
     expected.backward(upstream)
     got.backward(upstream)
     gradient, used = lattice.buffers_for_gradient()
+    assert table.grad is not None
     torch.testing.assert_close(torch.from_numpy(gradient), table.grad, atol=TOLERANCE["gradient"], rtol=1e-4)
     assert used[table.grad.abs().sum(1).numpy() > 0].all()
 

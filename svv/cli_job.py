@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 DEMO = (
     "svv demo",
-    "svv demo --out my-demo --preset fast",
+    "svv demo --out my-demo --preset balanced",
     "svv demo --resolution 64 --size 400",
 )
 RUN = (
@@ -57,7 +57,7 @@ def demo(
     test: TestViews = 16,
     size: ViewSize = 800,
     mapper: MapperOption = Mapper.auto,
-    preset: PresetOption = Preset.balanced,
+    preset: PresetOption = Preset.fast,
     time_limit: TimeLimit = None,
     seed: Seed = 0,
     orbit: Orbit = 91,

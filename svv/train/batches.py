@@ -34,6 +34,20 @@ class Batch:
         return self.colour * self.alpha[:, None]
 
 
+class RayBudget:
+    """How many rays a step draws: fewer where they give many samples, for those are what a step costs."""
+
+    def __init__(self, most: int, samples: int) -> None:
+        """At most ``most`` rays and at least a quarter of them, so as not to exceed about ``samples`` samples."""
+        self.rays, self._most, self._samples = most, most, samples
+
+    def adjust(self, number: int, rays: int, samples: int) -> None:
+        """Take note of what ``rays`` rays gave in step ``number``; every 16th step counts."""
+        if number % 16 == 0:
+            ideal = self._samples * rays / max(samples, 1)
+            self.rays = int(np.clip(ideal, self._most // 4, self._most))
+
+
 class RayPool:
     """Draws batches of rays; batch k of a seed is always the same, so a resumed run goes on as if uninterrupted."""
 

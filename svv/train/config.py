@@ -54,7 +54,9 @@ class RecolourSettings:
     iterations: int = 1000
     """Steps of the optimiser."""
     rays: int = 4096
-    """Rays a step."""
+    """Rays a step at most; down to a quarter as many are drawn, so as not to exceed ``samples``."""
+    samples: int = 32768
+    """Visible samples a step."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005

@@ -15,7 +15,7 @@ from svv.fields.networks import BaseField, FieldSettings, PaletteField, encode_d
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, composite, march
 from svv.io.viewset import ViewSet
-from svv.train.batches import RayPool
+from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import RecolourSettings
 from svv.train.loop import Loop, falling
@@ -45,12 +45,14 @@ class Recolouring:
             eps=1e-12,
         )
         self.tables = LatticeAdam([self.field.encoding])
+        self.budget = RayBudget(s.rays, s.samples)
 
     def step(self, number: int, fraction: float) -> float:
         """One step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
-        batch = self.pool.batch(number, s.rays)
+        batch = self.pool.batch(number, self.budget.rays)
         samples = march(batch.rays, self.occupancy, self.base.density, self.marching, seed=number + 1)
+        self.budget.adjust(number, len(batch.rays), len(samples))
         with torch.no_grad():
             sigma, geometry = self.base.geometry(samples)
         parts = self.field(
@@ -134,7 +136,8 @@ def recolour(
         state = checkpoint.stage("palette", network, work.networks, work.tables)
         if state.restored is not None:
             loop.done, loop.spent = state.restored
-        loop.save = lambda done, spent: state.save(done, spent, {})
+            work.budget.rays = int((checkpoint.extra("palette") or {})["rays"])
+        loop.save = lambda done, spent: state.save(done, spent, {"rays": np.array(work.budget.rays)})
     seconds = loop.run(work.step)
     network.requires_grad_(False)
     return network, work.shares(), seconds

@@ -17,13 +17,10 @@ from svv.fields.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.occupancy import Occupancy, carve
 from svv.fields.rendering import CEILING, Marching, composite, march
 from svv.io.viewset import ViewSet
-from svv.train.batches import RayPool
+from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, falling
-
-RAYS_EVERY = 16
-"""Steps between two adjustments of the number of rays to the samples that they give."""
 
 
 class Reconstruction:
@@ -50,7 +47,7 @@ class Reconstruction:
         finest = field.resolutions[-1] if field.encoding == "lattice" else 512
         self.marching = Marching(1.0 / finest, keep=settings.keep)
         self.pool = RayPool(views, occupancy.box, seed)
-        self.rays = settings.rays
+        self.budget = RayBudget(settings.rays, settings.samples)
         networks = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
         self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
         self.tables = LatticeAdam(self.field.encodings)
@@ -60,11 +57,9 @@ class Reconstruction:
         s = self.settings
         if fraction >= s.refine_at and self.refined is None and self.field.density is not None:
             self.refine()
-        batch = self.pool.batch(number, self.rays)
+        batch = self.pool.batch(number, self.budget.rays)
         samples = march(batch.rays, self.occupancy, self.field.density, self.marching, seed=number + 1)
-        if number % RAYS_EVERY == 0:
-            ideal = s.samples * len(batch.rays) / max(len(samples), 1)
-            self.rays = int(np.clip(ideal, s.rays // 4, s.rays))
+        self.budget.adjust(number, len(batch.rays), len(samples))
         sigma, geometry = self.field.geometry(samples)
         colour = self.field(geometry, encode_directions(torch.from_numpy(batch.rays.directions), samples.ray))
         out, transmittance, _ = composite(samples, sigma, colour)
@@ -109,7 +104,7 @@ class Reconstruction:
     def layout(self) -> dict[str, NDArray[Any]]:
         """What a checkpoint needs beside the parameters, to lay them out again."""
         refined = np.zeros(0, np.uint8) if self.refined is None else self.refined.occupied
-        return {"occupied": self.occupancy.occupied, "refined": refined, "rays": np.array(self.rays)}
+        return {"occupied": self.occupancy.occupied, "refined": refined, "rays": np.array(self.budget.rays)}
 
     def go_on_from(self, layout: dict[str, NDArray[Any]] | None) -> None:
         """Take the layout of an interrupted run, if there was one."""
@@ -119,7 +114,7 @@ class Reconstruction:
             self.occupancy = replace(self.occupancy, occupied=layout["refined"])
             self.refine()
         self.occupancy = replace(self.occupancy, occupied=layout["occupied"])
-        self.rays = int(layout["rays"])
+        self.budget.rays = int(layout["rays"])
 
     def finish(self) -> tuple[BaseField, Occupancy]:
         """The trained field with features only where something is left, frozen."""

@@ -24,6 +24,12 @@ from svv.train.style_loss import StyleTarget
 DISTILLATION_SIZE = 256
 """Side in pixels of the views whose rays are drawn: they only choose where samples fall."""
 
+PROBE = 4096
+"""Rays that tell how many samples a ray gives."""
+
+DISTILLATION_SAMPLES = 40_000
+"""Samples a step at most, about: translucent scenes give many on a ray, and they are what a step costs."""
+
 
 class Distillation:
     """Trains a UCN on the diffuse colours of a scene's PCN, along rays from all around."""
@@ -54,6 +60,9 @@ class Distillation:
         self.targets = {region: target for region, target in targets.items() if target.settings.seeded}
         view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
         self.pixel = float(view / settings.style_size)
+        pixels = np.random.default_rng(seed).integers(0, settings.distil_views * DISTILLATION_SIZE**2, PROBE)
+        probe = march(self.caster.rays(pixels), scene.occupancy, scene.base.density, scene.marching)
+        self.rays = min(settings.distil_rays, max(PROBE // 4, DISTILLATION_SAMPLES * PROBE // max(len(probe), 1)))
         networks = list(self.field.colour_mlp.parameters())
         self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
         self.tables = LatticeAdam([self.field.encoding])
@@ -62,7 +71,7 @@ class Distillation:
         """One step on ||c_d - c_u||^2 (StyleRF-VolVis, eq. 7); returns the loss. The rate only ever falls."""
         generator = np.random.default_rng((self.seed, number))
         views, pixels = self.settings.distil_views, DISTILLATION_SIZE**2
-        rays = self.caster.rays(generator.integers(0, views * pixels, self.settings.distil_rays))
+        rays = self.caster.rays(generator.integers(0, views * pixels, self.rays))
         samples = march(rays, self.scene.occupancy, self.scene.base.density, self.scene.marching, seed=number + 1)
         if not len(samples):
             return 0.0

@@ -12,9 +12,12 @@ from hypothesis import strategies as st
 
 pytest.importorskip("vtkmodules")
 
+from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
+from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
+
 from svv.dvr.grids import from_array
 from svv.dvr.histogram import default_transfer_function
-from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
+from svv.dvr.transfer_functions import COLOUR_SPACES, TransferFunction, unit_distance_for
 from svv.errors import BadInput
 
 PRESET = {
@@ -231,3 +234,31 @@ def test_the_default_shows_two_classes_and_hides_the_background(background: int)
 def test_a_constant_volume_has_no_default() -> None:
     with pytest.raises(BadInput, match="the value 7"):
         default_transfer_function(from_array(np.full((3, 3, 3), 7)))
+
+
+@pytest.mark.parametrize("space", COLOUR_SPACES)
+def test_from_vtk_is_the_inverse_of_to_vtk(space: str) -> None:
+    tf = TransferFunction(
+        ((0.0, 0.1, 0.2, 0.9), (0.5, 0.9, 0.5, 0.1), (0.5, 0.2, 0.8, 0.1), (2.0, 1.0, 1.0, 0.0)),
+        ((0.0, 0.0, 0.5, 0.0), (1.0, 0.7, 0.3, 0.6), (2.0, 0.1, 0.5, 0.0)),
+        0.25,
+        "mine",
+        space,
+    )
+    assert TransferFunction.from_vtk(*tf.to_vtk(), 0.25, "mine") == tf
+
+
+def test_from_vtk_keeps_the_colours_of_a_logarithmic_scale() -> None:
+    colour, opacity = TransferFunction(
+        ((1.0, 0.0, 0.0, 1.0), (100.0, 1.0, 0.0, 0.0)), ((1.0, 0.0, 0.5, 0.0), (100.0, 1.0, 0.5, 0.0))
+    ).to_vtk()
+    colour.SetScaleToLog10()
+    values = np.linspace(1.0, 100.0, 37)
+    shown = [colour.GetColor(float(v)) for v in values]
+    np.testing.assert_allclose(TransferFunction.from_vtk(colour, opacity).colour_at(values), shown, atol=0.02)
+    assert shown[0] == (0.0, 0.0, 1.0) and shown[9][0] > 0.6  # about half of the way is over at a tenth of the range
+
+
+def test_from_vtk_refuses_functions_without_points() -> None:
+    with pytest.raises(BadInput, match="has no points"):
+        TransferFunction.from_vtk(vtkColorTransferFunction(), vtkPiecewiseFunction())

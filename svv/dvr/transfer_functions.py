@@ -215,6 +215,41 @@ class TransferFunction:
         return cls(colours, opacities, unit, name, space)
 
     @classmethod
+    def from_vtk(
+        cls,
+        colour: vtkColorTransferFunction,
+        opacity: vtkPiecewiseFunction,
+        unit_distance: float | None = None,
+        name: str = "transfer function",
+    ) -> TransferFunction:
+        """From VTK's functions, such as those that ParaView edits; the inverse of ``to_vtk``.
+
+        Args:
+            colour: Its colours on a logarithmic scale are sampled, for ours are linear in the values.
+            opacity: Opacity per unit distance.
+            unit_distance: World units, see the class.
+            name: For people.
+
+        Raises:
+            BadInput: One of them has no points, or any reason of the class.
+        """
+        if not colour.GetSize() or not opacity.GetSize():
+            raise BadInput(f"'{name}' has no points; edit it in the colour map editor.")
+        colours, opacities = [], []
+        for i in range(colour.GetSize()):
+            colour.GetNodeValue(i, node := [0.0] * 6)
+            colours.append(tuple(node[:4]))
+        known = colour.GetColorSpace() < len(COLOUR_SPACES) and not colour.GetScale()
+        space = COLOUR_SPACES[colour.GetColorSpace()] if known else "RGB"
+        if not known:  # on a logarithmic scale, or in a space that newer versions have
+            values = np.unique([*(v for v, *_ in colours), *np.linspace(*colour.GetRange(), 256)])
+            colours = [(float(v), *colour.GetColor(v)) for v in values]
+        for i in range(opacity.GetSize()):
+            opacity.GetNodeValue(i, node := [0.0] * 4)
+            opacities.append(tuple(node))
+        return cls(tuple(colours), tuple(opacities), unit_distance, name, space)
+
+    @classmethod
     def read(cls, path: str | Path) -> TransferFunction:
         """From a JSON file, see ``from_dict``.
 

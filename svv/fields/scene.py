@@ -26,7 +26,7 @@ from svv.fields.networks import (
 )
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
-from svv.io.scene_file import read_scene_file, write_scene_file
+from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.marching import NO_STOP
 
 NETWORKS = ("base", "pcn", "styled")
@@ -54,6 +54,8 @@ class Region:
     """What ``colour`` was changed to."""
     style: str | None = None
     """Name of the style that the UCN gave it; None where the PCN holds its colour."""
+    strength: float = 1.0
+    """How much of the style is shown: 0 the palette's colours, 1 the style's."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,25 @@ class Scene:
                 changes[name] = float(factor)
         regions = list(self.regions)
         regions[region] = replace(regions[region], **changes)
+        return replace(self, regions=tuple(regions))
+
+    def with_strength(self, strength: float) -> Scene:
+        """A scene whose styles are shown as strongly as said, from 0 (the palette's colours) to 1.
+
+        Raises:
+            BadInput: a strength outside of [0, 1].
+        """
+        if not 0.0 <= strength <= 1.0:
+            raise BadInput(f"The strength of a style must lie between 0 and 1, not {strength}.")
+        return replace(self, regions=tuple(replace(r, strength=float(strength)) for r in self.regions))
+
+    def with_edits_of(self, other: Scene) -> Scene:
+        """This scene with the edits of another that has the same regions; a styled region keeps its style's colours."""
+        regions = (
+            replace(theirs, style=own.style, strength=own.strength,
+                    edited_colour=None if own.style is not None else theirs.edited_colour)
+            for own, theirs in zip(self.regions, other.regions, strict=True)
+        )  # fmt: skip
         return replace(self, regions=tuple(regions))
 
     # --- rendering -------------------------------------------------------------------------------------------------
@@ -213,8 +234,8 @@ class Scene:
             colours = shift_colours(colours, shown, target)
         diffuse = parts.diffuse(colours)
         if network == "styled" and self.styled is not None:
-            styled = torch.tensor([r.style is not None for r in self.regions])[parts.region]
-            diffuse = torch.where(styled[:, None], self.styled(position), diffuse)
+            share = torch.tensor([0.0 if r.style is None else r.strength for r in self.regions])[parts.region]
+            diffuse = torch.lerp(diffuse, self.styled(position), share[:, None])
         return diffuse
 
     def light(self, parts: PaletteColours, diffuse: Tensor) -> Tensor:
@@ -239,11 +260,23 @@ class Scene:
     @classmethod
     def load(cls, path: str | Path) -> Scene:
         """Read a scene; raises BadInput for a file that is missing, damaged, foreign or of another version."""
-        header, tensors = read_scene_file(path)
+        return cls._restored(*read_scene_file(path), str(path))
+
+    def to_bytes(self) -> bytes:
+        """What :meth:`save` writes."""
+        return scene_bytes(*self.to_arrays())
+
+    @classmethod
+    def from_bytes(cls, content: bytes, name: str = "The scene") -> Scene:
+        """The inverse of :meth:`to_bytes`; raises BadInput as :meth:`load` does."""
+        return cls._restored(*parse_scene(content, name), name)
+
+    @classmethod
+    def _restored(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]], name: str) -> Scene:
         try:
             return cls.from_arrays(header, tensors)
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
-            raise BadInput(f"{path} is damaged ({type(error).__name__}: {error}): train it again.") from error
+            raise BadInput(f"{name} is damaged ({type(error).__name__}: {error}): train it again.") from error
 
     def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Header and arrays of the file. Tables are stored in half precision."""

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
 
 from svv.errors import BadInput
 from svv.io.atomic import atomic_path, to_json
@@ -23,6 +23,7 @@ FORMAT_VERSION = 1
 _KEY = "svv"
 _REMEDY = "copy it again or make it anew"
 _OUR_START = b'{"__metadata__":{"svv":'
+_START = 8 + len(_OUR_START)
 """How the header of our files begins behind its length; tells a truncated scene from a foreign file."""
 
 
@@ -37,12 +38,17 @@ def write_scene_file(path: str | Path, header: dict[str, Any], tensors: dict[str
     Raises:
         BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
     """
+    content = scene_bytes(header, tensors)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def scene_bytes(header: dict[str, Any], tensors: dict[str, np.ndarray]) -> bytes:
+    """The content of the file that :func:`write_scene_file` writes."""
     text = to_json({"version": FORMAT_VERSION, "header": header})
     # safetensors takes a strided array's memory as it lies, so its values would come back in another order.
     arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}
-    content = save(arrays, metadata={_KEY: text})
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(content)
+    return save(arrays, metadata={_KEY: text})
 
 
 def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -54,25 +60,40 @@ def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndar
     file = Path(path)
     try:
         with file.open("rb") as stream:
-            start = stream.read(8 + len(_OUR_START))[8:]
+            content = stream.read(_START)
+            if content[8:] == _OUR_START:  # a foreign file may be huge
+                content += stream.read()
     except FileNotFoundError as error:
         raise BadInput(f"There is no scene file {file}.") from error
     except IsADirectoryError as error:
         raise BadInput(f"{file} is a folder; give the scene file (.svv) inside it.") from error
     except OSError as error:
         raise BadInput(f"The scene file {file} cannot be read: {error.strerror}.") from error
-    if start != _OUR_START:
-        raise BadInput(f"{file} is not a scene file of svv; make one with `svv train`.")
+    return parse_scene(content, str(file))
+
+
+def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and arrays of what :func:`scene_bytes` made.
+
+    Args:
+        content: The whole file.
+        name: What it is called in messages.
+
+    Raises:
+        BadInput: truncated, not a scene, or of another format version.
+    """
+    if content[8:_START] != _OUR_START:
+        raise BadInput(f"{name} is not a scene file of svv; make one with `svv train`.")
     try:
-        with safe_open(file, framework="numpy") as opened:
-            text = opened.metadata()[_KEY]
-            tensors = {name: opened.get_tensor(name) for name in opened.keys()}
+        tensors = load(content)
     except SafetensorError as error:
-        raise BadInput(f"The scene file {file} is truncated or damaged; {_REMEDY}.") from error
-    return _checked_header(file, text), tensors
+        raise BadInput(f"The scene file {name} is truncated or damaged; {_REMEDY}.") from error
+    # load() has checked the length and the JSON of the safetensors header, but hands out the arrays alone.
+    length = int.from_bytes(content[:8], "little")
+    return _checked_header(name, json.loads(content[8 : 8 + length])["__metadata__"][_KEY]), tensors
 
 
-def _checked_header(file: Path, text: str) -> dict[str, Any]:
+def _checked_header(file: str, text: str) -> dict[str, Any]:
     try:
         content = json.loads(text)
         version, header = content["version"], content["header"]

@@ -1,0 +1,29 @@
+"""StyleRF: expressive volume visualization in ParaView's Filters menu.
+
+The filters are thin: a list of properties, and calls into the package ``svv``. Nothing heavy is imported before the
+first filter does its work, so ParaView starts as quickly as without the plugin.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+paraview_plugin_name = "StyleRF"
+paraview_plugin_version = "0.1.0"
+
+if importlib.util.find_spec("svv") is None:  # loaded by hand: the package lies beside the plugin, or above it
+    _here = Path(__file__).resolve().parent
+    sys.path += [str(folder) for folder in (_here, _here.parent) if (folder / "svv").is_dir()]
+
+try:
+    from svv.pv.capture import watch_new_filters
+    from svv.pv.proxies import *  # noqa: F403  (ParaView looks for the filters in this module)
+
+    watch_new_filters()
+except ImportError as _error:
+    from vtkmodules.vtkCommonCore import vtkOutputWindow
+
+    vtkOutputWindow.GetInstance().DisplayErrorText(
+        f"The plugin StyleRF cannot be used here, because {_error.name or _error} is missing in ParaView's Python: "
+        "start ParaView with `svv paraview`, which brings along what it needs.\n"
+    )

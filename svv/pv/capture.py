@@ -1,0 +1,104 @@
+"""How a volume is shown: from the client's active view into a filter's panel.
+
+Only the client knows the views, so this is client code: it sets properties, which ParaView then carries to the server
+like any others.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from paraview import servermanager, simple
+
+from svv.errors import BadInput
+
+CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
+"""Filters that look at a volume."""
+
+_observed: list[Any] = []
+
+
+def volume_display(source: Any, view: Any = None) -> Any:
+    """The representation that shows a source as a volume.
+
+    Args:
+        source: A source or filter, as ParaView's Python has them.
+        view: Where it is shown; by default the active view, then any other.
+
+    Raises:
+        BadInput: it is shown nowhere as a volume.
+    """
+    source = getattr(source, "SMProxy", source)
+    first = view or simple.GetActiveView()
+    for candidate in [v for v in (first, *simple.GetRenderViews()) if v is not None]:
+        for display in candidate.Representations:
+            given = getattr(display, "Input", None)
+            if given is not None and given.SMProxy == source and display.Representation == "Volume":
+                return display
+    raise BadInput(
+        "The input is shown nowhere as a volume: set its representation to Volume in the active view, so that there is "
+        "a transfer function to learn from."
+    )
+
+
+def capture(filter: Any, view: Any = None) -> None:
+    """Take transfer function, opacity unit distance and shading from the display of a filter's input into its panel.
+
+    Args:
+        filter: A StyleRF filter, as ParaView's Python has it.
+        view: Where its input is shown, by default the active view.
+
+    Raises:
+        BadInput: the input is not shown as a volume, or in a way that cannot be learned.
+    """
+    display = volume_display(filter.Input, view)
+    if getattr(display, "UseSeparateOpacityArray", 0) or getattr(display, "UseTransfer2D", 0):
+        raise BadInput("The volume is shown with a second array or a 2D transfer function; use one array and a 1D one.")
+    table = display.LookupTable
+    if table is None:
+        raise BadInput("The volume is shown without a colour map; choose an array under Coloring.")
+    if display.ScalarOpacityFunction is not None:
+        table.ScalarOpacityFunction = display.ScalarOpacityFunction
+    filter.TransferFunction = table
+    filter.Scalars = [display.ColorArrayName[0], display.ColorArrayName[1]]
+    filter.OpacityUnitDistance = display.ScalarOpacityUnitDistance
+    filter.Shade = display.Shade
+    for name in ("Ambient", "Diffuse", "Specular", "SpecularPower"):
+        setattr(filter, name, getattr(display, name))
+
+
+def watch_new_filters() -> None:
+    """Capture into every filter of ours when it is made, where there is something to capture.
+
+    A filter begins without a transfer function; this saves the user from linking it by hand, in the window as in a
+    script. Called by the plugin, in the client.
+    """
+    manager = servermanager.vtkSMProxyManager.GetProxyManager()
+    session = manager.GetActiveSessionProxyManager()
+    if session is not None and session not in _observed:
+        _observed.append(session)
+        session.AddObserver("RegisterEvent", _registered)
+
+
+def _registered(session: Any, *_: Any) -> None:
+    for name in CAPTURED:
+        # There is no saying which proxy the event is about, but a new one has no transfer function yet.
+        for filter in _proxies(session, name):
+            if filter.TransferFunction is None and filter.Input is not None:
+                try:
+                    capture(filter)
+                except BadInput:
+                    continue  # the filter says what is missing when it is applied
+
+
+def _proxies(session: Any, kind: str) -> list[Any]:
+    iterator = servermanager.vtkSMProxyIterator()
+    iterator.SetSessionProxyManager(session)
+    iterator.SetModeToOneGroup()
+    iterator.Begin("sources")
+    found = []
+    while not iterator.IsAtEnd():
+        if iterator.GetProxy().GetXMLName() == kind:
+            found.append(servermanager._getPyProxy(iterator.GetProxy()))
+        iterator.Next()
+    return found

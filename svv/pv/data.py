@@ -1,0 +1,194 @@
+"""Our data as VTK's: scenes as tables, images and views as image data.
+
+What flows between filters is plain VTK data, so that ParaView can show, save and move it. A scene's table carries the
+whole scene file as an array of bytes; programs that read the same scene again and again, as a moving camera does,
+get the one that was unpacked already.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import weakref
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageData, vtkPolyData, vtkTable
+
+from svv.core.cameras import Camera, look_at
+from svv.errors import BadInput
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
+    from svv.io.viewset import ViewSet
+
+SCENE = "StyleRF Scene"
+VIEWS = "StyleRF Views"
+
+KEPT = 3
+"""Unpacked scenes that stay in memory."""
+
+_scenes: OrderedDict[str, Scene] = OrderedDict()
+_views: weakref.WeakValueDictionary[str, ViewSet] = weakref.WeakValueDictionary()
+
+
+# --- scenes ---------------------------------------------------------------------------------------------------------
+
+
+def put_scene(scene: Scene, table: vtkTable) -> None:
+    """Fill a table: one row a region, and the scene itself as field data."""
+    table.Initialize()
+    regions = scene.regions
+    colours = np.array([r.edited_colour or r.colour for r in regions], np.float64).reshape(-1, 3)
+    columns: list[tuple[str, Any]] = [
+        ("Region", np.arange(len(regions), dtype=np.int32)),
+        ("Colour", colours),
+        ("Share", np.array([r.share for r in regions], np.float64)),
+        ("Opacity", np.array([r.opacity for r in regions], np.float64)),
+        ("Lighting", np.array([r.lighting for r in regions], np.float64)),
+    ]
+    for name, values in columns:
+        table.AddColumn(_array(name, values))
+    styles = vtkStringArray()
+    styles.SetName("Style")
+    for region in regions:
+        styles.InsertNextValue(region.style or "")
+    table.AddColumn(styles)
+    content = scene.to_bytes()
+    table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
+    _keep(_digest(content), scene)
+
+
+def scene_of(data: vtkDataObject | None) -> Scene:
+    """The scene that a table carries.
+
+    Raises:
+        BadInput: there is none, or it is damaged.
+    """
+    from svv.fields.scene import Scene
+
+    array = None if data is None else data.GetFieldData().GetArray(SCENE)
+    if array is None:
+        raise BadInput("The input is no scene: connect StyleRF Train, Edit or Stylize, or open a .svv file.")
+    content = vtk_to_numpy(array).tobytes()
+    key = _digest(content)
+    if key not in _scenes:
+        _keep(key, Scene.from_bytes(content, "The scene in the input"))
+    _scenes.move_to_end(key)
+    return _scenes[key]
+
+
+def _keep(key: str, scene: Scene) -> None:
+    _scenes[key] = scene
+    _scenes.move_to_end(key)
+    while len(_scenes) > KEPT:
+        _scenes.popitem(last=False)
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=16).hexdigest()
+
+
+# --- images ---------------------------------------------------------------------------------------------------------
+
+
+def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
+    """Fill an image with arrays whose row 0 is at the top, the first as its scalars.
+
+    Args:
+        image: Of one slice; VTK's row 0 is at the bottom.
+        arrays: (height, width) or (height, width, channels) each.
+    """
+    image.Initialize()
+    height, width = next(iter(arrays.values())).shape[:2]
+    image.SetDimensions(width, height, 1)
+    for number, (name, values) in enumerate(arrays.items()):
+        upside = np.ascontiguousarray(values[::-1])
+        array = _array(name, upside.reshape(width * height, -1) if values.ndim == 3 else upside.ravel())
+        image.GetPointData().AddArray(array)
+        if number == 0:
+            image.GetPointData().SetActiveScalars(name)
+
+
+def camera_of(numbers: Sequence[float], width: int, height: int) -> Camera:
+    """A camera from VTK's ten numbers.
+
+    Args:
+        numbers: Position (3), focal point (3), view up (3), and the vertical angle of view in degrees.
+        width: Pixels.
+        height: Pixels.
+
+    Raises:
+        BadInput: position and focal point coincide, or the angle is none.
+    """
+    position, focal, up = (np.array(numbers[k : k + 3], np.float64) for k in (0, 3, 6))
+    angle = np.radians(numbers[9])
+    if not 0 < angle < np.pi:
+        raise BadInput(f"The camera's angle of view must lie between 0 and 180 degrees, not {numbers[9]:g}.")
+    fov_x = 2.0 * np.arctan(np.tan(0.5 * angle) * width / height)
+    return Camera(look_at(position, focal, up), float(fov_x), width, height)
+
+
+# --- views ----------------------------------------------------------------------------------------------------------
+
+
+def put_views(views: ViewSet, index: int, image: vtkImageData, cameras: vtkPolyData) -> None:
+    """Show one view as an image, and all cameras as points; both say to which views they belong.
+
+    The views themselves stay with the filter that made them: a token in the image's field data finds them as long as
+    that filter lives.
+    """
+    put_image(image, {"RGBA": views.images[index]})
+    token = f"{id(views):x}"
+    _views[token] = views
+    put_cameras(views.cameras, cameras)
+    for data in (image, cameras):
+        name = vtkStringArray()
+        name.SetName(VIEWS)
+        name.InsertNextValue(token)
+        data.GetFieldData().AddArray(name)
+
+
+def views_of(data: vtkDataObject | None) -> ViewSet | None:
+    """The views that an image belongs to, None where it belongs to none.
+
+    Raises:
+        BadInput: the filter that made them is gone.
+    """
+    array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
+    if array is None:
+        return None
+    views = _views.get(array.GetValue(0))
+    if views is None:
+        raise BadInput("The views of the input are gone; apply StyleRF Views, or open the folder of views, again.")
+    return views
+
+
+def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
+    """Cameras as points with their direction, up, and vertical angle of view (degrees)."""
+    data.Initialize()
+    matrices = np.stack([camera.camera_to_world for camera in cameras])
+    points = vtkPoints()
+    points.SetData(_array("Points", matrices[:, :3, 3]))
+    data.SetPoints(points)
+    vertices = vtkCellArray()
+    for number in range(len(cameras)):
+        vertices.InsertNextCell(1, [number])
+    data.SetVerts(vertices)
+    angles = [2.0 * np.arctan(0.5 * c.height / c.focal) for c in cameras]
+    for name, values in (
+        ("Direction", -matrices[:, :3, 2]),
+        ("Up", matrices[:, :3, 1]),
+        ("View Angle", np.degrees(angles)),
+    ):
+        data.GetPointData().AddArray(_array(name, values))
+
+
+def _array(name: str, values: NDArray[Any]) -> Any:
+    array = numpy_to_vtk(np.ascontiguousarray(values), deep=1)
+    array.SetName(name)
+    return array

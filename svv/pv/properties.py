@@ -1,0 +1,247 @@
+"""The properties of our filters, as ParaView's panel shows them.
+
+ParaView's own decorators sort a class's properties by name before 5.13. Here a class lists its properties in the order
+in which people should read them, and :func:`panel` hands that list over as one piece of XML, whose order every version
+keeps. It also gives the class the setters that the XML names: store if changed, then ``Modified()``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+from xml.sax.saxutils import escape, quoteattr
+
+Class = TypeVar("Class", bound=type)
+
+
+@dataclass(frozen=True)
+class Property:
+    """One property: its XML, and what the filter's ``values`` holds under its name."""
+
+    name: str
+    xml: str
+    default: Any
+    setters: dict[str, Callable[..., None]]
+
+
+def _element(
+    kind: str,
+    name: str,
+    help: str,
+    attributes: str,
+    inside: str = "",
+    advanced: bool = False,
+    hints: str = "",
+) -> str:
+    level = "advanced" if advanced else "default"
+    hints = f"<Hints>{hints}</Hints>" if hints else ""
+    return (
+        f"<{kind} name={quoteattr(name)} label={quoteattr(label_of(name))} panel_visibility={quoteattr(level)} "
+        f"{attributes}>"
+        f"{inside}<Documentation>{escape(help)}</Documentation>{hints}</{kind}>"
+    )
+
+
+def label_of(name: str) -> str:
+    """'ViewSize' as people read it: 'View Size'. ParaView's Python names a property after its label without spaces."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", " ", name)
+
+
+def _store(name: str, convert: Callable[..., Any]) -> Callable[..., None]:
+    def setter(self: Any, *given: Any) -> None:
+        value = convert(*given)
+        if self.values[name] != value:
+            self.values[name] = value
+            self.Modified()
+
+    return setter
+
+
+def _range(kind: str, low: float | None, high: float | None) -> str:
+    ends = "".join(f' {key}="{value:g}"' for key, value in (("min", low), ("max", high)) if value is not None)
+    return f'<{kind} name="range"{ends}/>' if ends else ""
+
+
+def integer(
+    name: str, default: int, help: str, low: int | None = None, high: int | None = None,
+    advanced: bool = False,
+) -> Property:  # fmt: skip
+    """A whole number; a slider where both ends are given."""
+    xml = _element(
+        "IntVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="{default}"',
+        _range("IntRangeDomain", low, high), advanced,
+    )  # fmt: skip
+    return Property(name, xml, default, {f"Set{name}": _store(name, int)})
+
+
+def number(
+    name: str, default: float, help: str, low: float | None = None, high: float | None = None,
+    advanced: bool = False,
+) -> Property:  # fmt: skip
+    """A number; a slider where both ends are given."""
+    xml = _element(
+        "DoubleVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="{default:g}"',
+        _range("DoubleRangeDomain", low, high), advanced,
+    )  # fmt: skip
+    return Property(name, xml, float(default), {f"Set{name}": _store(name, float)})
+
+
+def numbers(
+    name: str, default: Sequence[float], help: str, widget: str | None = None, advanced: bool = False
+) -> Property:
+    """Several numbers, such as a colour (``widget="color_selector"``)."""
+    shown = f' panel_widget="{widget}"' if widget else ""
+    values = " ".join(f"{value:g}" for value in default)
+    xml = _element(
+        "DoubleVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="{len(default)}" default_values="{values}"{shown}',
+        '<DoubleRangeDomain name="range"/>', advanced,
+    )  # fmt: skip
+    convert = lambda *given: tuple(float(value) for value in given)  # noqa: E731
+    return Property(name, xml, tuple(map(float, default)), {f"Set{name}": _store(name, convert)})
+
+
+def switch(name: str, default: bool, help: str, advanced: bool = False) -> Property:
+    """A check box."""
+    xml = _element(
+        "IntVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="{int(default)}"',
+        '<BooleanDomain name="bool"/>', advanced,
+    )  # fmt: skip
+    return Property(name, xml, default, {f"Set{name}": _store(name, bool)})
+
+
+def choice(
+    name: str, entries: Sequence[str], default: str, help: str, advanced: bool = False
+) -> Property:
+    """One of some words; ``values`` holds the word."""
+    inside = "".join(f'<Entry value="{k}" text={quoteattr(entry)}/>' for k, entry in enumerate(entries))
+    xml = _element(
+        "IntVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="{list(entries).index(default)}"',
+        f'<EnumerationDomain name="enum">{inside}</EnumerationDomain>', advanced,
+    )  # fmt: skip
+    return Property(name, xml, default, {f"Set{name}": _store(name, lambda k: entries[int(k)])})
+
+
+def text(name: str, help: str, default: str = "", advanced: bool = False) -> Property:
+    """A line of text."""
+    xml = _element(
+        "StringVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values={quoteattr(default)}', "", advanced,
+    )  # fmt: skip
+    return Property(name, xml, default, {f"Set{name}": _store(name, lambda value: value or "")})
+
+
+def file(
+    name: str, extensions: str, what: str, help: str, save: bool = False, advanced: bool = False
+) -> Property:
+    """A file on the server; without extensions a folder."""
+    domain = '<FileListDomain name="files"/>'
+    if extensions:
+        accept = ' accept_any_file="1"' if save else ""
+        hints = f"<FileChooser extensions={quoteattr(extensions)} file_description={quoteattr(what)}{accept}/>"
+    else:
+        hints = "<UseDirectoryName/>"
+    xml = _element(
+        "StringVectorProperty", name, help,
+        f'command="Set{name}" number_of_elements="1" default_values="" animateable="0"', domain, advanced, hints,
+    )  # fmt: skip
+    return Property(name, xml, "", {f"Set{name}": _store(name, lambda value: value or "")})
+
+
+def files(name: str, extensions: str, what: str, help: str) -> Property:
+    """A list of files on the server."""
+    hints = f"<FileChooser extensions={quoteattr(extensions)} file_description={quoteattr(what)}/>"
+    xml = _element(
+        "StringVectorProperty", name, help,
+        f'command="Add{name}" clean_command="Clear{name}" repeat_command="1" number_of_elements_per_command="1" '
+        f'number_of_elements="0" animateable="0"',
+        '<FileListDomain name="files"/>', False, hints,
+    )  # fmt: skip
+
+    def add(self: Any, value: str) -> None:
+        if value:
+            self.values[name] = (*self.values[name], value)
+            self.Modified()
+
+    def clear(self: Any) -> None:
+        self.values[name] = ()
+        self.Modified()
+
+    return Property(name, xml, (), {f"Add{name}": add, f"Clear{name}": clear})
+
+
+def button(name: str, help: str) -> Property:
+    """A button that calls the filter's method of that name."""
+    xml = _element("Property", name, help, f'command="{name}" panel_widget="command_button"')
+    return Property(name, xml, None, {})
+
+
+def status() -> Property:
+    """What the filter has to say, kept up to date by its ``GetStatus``."""
+    xml = (
+        '<StringVectorProperty name="Status" label="Status" command="GetStatus" information_only="1" '
+        'number_of_elements="1" default_values="None" panel_visibility="default">'
+        "<Documentation>What the filter did last, or why it could not.</Documentation></StringVectorProperty>"
+    )
+    return Property("Status", xml, None, {})
+
+
+def scalars() -> Property:
+    """Which point or cell array of the input is looked at."""
+    xml = (
+        '<StringVectorProperty name="Scalars" command="SetScalars" number_of_elements="5" element_types="0 0 0 0 2" '
+        'animateable="0" label="Scalars"><ArrayListDomain name="array_list" attribute_type="Scalars" '
+        'input_domain_name="input_array"><RequiredProperties><Property name="Input" function="Input"/>'
+        "</RequiredProperties></ArrayListDomain><Documentation>The array that the volume rendering shows; one number "
+        "a voxel.</Documentation></StringVectorProperty>"
+    )
+    return Property("Scalars", xml, "", {"SetScalars": _store("Scalars", lambda *given: given[4] or "")})
+
+
+def transfer_function() -> Property:
+    """Colours and opacities: ParaView's colour transfer function, which carries its scalar opacity function.
+    """
+    xml = (
+        '<ProxyProperty name="TransferFunction" label="Transfer Function" command="SetTransferFunction" '
+        'panel_widget="proxy_editor" null_on_empty="1">'
+        '<ProxyGroupDomain name="groups"><Group name="lookup_tables"/></ProxyGroupDomain>'
+        "<Documentation>Colours and opacities of the volume rendering that is learned. It is taken from the volume as "
+        "the active view shows it when the filter is made, and is the same that the colour map editor edits."
+        "</Documentation></ProxyProperty>"
+    )
+
+    def setter(self: Any, table: Any) -> None:
+        if self.values["TransferFunction"] is not table:
+            self.values["TransferFunction"] = table
+            self.Modified()
+
+    return Property("TransferFunction", xml, None, {"SetTransferFunction": setter})
+
+
+def group(label: str, properties: Sequence[Property]) -> Sequence[Property]:
+    """The properties under a heading of their own."""
+    inside = "".join(f"<Property name={quoteattr(p.name)}/>" for p in properties)
+    xml = f"<PropertyGroup label={quoteattr(label)}>{inside}</PropertyGroup>"
+    return [*properties, Property("", xml, None, {})]
+
+
+def panel(*properties: Property) -> Callable[[Class], Class]:
+    """Give a filter's class these properties, in this order."""
+
+    def decorate(cls: Class) -> Class:
+        from paraview.util.vtkAlgorithm import smproperty
+
+        plain: Any = getattr(cls, "_pv_original_func", cls)  # what ParaView's decorators give back is no class
+        for property in properties:
+            for name, setter in property.setters.items():
+                setattr(plain, name, setter)
+        plain.defaults = {p.name: p.default for p in properties if p.setters}
+        return smproperty.xml("".join(p.xml for p in properties))(cls)  # type: ignore[no-any-return]
+
+    return decorate

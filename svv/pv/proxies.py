@@ -1,0 +1,489 @@
+"""The filters, readers and the writer that ParaView shows under StyleRF.
+
+Each class is a list of properties and a few calls into :mod:`svv.pv.work`. Its docstring is what ParaView shows as
+help.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty, smproxy
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+
+from svv.errors import BadInput, part
+from svv.pv.data import put_image, put_scene, put_views, scene_of
+from svv.pv.filters import ORBIT, Filter, set_image_information, set_steps, step_asked_for
+from svv.pv.properties import (
+    Property,
+    button,
+    choice,
+    file,
+    files,
+    group,
+    integer,
+    number,
+    numbers,
+    panel,
+    scalars,
+    status,
+    switch,
+    text,
+    transfer_function,
+)
+
+__all__ = [
+    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFEdit", "StyleRFStylize", "StyleRFRender",
+    "StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFViewsReader",
+]  # fmt: skip
+
+
+
+PICTURES = "png jpg jpeg tif tiff bmp webp"
+PRESETS = ("draft", "fast", "balanced", "paper")
+TAKE_HELP = (
+    "Look at the transfer function again. Editing it does not start minutes of work by itself: what was edited counts "
+    "from here on, and nothing is done where nothing changed."
+)
+REGIONS = 8
+"""Regions that the panel of StyleRF Edit shows, as many as a palette may have; those that a scene lacks do nothing."""
+
+
+def menu(cls: Any) -> Any:
+    """Show the filter under Filters > StyleRF."""
+    return smhint.xml('<ShowInMenu category="StyleRF"/>')(cls)
+
+
+def keep_input_visible(cls: Any) -> Any:
+    """Let the input stay visible when the filter is applied."""
+    return smhint.xml('<Visibility replace_input="0"/>')(cls)
+
+
+def takes_volume(cls: Any) -> Any:
+    """Give the filter an image as its input."""
+    arrays = '<InputArrayDomain name="input_array" attribute_type="any" number_of_components="1" optional="1"/>'
+    cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
+
+
+def takes_scene(cls: Any) -> Any:
+    """Give the filter a scene's table as its input."""
+    cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0)(cls)
+
+
+def volume_properties(views: int, test: int, size: int) -> list[Property]:
+    """How a volume is shown, and how many views are drawn of it."""
+    return [
+        scalars(),
+        transfer_function(),
+        number(
+            "OpacityUnitDistance", 0.0,
+            "Distance, in the volume's units, after which the opacity is that of the transfer function; 0 takes "
+            "ParaView's default for this volume.", low=0.0,
+        ),
+        switch("Shade", True, "Whether the volume is lit by a light at the camera."),
+        *group("Shading", [
+            number("Ambient", 0.0, "Light from everywhere.", 0.0, 1.0, True),
+            number("Diffuse", 1.0, "Light that surfaces scatter.", 0.0, 1.0, True),
+            number("Specular", 0.0, "Light that surfaces mirror.", 0.0, 1.0, True),
+            number("SpecularPower", 100.0, "How sharp the highlights are.", 0.0, 128.0, True),
+        ]),
+        integer("Views", views, "Views to learn from, evenly around the volume.", 3, None, True),
+        integer("TestViews", test, "More views, to measure with; they are never learned.", 0, 181, True),
+        integer("ViewSize", size, "Width and height of the views in pixels.", 64, 4096, True),
+        choice("RayCaster", ("auto", "gpu", "cpu"), "auto",
+               "auto takes the graphics card where OpenGL runs on hardware.", True),
+    ]  # fmt: skip
+
+
+def training_properties(preset: str) -> list[Property]:
+    """How much is learned."""
+    return [
+        choice("Preset", PRESETS, preset,
+               "How long training takes: draft for a first look, fast and balanced take minutes, paper hours."),
+        number("TimeLimit", 0.0, "Shorten training to this many seconds; 0 is no limit.", 0.0),
+        integer("Seed", 0, "Same seed, same result.", 0, None, True),
+    ]  # fmt: skip
+
+
+def image_properties(size: int) -> list[Property]:
+    """Which image of a scene is made."""
+    return [
+        numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
+        choice("Network", ("last", "base", "pcn", "styled"), "last",
+               "What gives the colours: base (as learned), pcn (the palette, with its edits), styled; last is the last "
+               "that the scene has."),
+        switch("Background", False, "Whether the image gets a background; else it is transparent."),
+        numbers("BackgroundColour", (1.0, 1.0, 1.0), "Its colour.", "color_selector"),
+        numbers("Camera", (0.0,) * 9 + (30.0,),
+                "Position, focal point, view up (x, y, z each) and angle of view in degrees. All zeros: the orbit "
+                "around the scene, one of its 181 frames a time step.", None, True),
+    ]  # fmt: skip
+
+
+class ViewsOutput(Filter):
+    """Gives out one view as an image, and all cameras."""
+
+    def FillOutputPortInformation(self, port: int, info: Any) -> int:
+        """An image, and points."""
+        info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
+        return 1
+
+
+class ImageOutput(Filter):
+    """Gives out an image of a scene; its time steps are the orbit's frames."""
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Size and time steps."""
+        set_image_information(self, out_info, *(int(v) for v in self.values["ImageSize"]))
+        set_steps(self, out_info, ORBIT)
+        return 1
+
+
+@smproxy.filter(label="StyleRF Views", support_reload=False)
+@menu
+@keep_input_visible
+@smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
+@panel(
+    *volume_properties(92, 16, 800),
+    button("TakeAsEdited", TAKE_HELP),
+    file("Folder", "", "", "Where to write the views too, as a set that `svv` and other programs read."),
+    status(),
+)
+@takes_volume
+class StyleRFViews(ViewsOutput):
+    """Draw views of a volume from all around it, as training needs them. Each time step shows one of them; the second
+    output has the cameras. Connect StyleRF Train, or name a folder to keep them in."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 2, "vtkImageData")
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        set_image_information(self, out_info, self.values["ViewSize"], self.values["ViewSize"])
+        set_steps(self, out_info, self.values["Views"])
+        return 1
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.work import draw_views, views_key, volume_of
+
+        image, folder = volume_of(inputs[0]), self.values["Folder"]
+        key = views_key(image, self.values)
+
+        def make() -> Any:
+            with self.training() as progress:
+                return draw_views(image, self.values, part(progress, 0.0, 0.9))
+
+        train, test = self.kept("views", key, make)
+        if folder:
+            self.kept("written", (key, folder), lambda: _write(train, test, folder, part(self.progress, 0.9, 1.0)))
+        put_views(train, step_asked_for(self, out_info, len(train)), *outputs)
+        return f"{len(train)} views, drawn in {train.meta['seconds']:.0f} s by the {train.meta['mapper']} ray caster."
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.last("views") is not None:
+            put_views(self.last("views")[0], 0, *outputs)
+
+
+def _write(train: Any, test: Any, folder: str, progress: Any) -> bool:
+    train.write(folder, "train", part(progress, 0.0, 0.8))
+    if test is not None:
+        test.write(folder, "test", part(progress, 0.8, 1.0))
+    return True
+
+
+@smproxy.filter(label="StyleRF Train", support_reload=False)
+@menu
+@keep_input_visible
+@panel(
+    *training_properties("balanced"),
+    button("TakeAsEdited", TAKE_HELP),
+    file("SceneFile", "svv", "Scenes",
+         "Where to keep the scene. A scene that was trained here from the same input is read from it, so that a saved "
+         "state need not train again; training that was stopped goes on.", save=True),
+    *volume_properties(92, 0, 800),
+    status(),
+)  # fmt: skip
+@takes_volume
+class StyleRFTrain(Filter):
+    """Learn a scene from a volume as it is shown, or from the views of StyleRF Views or a folder. The result is a table
+    with a row for each region that was found, and carries the scene. It is not learned again before something that
+    matters has changed."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.work import train, training_key
+
+        key = (training_key(inputs[0], self.values), self.values["SceneFile"])
+
+        def make() -> Any:
+            with self.training() as progress:
+                return train(inputs[0], self.values, progress)
+
+        scene = self.kept("scene", key, make)
+        put_scene(scene, outputs[0])
+        return f"{len(scene.regions)} regions, learned in {scene.made['seconds']['total']:.0f} s."
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.last("scene") is not None:
+            put_scene(self.last("scene"), outputs[0])
+
+
+def region_properties(region: int) -> Sequence[Property]:
+    """What can be edited of one region."""
+    name, advanced = f"Region{region}", region > 3
+    return group(f"Region {region}", [
+        switch(f"{name}Recolour", False, "Whether to give the region another colour.",
+               advanced),
+        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "Its new colour.", "color_selector", advanced),
+        number(f"{name}Opacity", 1.0, "Factor on the region's opacity.", 0.0, 4.0, advanced),
+        number(f"{name}Lighting", 1.0, "Factor on the region's lighting; 0 is flat.", 0.0, 2.0,
+               advanced),
+    ])  # fmt: skip
+
+
+@smproxy.filter(label="StyleRF Edit", support_reload=False)
+@menu
+@panel(*(p for region in range(REGIONS) for p in region_properties(region)), status())
+@takes_scene
+class StyleRFEdit(Filter):
+    """Change colour, opacity and lighting of a scene's regions, at once and without training. The rows of the input's
+    table are the regions."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
+        scene = scene_of(inputs[0])
+        for region in range(REGIONS):
+            name = f"Region{region}"
+            colour = self.values[f"{name}Colour"] if self.values[f"{name}Recolour"] else None
+            # 1 is the panel's 'as it is': it must not undo what an edit before this filter did.
+            opacity, lighting = (
+                None if self.values[f"{name}{what}"] == 1.0 else self.values[f"{name}{what}"]
+                for what in ("Opacity", "Lighting")
+            )
+            if (colour, opacity, lighting) != (None, None, None):
+                scene = scene.edited(region, colour, opacity, lighting)
+        put_scene(scene, outputs[0])
+
+
+@smproxy.filter(label="StyleRF Stylize", support_reload=False)
+@menu
+@takes_scene
+@panel(
+    files("StyleFiles", PICTURES, "Pictures", "Pictures in whose manner the regions are painted."),
+    text("StyleOfRegions",
+         "Number of the picture (from 0) for each region in turn, -1 for a region that stays as it is, for example "
+         "0, -1, 1. Empty: every region gets a picture in turn."),
+    number("Strength", 1.0, "0 shows the regions as they were, 1 as painted; no training.", 0.0, 1.0),
+    choice("Preset", PRESETS, "balanced", "How long painting takes: draft for a first look."),
+    integer("Seed", 0, "Same seed, same result.", 0, None, True),
+    button("Train", "Paint again, from the start."),
+    button("Reset", "Go back to the scene before painting; Train Again paints it."),
+    file("SaveFile", "svv", "Scenes", "Where the button Save writes the scene.", save=True),
+    button("Save", "Write the painted scene to the file above."),
+    status(),
+)  # fmt: skip
+@takes_scene
+class StyleRFStylize(Filter):
+    """Paint the regions of a scene in the manner of pictures, the same from all sides."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+        self._reset = False
+
+    def Train(self) -> None:
+        """Paint again, from the start."""
+        self._reset = False
+        self.forget("scene")
+
+    def Reset(self) -> None:
+        """Go back to the scene before painting."""
+        self._reset = True
+        self.Modified()
+
+    def Save(self) -> None:
+        """Write the painted scene to a file."""
+        scene, file = self.last("scene"), self.values["SaveFile"]
+        if scene is None or not file:
+            self.say("There is nothing to save yet: choose a file under Save To, and press Apply.")
+            return
+        try:
+            self._with_strength(scene).save(file)
+        except BadInput as error:
+            self.say(str(error))
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.work import style_key, stylize
+
+        scene = scene_of(inputs[0])
+        if self._reset:
+            put_scene(scene, outputs[0])
+            return "As it was before painting."
+        # Edits before this filter do not change what is painted, only how it is shown.
+        key = (style_key(self.values), repr(scene.made))
+
+        def make() -> Any:
+            with self.training() as progress:
+                return stylize(scene, self.values, progress)
+
+        painted = self.kept("scene", key, make)
+        put_scene(self._with_strength(painted.with_edits_of(scene)), outputs[0])
+        return f"Painted in {painted.made['stylized']['seconds']['total']:.0f} s."
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.last("scene") is not None:
+            put_scene(self._with_strength(self.last("scene")), outputs[0])
+
+    def _with_strength(self, scene: Any) -> Any:
+        return scene.with_strength(self.values["Strength"])
+
+
+@smproxy.filter(label="StyleRF Render", support_reload=False)
+@menu
+@keep_input_visible
+@panel(*image_properties(400), status())
+@takes_scene
+class StyleRFRender(ImageOutput):
+    """An image of a scene: RGBA, depth and regions. Without a camera of its own it goes round the scene, one of 181
+    frames a time step, so that Play and Save Animation show the orbit."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkImageData")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.work import camera_for, draw
+
+        scene = scene_of(inputs[0])
+        camera = camera_for(scene, self.values, step_asked_for(self, out_info, ORBIT))
+        put_image(outputs[0], draw(scene, camera, self.values, self.progress))
+        return f"{camera.width} x {camera.height} pixels."
+
+
+@smproxy.filter(label="StyleRF Stylized View", support_reload=False)
+@menu
+@keep_input_visible
+@panel(
+    files("StyleFiles", PICTURES, "Pictures", "Pictures in whose manner the volume is painted."),
+    *training_properties("fast"),
+    button("TakeAsEdited", TAKE_HELP),
+    *image_properties(400),
+    *volume_properties(92, 0, 800),
+    status(),
+)
+@takes_volume
+class StyleRFStylizedView(ImageOutput):
+    """A painted image of a volume, in one step: choose a picture and press Apply. Draws the volume as it is shown,
+    learns a scene, paints it, and renders it; a new camera needs no new training. The other StyleRF filters do this
+    step by step, with edits between."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkImageData")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.work import camera_for, draw, style_key, stylize, train, training_key
+
+        values = {**self.values, "SceneFile": ""}
+        key = training_key(inputs[0], values)
+        styles = style_key(values) if values["StyleFiles"] else ""
+        todo = 0.7 if styles else 0.98
+
+        def learn() -> Any:
+            with self.training() as progress:
+                return train(inputs[0], values, part(progress, 0.0, todo))
+
+        def paint() -> Any:
+            with self.training() as progress:
+                return stylize(scene, values, part(progress, todo, 0.98))
+
+        scene = self.kept("scene", key, learn)
+        if styles:
+            scene = self.kept("painted", (key, styles), paint)
+        camera = camera_for(scene, values, step_asked_for(self, out_info, ORBIT))
+        put_image(outputs[0], draw(scene, camera, values, self.progress))
+        self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
+        hint = "" if styles else "; choose a picture under Style Files to paint them"
+        return f"{len(scene.regions)} regions{hint}."
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.last("image") is not None:
+            outputs[0].ShallowCopy(self.last("image"))
+
+
+@smproxy.writer("StyleRF scenes", extensions="svv", support_reload=False)
+@panel(file("FileName", "svv", "Scenes", "The file to write.", save=True))
+@takes_scene
+class StyleRFSceneWriter(Filter):
+    """Write a scene to a file (.svv)."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 0, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
+        scene_of(inputs[0]).save(self.values["FileName"])
+
+    def Write(self) -> None:
+        """Called by Save Data."""
+        self.Modified()
+        self.Update()
+
+
+@smproxy.reader("StyleRF scenes", extensions="svv", label="StyleRF Scene", support_reload=False)
+@panel(file("FileName", "svv", "Scenes", "The scene file."), status())
+class StyleRFSceneReader(Filter):
+    """Read a scene (.svv): a table with a row a region, for StyleRF Edit, Stylize and Render."""
+
+    def __init__(self) -> None:
+        super().__init__(0, 1, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.fields.scene import Scene
+
+        name = self.values["FileName"]
+        changed = Path(name).stat().st_mtime_ns if Path(name).exists() else 0
+        scene = self.kept("scene", (name, changed), lambda: Scene.load(name))
+        put_scene(scene, outputs[0])
+        return f"{len(scene.regions)} regions; networks {', '.join(scene.networks)}."
+
+
+@smproxy.reader(
+    "StyleRF views", filename_patterns="transforms_*.json", label="StyleRF Views Folder", support_reload=False
+)
+@smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
+@panel(
+    file("FileName", "json", "Views", "The file transforms_train.json of a set of views."),
+    status(),
+)
+class StyleRFViewsReader(ViewsOutput):
+    """Read a set of views (a folder with transforms_train.json): an image a time step, and the cameras. Connect
+    StyleRF Train."""
+
+    def __init__(self) -> None:
+        super().__init__(0, 2, "vtkImageData")
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        try:
+            views = self._read()
+        except BadInput:
+            return 1  # RequestData says it
+        set_image_information(self, out_info, views.cameras[0].width, views.cameras[0].height)
+        set_steps(self, out_info, len(views))
+        return 1
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        views = self._read()
+        put_views(views, step_asked_for(self, out_info, len(views)), *outputs)
+        return f"{len(views)} views."
+
+    def _read(self) -> Any:
+        from svv.io.viewset import ViewSet
+
+        path = Path(self.values["FileName"])
+        changed = path.stat().st_mtime_ns if path.exists() else 0
+        split = path.stem.removeprefix("transforms_")
+        return self.kept("views", (path, changed), lambda: ViewSet.read(path.parent, split, self.progress))

@@ -1,0 +1,244 @@
+"""What the filters do, in terms of the engine: views of a volume, a scene of views, styles of a scene, an image of it.
+
+The functions take what the panel holds (``values``) and find out by themselves what a result depends on, so that
+nothing is made twice.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
+
+from svv.core.cameras import Camera
+from svv.errors import BadInput, Progress, part
+from svv.pv.data import camera_of, views_of
+from svv.pv.filters import ORBIT
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
+    from svv.io.viewset import ViewSet
+
+Values = Mapping[str, Any]
+
+
+# --- views ----------------------------------------------------------------------------------------------------------
+
+
+def volume_of(data: vtkDataObject | None) -> vtkImageData:
+    """The input as an image.
+
+    Raises:
+        BadInput: it is of another kind; the sentence says which filter makes an image of it.
+    """
+    if isinstance(data, vtkImageData):
+        if data.GetNumberOfPoints() == 0:
+            raise BadInput("The input is empty; apply the filter or reader before this one first.")
+        return data
+    kind = "nothing" if data is None else data.GetClassName()
+    raise BadInput(
+        f"The input is {kind}, and StyleRF needs an image (vtkImageData): put the filter Resample To Image before it."
+    )
+
+
+def views_key(image: vtkImageData, values: Values) -> str:
+    """What the views of a volume depend on, as a hash: data, transfer function, shading, number and size."""
+    hashed = hashlib.blake2b(digest_size=16)
+    hashed.update(repr([image.GetDimensions(), image.GetSpacing(), image.GetOrigin()]).encode())
+    direction = image.GetDirectionMatrix()
+    hashed.update(repr([direction.GetElement(i, j) for i in range(3) for j in range(3)]).encode())
+    array = image.GetPointData().GetArray(values["Scalars"]) or image.GetCellData().GetArray(values["Scalars"])
+    array = array or image.GetPointData().GetScalars() or image.GetCellData().GetScalars()
+    if array is not None:
+        hashed.update(np.ascontiguousarray(vtk_to_numpy(array)).data)
+    chosen = [values[k] for k in ("Scalars", "Views", "TestViews", "ViewSize", "RayCaster")]
+    hashed.update(repr([*chosen, asdict(shading_of(values)), transfer_function_of(values).to_dict()]).encode())
+    return hashed.hexdigest()
+
+
+def transfer_function_of(values: Values) -> Any:
+    """The transfer function of the panel (:class:`svv.dvr.transfer_functions.TransferFunction`).
+
+    Raises:
+        BadInput: the panel has none.
+    """
+    from svv.dvr.transfer_functions import TransferFunction
+
+    table = values["TransferFunction"]
+    opacity = None if table is None else table.GetScalarOpacityFunction()
+    if table is None or opacity is None:
+        raise BadInput(
+            "There is no transfer function: show the volume in the active view with the representation Volume, then "
+            "press Capture (macro 'StyleRF capture'), or choose a colour map under Transfer Function."
+        )
+    return TransferFunction.from_vtk(table, opacity, values["OpacityUnitDistance"] or None, "the transfer function")
+
+
+def shading_of(values: Values) -> Any:
+    """The shading of the panel (:class:`svv.dvr.mappers.Shading`)."""
+    from svv.dvr.mappers import Shading
+
+    return Shading(values["Shade"], *(values[k] for k in ("Ambient", "Diffuse", "Specular", "SpecularPower")))
+
+
+def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
+    """Draw the training and the test views that the panel asks for.
+
+    Raises:
+        BadInput: any reason of :func:`svv.dvr.views.make_views`.
+    """
+    from svv.dvr.grids import as_volume
+    from svv.dvr.views import make_views
+
+    return make_views(
+        as_volume(image, values["Scalars"] or None, "The input"),
+        transfer_function_of(values),
+        values["Views"],
+        values["ViewSize"],
+        test=values["TestViews"],
+        mapper=values["RayCaster"],
+        shading=shading_of(values),
+        rescale=False,  # in ParaView the function is already where the user put it
+        name=values["Scalars"] or "volume",
+        progress=progress,
+    )
+
+
+# --- scenes ---------------------------------------------------------------------------------------------------------
+
+
+def training_key(data: vtkDataObject | None, values: Values) -> str:
+    """What a trained scene depends on."""
+    views = views_of(data)
+    source = f"views {id(views):x}" if views is not None else views_key(volume_of(data), values)
+    return repr([source, *(values[k] for k in ("Preset", "TimeLimit", "Seed"))])
+
+
+def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Scene:
+    """A scene of a volume, or of the views that the input belongs to.
+
+    With a scene file, a scene that was trained from the same is read from it, and training that was stopped goes on.
+
+    Raises:
+        BadInput: any reason of the engine's.
+        Cancelled: ``progress`` raised it.
+    """
+    from svv.fields.scene import Scene
+    from svv.io.atomic import check_writable
+    from svv.train.pipeline import train_scene
+
+    views = views_of(data)
+    file = Path(values["SceneFile"]) if values["SceneFile"] else None
+    key = None
+    if views is None:
+        key = training_key(data, values)
+        if file is not None and file.exists():
+            scene = Scene.load(file)
+            if scene.made.get("key") == key:
+                return scene
+    if file is not None:
+        check_writable(file)
+    learn = progress
+    if views is None:
+        views, _ = draw_views(volume_of(data), {**values, "TestViews": 0}, part(progress, 0.0, 0.15))
+        learn = part(progress, 0.15, 1.0)
+    checkpoint = None if file is None else file.with_name(file.name + ".checkpoint")
+    scene, _ = train_scene(views, values["Preset"], values["TimeLimit"] or None, values["Seed"], learn, checkpoint)
+    scene = replace(scene, made={**scene.made, "key": key})
+    if file is not None and checkpoint is not None:
+        scene.save(file)
+        checkpoint.unlink(missing_ok=True)
+    return scene
+
+
+def stylize(scene: Scene, values: Values, progress: Progress) -> Scene:
+    """The scene with its regions painted as the panel says.
+
+    Raises:
+        BadInput: no style file, one that cannot be read, or a mapping that cannot be.
+        Cancelled: ``progress`` raised it.
+    """
+    from svv.io.images import read_style
+    from svv.train.pipeline import stylize_scene
+
+    if not values["StyleFiles"]:
+        raise BadInput("Choose at least one picture under Style Files.")
+    files = [Path(file) for file in values["StyleFiles"]]
+    chosen = whole_numbers_in(values.get("StyleOfRegions", ""), "Style of Regions")
+    if len(chosen) > len(scene.regions):
+        raise BadInput(f"Style of Regions names {len(chosen)} styles, but the scene has {len(scene.regions)} regions.")
+    mapping = {region: style for region, style in enumerate(chosen) if style >= 0} if chosen else None
+    styled, _ = stylize_scene(
+        scene, [read_style(file) for file in files], mapping, (), values["Preset"], values["Seed"], progress,
+        names=[file.stem for file in files],
+    )  # fmt: skip
+    return styled
+
+
+def style_key(values: Values) -> str:
+    """What a stylization depends on besides its scene; a file that was changed counts as another.
+
+    Raises:
+        BadInput: a file is not there.
+    """
+    files = []
+    for name in values["StyleFiles"]:
+        if not Path(name).is_file():
+            raise BadInput(f"There is no style picture {name}; choose another under Style Files.")
+        files.append((name, Path(name).stat().st_mtime_ns))
+    return repr([files, *(values.get(k) for k in ("StyleOfRegions", "Preset", "Seed"))])
+
+
+def whole_numbers_in(text: str, name: str) -> list[int]:
+    """'0, 2' as whole numbers; raises BadInput for anything else."""
+    try:
+        return [int(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        raise BadInput(f"{name} must be whole numbers with commas between them, not '{text}'.") from None
+
+
+# --- images ---------------------------------------------------------------------------------------------------------
+
+
+def camera_for(scene: Scene, values: Values, step: int) -> Camera:
+    """The panel's camera; where it is all zeros, the orbit's at this time step.
+
+    Raises:
+        BadInput: a camera that is none.
+    """
+    width, height = size_of(values)
+    if any(values["Camera"][:6]):
+        return camera_of(values["Camera"], width, height)
+    from svv.core.cameras import orbit_cameras
+
+    rig = scene.camera_rig
+    camera = orbit_cameras(ORBIT, rig["centre"], rig["radius"], rig["fov_x"], width)[step]
+    return camera.resized(width, height)
+
+
+def size_of(values: Values) -> tuple[int, int]:
+    """Width and height of the image that the panel asks for, pixels."""
+    width, height = (int(v) for v in values["ImageSize"])
+    if not (1 <= width <= 16384 and 1 <= height <= 16384):
+        raise BadInput(f"The image's size must be 1 to 16384 pixels along each side, not {width} x {height}.")
+    return width, height
+
+
+def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> dict[str, Any]:
+    """RGBA (bytes), depth and regions of a scene from a camera.
+
+    Raises:
+        BadInput: the scene does not hold the network that the panel asks for.
+    """
+    from svv.io.output import to_bytes
+
+    network = None if values["Network"] == "last" else values["Network"]
+    background = values["BackgroundColour"] if values["Background"] else None
+    shown = scene.render(camera, network, background, progress)
+    return {"RGBA": to_bytes(shown.rgba), "Depth": shown.depth, "Region": shown.region}

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from svv import __version__, cli_job
+from svv import __version__, cli_job, cli_paraview
 from svv.errors import BadInput, Cancelled
 from svv.options import (
     Json,
@@ -325,6 +325,9 @@ def _text(value: object) -> str:
     if isinstance(value, list | tuple):
         return " ".join(_text(item) for item in value)
     return str(value)
+
+
+cli_paraview.add_to(app)  # last, as in the help
 
 
 def main() -> NoReturn:

@@ -1,21 +1,23 @@
-# Two commands, from nothing but make and python3 with venv:
-#   make demo   the whole job on generated data; the result is demo/report.html
-#   make test   style, types and tests
+# From nothing but make and python3 with venv:
+#   make demo       the whole job on generated data; the result is demo/report.html
+#   make test       style, types and tests, those in ParaView included
+#   make paraview   what ParaView needs to run svv; with PARAVIEW=DIR for one that is unpacked in DIR
 PYTHON ?= python3
 VENV   ?= .venv
 OUT    ?= demo
+export SVV_PARAVIEW := $(or $(PARAVIEW),$(SVV_PARAVIEW))
 
 BIN       := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 PIP       := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-input -c constraints.txt
 
 .DELETE_ON_ERROR:
-.PHONY: demo test check install clean
+.PHONY: demo test check install paraview clean
 
 demo: $(INSTALLED)
 	$(BIN)/svv demo --out $(OUT)
 
-test: check
+test: check paraview
 	$(BIN)/python -m pytest
 
 check: $(INSTALLED)
@@ -24,8 +26,12 @@ check: $(INSTALLED)
 
 install: $(INSTALLED)
 
+paraview: $(INSTALLED)
+	@.ci/paraview "$(SVV_PARAVIEW)"
+	@$(BIN)/svv paraview --prepare
+
 clean:
-	rm -rf $(VENV) build svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-paraview build svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

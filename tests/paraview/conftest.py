@@ -1,0 +1,301 @@
+"""What tests inside the real ParaView stand on: its programs, started as ``svv`` starts them, on displays in memory.
+
+Fixtures for tests (all fail with a sentence, and never skip, where ParaView or a tool is missing):
+
+- ``pvpython(source, *args, timeout=300, check=True, environ=None, cwd=None)`` runs Python text or a script file;
+- ``mpiexec(source, *args, ranks=2, ...)`` does the same in pvbatch on several ranks;
+- ``pvserver`` is the port of a server of its own, ``start_pvserver(environ=None)`` starts more and returns the port;
+- ``gui(source, *args, environ=None, timeout=300)`` starts ParaView's user interface, see :class:`Gui`.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+from svv.errors import BadInput
+from svv.pv import start
+
+LONG = 300.0
+"""Seconds after which a program hangs: a hundred times what it takes, as machines may be busy with other things."""
+
+SETUP = "make test prepares all of it where it may; Debian, Ubuntu: sudo apt-get install"
+
+EMPTY = 20_000
+"""Bytes that a picture of a screen without windows stays below."""
+
+GUI_MAIN = """
+import os, traceback
+def done(text=""):
+    marker = os.environ["GUI_MARKER"]
+    with open(marker + ".partial", "w") as file:
+        file.write(str(text))
+    os.replace(marker + ".partial", marker)
+try:
+    with open({source!r}) as file:
+        exec(compile(file.read(), {source!r}, "exec"), {{"__name__": "__main__", "done": done}})
+except BaseException:
+    done(traceback.format_exc())
+"""
+
+
+class Gui:
+    """A running user interface on a display of its own, 1280 x 1024.
+
+    The script that it was started with calls ``done(text)`` when there is something to see or to check; that may be
+    from a timer, and again after every step. An exception in the script counts as a ``done``, and fails the test.
+    """
+
+    def __init__(self, process: subprocess.Popen[str], environ: Mapping[str, str], folder: Path) -> None:
+        self.process, self.environ, self.folder = process, environ, folder
+        self.first = ""
+        """The text of the first ``done``, for which the start has waited."""
+
+    def wait(self, timeout: float = LONG) -> str:
+        """The text of the script's next ``done``."""
+        marker = Path(self.environ["GUI_MARKER"])
+        until = time.monotonic() + timeout
+        while not marker.exists():
+            assert self.process.poll() is None, f"ParaView ended:\n{self.log()}"
+            assert time.monotonic() < until, f"ParaView did not get there in {timeout} s:\n{self.log()}"
+            time.sleep(0.05)
+        text = marker.read_text()
+        marker.unlink()
+        assert not text.startswith("Traceback"), f"{text}\n{self.log()}"
+        return text
+
+    def log(self) -> str:
+        """What ParaView has written so far."""
+        return (self.folder / "gui.log").read_text(errors="replace")
+
+    def xdotool(self, *arguments: object) -> str:
+        """Drive mouse and keyboard: ``gui.xdotool("mousemove", 215, 10, "click", 1)``."""
+        return _tool(["xdotool", *map(str, arguments)], self.environ)
+
+    def screenshot(self, path: str | Path) -> Path:
+        """A picture of the whole screen, taken when it has come to rest."""
+        before, until = b"", time.monotonic() + 20
+        while True:
+            _tool(["import", "-window", "root", f"png:{path}"], self.environ)
+            now = Path(path).read_bytes()
+            if (now == before and len(now) > EMPTY) or time.monotonic() > until:  # something may blink for ever
+                return Path(path)
+            before = now
+
+    def fill_screen(self) -> str:
+        """Give the main window all of the screen, and return its number."""
+        window = self.xdotool("search", "--sync", "--onlyvisible", "--name", "^ParaView").split()[0]
+        self.xdotool("windowmove", window, 0, 0, "windowsize", window, 1280, 1024)
+        return window
+
+
+@pytest.fixture(scope="session")
+def paraview() -> start.ParaView:
+    """The ParaView that is tested, prepared."""
+    try:
+        found = start.find()
+        start.environ_for(found)
+    except BadInput as error:
+        pytest.fail(str(error), pytrace=False)
+    return found
+
+
+@pytest.fixture(scope="session")
+def display(paraview: start.ParaView) -> Iterator[str]:
+    """One display for all tests that look at no window."""
+    yield from _display()
+
+
+@pytest.fixture(scope="session")
+def environ(paraview: start.ParaView, display: str) -> dict[str, str]:
+    """The variables that our launcher would set."""
+    return {**start.environ_for(paraview), "DISPLAY": display}
+
+
+@pytest.fixture(scope="session")
+def pvpython(
+    paraview: start.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run Python text or a script file in pvpython."""
+
+    def run(source: str | Path, *arguments: object, **options) -> subprocess.CompletedProcess[str]:
+        script = _script(source, tmp_path_factory)
+        return _run([paraview.program("pvpython"), script, *arguments], environ, **options)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def mpiexec(
+    paraview: start.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run Python text or a script file in pvbatch, on several ranks."""
+
+    def run(source: str | Path, *arguments: object, ranks: int = 2, **options) -> subprocess.CompletedProcess[str]:
+        _need("mpiexec", "openmpi-bin")
+        launch = ["mpiexec", "-n", ranks, "--oversubscribe", "--allow-run-as-root"]
+        script = _script(source, tmp_path_factory)
+        return _run([*launch, paraview.program("pvbatch"), script, *arguments], environ, **options)
+
+    return run
+
+
+@pytest.fixture
+def start_pvserver(paraview: start.ParaView, environ: dict[str, str], tmp_path: Path) -> Iterator[Callable[..., int]]:
+    """Start a server that takes one client, on this machine only; returns its port."""
+    servers = []
+
+    def launch(environ: Mapping[str, str] = environ) -> int:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        log = tmp_path / f"pvserver-{port}.log"
+        command = [str(paraview.program("pvserver")), f"--server-port={port}", "--hostname=127.0.0.1"]
+        server = _start(command, environ, log)
+        servers.append(server)
+        until = time.monotonic() + LONG
+        while "Accepting connection" not in log.read_text(errors="replace"):
+            assert server.poll() is None, f"pvserver ended:\n{log.read_text(errors='replace')}"
+            assert time.monotonic() < until, f"pvserver takes no client:\n{log.read_text(errors='replace')}"
+            time.sleep(0.05)
+        return port
+
+    yield launch
+    for server in servers:
+        _end(server)
+
+
+@pytest.fixture
+def pvserver(start_pvserver: Callable[..., int]) -> int:
+    """The port of a server."""
+    return start_pvserver()
+
+
+@pytest.fixture
+def gui(
+    paraview: start.ParaView, environ: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., Gui]]:
+    """Start ParaView's user interface with Python text or a script file, and wait for its first ``done``."""
+    _need("xdotool", "xdotool")
+    _need("import", "imagemagick")
+    running: list[Gui] = []
+    displays: list[Iterator[str]] = []
+
+    def launch(
+        source: str | Path, *arguments: object, environ: Mapping[str, str] = environ, timeout: float = LONG
+    ) -> Gui:
+        folder = tmp_path_factory.mktemp("gui")
+        folder.chmod(0o700)
+        main = folder / "main.py"
+        main.write_text(GUI_MAIN.format(source=str(_script(source, tmp_path_factory))))
+        screen = _display()
+        displays.append(screen)
+        variables = {
+            **environ,
+            "DISPLAY": next(screen),
+            "GUI_MARKER": str(folder / "done"),
+            "XDG_RUNTIME_DIR": str(folder),
+            "XDG_CONFIG_HOME": str(folder),  # the settings of whoever runs the tests stay out of it
+        }
+        command = [str(paraview.program("paraview")), "--dr", *map(str, arguments), f"--script={main}"]
+        running.append(Gui(_start(command, variables, folder / "gui.log"), variables, folder))
+        running[-1].first = running[-1].wait(timeout)
+        running[-1].fill_screen()
+        running[-1].screenshot(folder / "start.png")  # a click after this finds the window where it stays
+        return running[-1]
+
+    yield launch
+    for one in running:
+        _end(one.process)
+    for screen in displays:
+        next(screen, None)
+
+
+def _display() -> Iterator[str]:
+    try:
+        server, name = start.start_display()
+    except BadInput as error:
+        pytest.fail(str(error), pytrace=False)
+    yield name
+    _end(server)
+
+
+def _script(source: str | Path, folders: pytest.TempPathFactory) -> Path:
+    """A script file: Python text is written to one."""
+    if isinstance(source, Path):
+        return source
+    path = folders.mktemp("script") / "script.py"
+    path.write_text(source)
+    return path
+
+
+def _run(
+    command: list[object],
+    variables: Mapping[str, str],
+    timeout: float = LONG,
+    check: bool = True,
+    environ: Mapping[str, str] | None = None,
+    cwd: str | Path | None = None,
+) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end; ``environ`` is added to the launcher's variables."""
+    process = subprocess.Popen(
+        [str(part) for part in command],
+        env={**variables, **(environ or {})},
+        cwd=cwd,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    )
+    try:
+        out, err = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        out, err = process.communicate()
+        pytest.fail(f"{Path(str(command[0])).name} did not end in {timeout} s:\n{out}\n{err}", pytrace=False)
+    if check and process.returncode:
+        pytest.fail(f"{Path(str(command[0])).name} ended with {process.returncode}:\n{out}\n{err}", pytrace=False)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+def _start(command: list[str], variables: Mapping[str, str], log: Path) -> subprocess.Popen[str]:
+    with log.open("w") as file:
+        return subprocess.Popen(
+            command,
+            env=dict(variables),
+            stdin=subprocess.DEVNULL,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+
+
+def _end(process: subprocess.Popen) -> None:
+    process.terminate()
+    try:
+        process.wait(10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _need(tool: str, package: str) -> None:
+    if shutil.which(tool) is None:
+        pytest.fail(f"There is no {tool}: {SETUP} {package}.", pytrace=False)
+
+
+def _tool(command: list[str], variables: Mapping[str, str]) -> str:
+    done = subprocess.run(command, env=dict(variables), capture_output=True, text=True, timeout=LONG)
+    assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+    return done.stdout

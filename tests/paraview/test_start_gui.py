@@ -1,0 +1,54 @@
+"""ParaView's user interface, servers and MPI ranks start with the plugin."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+REPORT = """
+import sys, paraview.simple as simple
+heavy = [name for name in ("torch", "numba", "scipy", "skimage", "svv.train", "svv.fields") if name in sys.modules]
+plugin = hasattr(simple, "StyleRFTrain")
+"""
+
+
+def test_the_user_interface_starts_with_the_plugin_and_nothing_heavy(gui: Callable, tmp_path: Path) -> None:
+    running = gui(f"{REPORT}done((plugin, heavy))")
+    assert running.first == "(True, [])"
+    picture = running.screenshot(tmp_path / "screen.png")
+    colours = subprocess.run(["identify", "-format", "%k", picture], capture_output=True, text=True, check=True).stdout
+    assert int(colours) > 100  # a window with panels and icons, not an empty screen
+    assert "rror" not in running.log(), running.log()
+
+
+def test_the_user_interface_tells_of_a_script_that_fails(gui: Callable) -> None:
+    try:
+        gui("1 / 0")
+    except AssertionError as error:
+        assert "ZeroDivisionError" in str(error)
+    else:
+        raise AssertionError("the failure went unnoticed")
+
+
+def test_a_client_meets_a_server_with_the_plugin(pvpython: Callable, pvserver: int) -> None:
+    done = pvpython(
+        "import sys\n"
+        "from paraview.simple import *\n"
+        "from paraview import servermanager\n"
+        "Connect('127.0.0.1', int(sys.argv[1]))\n"
+        "print(servermanager.ActiveConnection.IsRemote(), Sphere().CellData is not None)",
+        pvserver,
+    )
+    assert done.stdout.split() == ["True", "True"]
+
+
+def test_two_ranks_start(mpiexec: Callable) -> None:
+    done = mpiexec(
+        f"{REPORT}"
+        "from vtkmodules.vtkParallelCore import vtkMultiProcessController as C\n"
+        "c = C.GetGlobalController()\n"
+        "print(f'rank {c.GetLocalProcessId()} of {c.GetNumberOfProcesses()} {plugin} {heavy}', flush=True)"
+    )
+    lines = {line for line in done.stdout.splitlines() if line.startswith("rank")}
+    assert lines == {"rank 0 of 2 True []", "rank 1 of 2 True []"}

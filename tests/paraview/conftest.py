@@ -3,7 +3,7 @@
 Fixtures for tests (all fail with a sentence, and never skip, where ParaView or a tool is missing):
 
 - ``pvpython(source, *args, timeout=300, check=True, environ=None, cwd=None)`` runs Python text or a script file;
-- ``mpiexec(source, *args, ranks=2, ...)`` does the same in pvbatch on several ranks;
+- ``mpiexec(source, *args, ranks=2, program=(), ...)`` does the same in pvbatch on several ranks (or another program);
 - ``pvserver`` is the port of a server of its own, ``start_pvserver(environ=None)`` starts more and returns the port;
 - ``gui(source, *args, environ=None, timeout=300)`` starts ParaView's user interface, see :class:`Gui`.
 """
@@ -16,7 +16,7 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -139,11 +139,13 @@ def mpiexec(
 ) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run Python text or a script file in pvbatch, on several ranks."""
 
-    def run(source: str | Path, *arguments: object, ranks: int = 2, **options) -> subprocess.CompletedProcess[str]:
+    def run(
+        source: str | Path, *arguments: object, ranks: int = 2, program: Sequence[str] = (), **options
+    ) -> subprocess.CompletedProcess[str]:
         _need("mpiexec", "openmpi-bin")
         launch = ["mpiexec", "-n", ranks, "--oversubscribe", "--allow-run-as-root"]
         script = _script(source, tmp_path_factory)
-        return _run([*launch, paraview.program("pvbatch"), script, *arguments], environ, **options)
+        return _run([*launch, *(program or [paraview.program("pvbatch")]), script, *arguments], environ, **options)
 
     return run
 

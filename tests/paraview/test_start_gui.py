@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[2]
 REPORT = """
 import sys, paraview.simple as simple
 heavy = [name for name in ("torch", "numba", "scipy", "skimage", "svv.train", "svv.fields") if name in sys.modules]
@@ -43,12 +45,21 @@ def test_a_client_meets_a_server_with_the_plugin(pvpython: Callable, pvserver: i
     assert done.stdout.split() == ["True", "True"]
 
 
-def test_two_ranks_start(mpiexec: Callable) -> None:
+def test_two_ranks_start_each_on_a_display_of_its_own(mpiexec: Callable, environ: dict[str, str]) -> None:
     done = mpiexec(
-        f"{REPORT}"
+        "import os\n"
         "from vtkmodules.vtkParallelCore import vtkMultiProcessController as C\n"
         "c = C.GetGlobalController()\n"
-        "print(f'rank {c.GetLocalProcessId()} of {c.GetNumberOfProcesses()} {plugin} {heavy}', flush=True)"
+        "print(f'rank {c.GetLocalProcessId()} of {c.GetNumberOfProcesses()} {os.environ[\"DISPLAY\"]}', flush=True)",
+        program=[sys.executable, "-m", "svv", "pvbatch", "--symmetric"],
+        environ={"DISPLAY": "", "PYTHONPATH": str(ROOT)},
     )
-    lines = {line for line in done.stdout.splitlines() if line.startswith("rank")}
-    assert lines == {"rank 0 of 2 True []", "rank 1 of 2 True []"}
+    lines = [line.split() for line in done.stdout.splitlines() if line.startswith("rank")]
+    assert sorted(words[1:4] for words in lines) == [["0", "of", "2"], ["1", "of", "2"]]
+    first, second = (words[4] for words in lines)
+    assert first != second != environ["DISPLAY"] != first
+
+
+def test_two_ranks_work_with_the_plugin(mpiexec: Callable) -> None:
+    done = mpiexec(f"{REPORT}print(plugin, heavy)")
+    assert "True []" in done.stdout

@@ -137,10 +137,14 @@ def plugin_folder() -> Path:
     Raises:
         BadInput: it is in none of them.
     """
-    places = [_home() / "plugin", _home(), Path(sys.prefix) / "share" / "svv" / "plugin"]
+    places = [
+        _home() / "plugin",
+        _home(),
+        _home() / "../../../share/svv/plugin",
+    ]  # from PREFIX/lib/python3.X/site-packages
     for place in places:
         if (place / "StyleRF.py").is_file():
-            return place
+            return place.resolve()
     raise BadInput("The plugin StyleRF.py lies nowhere beside svv: install svv again.")
 
 

@@ -140,7 +140,7 @@ def mpiexec(
     """Run Python text or a script file in pvbatch, on several ranks."""
 
     def run(
-        source: str | Path, *arguments: object, ranks: int = 2, program: Sequence[str] = (), **options
+        source: str | Path, *arguments: object, ranks: int = 2, program: Sequence[str | Path] = (), **options
     ) -> subprocess.CompletedProcess[str]:
         _need("mpiexec", "openmpi-bin")
         launch = ["mpiexec", "-n", ranks, "--oversubscribe", "--allow-run-as-root"]

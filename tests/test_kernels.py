@@ -114,12 +114,14 @@ def test_hash_grid_matches_reference_in_value_and_gradient() -> None:
     )
 
 
-def test_lattice_adam_is_adam_on_the_rows_it_uses() -> None:
+@pytest.mark.parametrize("pull", [0.0, 0.5])
+def test_lattice_adam_is_adam_on_the_rows_it_uses(pull: float) -> None:
     lattice = sparse_lattice(1)
     start = lattice.table.detach().clone()
     twin = start.clone().requires_grad_()
     theirs = torch.optim.Adam([twin], lr=0.01, betas=(0.9, 0.99), eps=1e-12)
     ours = LatticeAdam([lattice])
+    finer = torch.arange(len(start))[:, None] >= lattice.rows_of_level(0).stop
     gradient = torch.randn(start.shape, generator=torch.Generator().manual_seed(0))
     rows = torch.arange(len(start)) % 3 > 0
     gradient[~rows] = 0.0
@@ -127,8 +129,8 @@ def test_lattice_adam_is_adam_on_the_rows_it_uses() -> None:
         buffer, used = lattice.buffers_for_gradient()
         buffer[:] = gradient.numpy()
         used[:] = rows.numpy()
-        ours.step([0.01])
-        twin.grad = gradient.clone()
+        ours.step([0.01], [pull])
+        twin.grad = gradient + pull * finer * rows[:, None] * twin.detach()
         theirs.step()
         assert not buffer.any()
         assert not used.any()

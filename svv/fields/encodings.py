@@ -197,16 +197,25 @@ class LatticeAdam:
     def __init__(self, encodings: Iterable[Encoding], beta1: float = 0.9, beta2: float = 0.99,
                  epsilon: float = 1e-12) -> None:  # fmt: skip
         self.encodings = list(encodings)
+        self.finer = [e.rows_of_level(0).stop if isinstance(e, SparseLattice) else 0 for e in self.encodings]
         self.constants = np.float32(beta1), np.float32(beta2), np.float32(epsilon)
         self.moments = [np.zeros((2, *e.table.shape), np.float32) for e in self.encodings]
         self.age = [np.zeros(len(e.table), np.int32) for e in self.encodings]
 
-    def step(self, rates: Sequence[float]) -> None:
-        """One step with a learning rate per encoding; clears the gradients it used."""
-        for encoding, rate, moments, age in zip(self.encodings, rates, self.moments, self.age, strict=True):
+    def step(self, rates: Sequence[float], pulls: Sequence[float] | None = None) -> None:
+        """One step; clears the gradients it used.
+
+        Args:
+            rates: Learning rate of each encoding.
+            pulls: Weight of half the squared values of each encoding's finer levels in the loss; by default 0.
+        """
+        pulls = [0.0] * len(self.encodings) if pulls is None else pulls
+        for k, (encoding, rate) in enumerate(zip(self.encodings, rates, strict=True)):
+            moments = self.moments[k]
             table = encoding.table.detach().numpy()
             gradient, used = encoding.buffers_for_gradient()
-            lattice.adam(table, gradient, used, moments[0], moments[1], age, np.float32(rate), *self.constants)
+            lattice.adam(table, gradient, used, moments[0], moments[1], self.age[k], np.float32(rate), *self.constants,
+                         np.float32(pulls[k]), self.finer[k])  # fmt: skip
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Moments and ages, for a checkpoint."""

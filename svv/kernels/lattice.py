@@ -70,8 +70,12 @@ def encode_backward(x, g_out, shapes, scales, bases, index, g_table, used):  # t
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def adam(table, gradient, used, first, second, age, rate, beta1, beta2, epsilon):  # type: ignore[no-untyped-def]
+def adam(  # type: ignore[no-untyped-def]
+    table, gradient, used, first, second, age, rate, beta1, beta2, epsilon, pull, finer
+):
     """One Adam step (Kingma & Ba 2015) on the vertices that the batch used; clears their gradient and mark.
+
+    ``pull`` times the value is added to the gradient of the vertices from ``finer`` on.
 
     ``age`` counts the steps of each vertex, so the bias correction of one that is rarely seen is right.
     """
@@ -83,8 +87,9 @@ def adam(table, gradient, used, first, second, age, rate, beta1, beta2, epsilon)
             n = np.float32(min(age[v], 10000))
             a = rate / (np.float32(1.0) - np.exp(n * np.log(beta1)))
             b = np.float32(1.0) / (np.float32(1.0) - np.exp(n * np.log(beta2)))
+            back = pull if v >= finer else np.float32(0.0)
             for f in range(features):
-                g = gradient[v, f]
+                g = gradient[v, f] + back * table[v, f]
                 gradient[v, f] = 0.0
                 first[v, f] += (np.float32(1.0) - beta1) * (g - first[v, f])
                 second[v, f] += (np.float32(1.0) - beta2) * (g * g - second[v, f])

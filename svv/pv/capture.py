@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from paraview import servermanager, simple
+from paraview import servermanager
 
 from svv.errors import BadInput
 
@@ -29,6 +29,8 @@ def volume_display(source: Any, view: Any = None) -> Any:
         BadInput: it is shown nowhere as a volume.
     """
     source = getattr(source, "SMProxy", source)
+    from paraview import simple
+
     first = view or simple.GetActiveView()
     for candidate in [v for v in (first, *simple.GetRenderViews()) if v is not None]:
         for display in candidate.Representations:

@@ -27,6 +27,9 @@ class ReconstructSettings:
     """Part of the schedule after which step and density lattice become twice as fine; over 1 never."""
     density_rate: float = 0.3
     """Learning rate of the density lattice, in units of the extinction's exponent."""
+    density_pull: float = 3e-8
+    """Weight of half the squared values of the density lattice's finer levels in the loss; falls with the learning
+    rates. Where the views hardly say anything, as in a faint shell, the coarse level speaks instead of noise."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005
@@ -41,7 +44,7 @@ class ReconstructSettings:
     """Share of the invisible samples that learns all the same."""
     prune_every: int = 100
     """Steps between two prunings of the occupancy."""
-    prune_least: float = 0.01
+    prune_least: float = 0.003
     """A cell in which a step's optical depth stays below this is dropped."""
     cells: int = 128
     """Cells of the occupancy along the longest side."""

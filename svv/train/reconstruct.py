@@ -77,8 +77,10 @@ class Reconstruction:
         for group in self.networks.param_groups:
             group["lr"] = s.network_rate * rate
         self.networks.step()
-        rates = [s.feature_rate] if self.field.density is None else [s.density_rate, s.feature_rate]
-        self.tables.step([r * rate for r in rates])
+        if self.field.density is None:
+            self.tables.step([s.feature_rate * rate])
+        else:
+            self.tables.step([s.density_rate * rate, s.feature_rate * rate], [s.density_pull * rate, 0.0])
 
     def refine(self) -> None:
         """Halve the step and give the density a level of its own twice as fine, in what pruning left.

@@ -76,7 +76,16 @@ def watch_new_filters() -> None:
     script. Called by the plugin, in the client.
     """
     manager = servermanager.vtkSMProxyManager.GetProxyManager()
-    session = manager.GetActiveSessionProxyManager()
+    # A plugin that is loaded at the start comes before the session; and a connection to a server is another session.
+    manager.AddObserver(manager.ActiveSessionChanged, _session_changed)
+    _watch_session(manager.GetActiveSessionProxyManager())
+
+
+def _session_changed(manager: Any, *_: Any) -> None:
+    _watch_session(manager.GetActiveSessionProxyManager())
+
+
+def _watch_session(session: Any) -> None:
     if session is not None and session not in _observed:
         _observed.append(session)
         session.AddObserver("RegisterEvent", _registered)

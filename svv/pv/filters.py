@@ -68,6 +68,7 @@ class Filter(VTKPythonAlgorithmBase):
         """Do the work on the first rank; what others would do is the same."""
         if not self.first_rank:
             return 1
+        self.SetAbortExecute(0)  # what stopped the last run does not stop this one
         inputs = [vtkDataObject.GetData(port, 0) for port in in_info]
         outputs = [vtkDataObject.GetData(out_info, port) for port in range(self.GetNumberOfOutputPorts())]
         try:
@@ -116,7 +117,6 @@ class Filter(VTKPythonAlgorithmBase):
         self.UpdateProgress(min(max(fraction, 0.0), 1.0))
         check = getattr(self, "CheckAbort", None)  # from VTK 9.3 on
         if self.GetAbortExecute() or (check is not None and check()):
-            self.SetAbortExecute(0)
             raise Cancelled
 
     @contextmanager

@@ -192,6 +192,16 @@ def status() -> Property:
     return Property("Status", xml, None, {})
 
 
+def time_steps() -> Property:
+    """The time steps that a filter offers, without which ParaView's animation does not know them."""
+    xml = (
+        '<DoubleVectorProperty name="TimestepValues" label="Timestep Values" information_only="1" '
+        'si_class="vtkSITimeStepsProperty" panel_visibility="never">'
+        "<Documentation>The time steps, one for each image.</Documentation></DoubleVectorProperty>"
+    )
+    return Property("TimestepValues", xml, None, {})
+
+
 def scalars() -> Property:
     """Which point or cell array of the input is looked at."""
     xml = (

@@ -31,6 +31,7 @@ from svv.pv.properties import (
     status,
     switch,
     text,
+    time_steps,
     transfer_function,
 )
 
@@ -151,6 +152,7 @@ class ImageOutput(Filter):
     *volume_properties(92, 16, 800),
     button("TakeAsEdited", TAKE_HELP),
     file("Folder", "", "", "Where to write the views too, as a set that `svv` and other programs read."),
+    time_steps(),
     status(),
 )
 @takes_volume
@@ -347,7 +349,7 @@ class StyleRFStylize(Filter):
 @smproxy.filter(label="StyleRF Render", support_reload=False)
 @menu
 @keep_input_visible
-@panel(*image_properties(400), status())
+@panel(*image_properties(400), time_steps(), status())
 @takes_scene
 class StyleRFRender(ImageOutput):
     """An image of a scene: RGBA, depth and regions. Without a camera of its own it goes round the scene, one of 181
@@ -373,6 +375,7 @@ class StyleRFRender(ImageOutput):
     *training_properties("fast"),
     button("TakeAsEdited", TAKE_HELP),
     *image_properties(400),
+    time_steps(),
     *volume_properties(92, 0, 800),
     status(),
 )
@@ -457,6 +460,7 @@ class StyleRFSceneReader(Filter):
 @smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
 @panel(
     file("FileName", "json", "Views", "The file transforms_train.json of a set of views."),
+    time_steps(),
     status(),
 )
 class StyleRFViewsReader(ViewsOutput):

@@ -1,0 +1,331 @@
+"""The filters in the real ParaView: what flows, what is kept, what is refused, and how it is stopped."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+
+VOLUME = """
+import json, os, sys, tempfile
+from paraview.simple import *
+from paraview import servermanager as sm
+
+def shown(extent=12):
+    wavelet = Wavelet(WholeExtent=[-extent, extent] * 3)
+    view = CreateView("RenderView")
+    display = Show(wavelet, view)
+    display.SetRepresentationType("Volume")
+    ColorBy(display, ("POINTS", "RTData"))
+    return wavelet, display
+
+def small(filter):
+    filter.Views, filter.ViewSize = 8, 64
+    return filter
+
+def trained(volume, **values):
+    filter = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0, **values))
+    filter.UpdatePipeline()
+    return filter
+
+def status(filter):
+    filter.UpdatePropertyInformation()
+    return filter.Status
+
+def image(filter, time=0.0):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    filter.UpdatePipeline(time)
+    data = sm.Fetch(filter)
+    arrays = data.GetPointData()
+    return data.GetDimensions(), {arrays.GetArrayName(i): vtk_to_numpy(arrays.GetArray(i)).copy() for i in range(arrays.GetNumberOfArrays())}
+
+def scene(filter):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    array = sm.Fetch(filter).GetFieldData().GetArray("StyleRF Scene")
+    return None if array is None else vtk_to_numpy(array).tobytes()
+"""  # noqa: E501
+
+
+@pytest.fixture(scope="module")
+def trained(pvpython, tmp_path_factory) -> Path:
+    """A folder with a scene that StyleRF Train made, its views, and what the panel said."""
+    folder = tmp_path_factory.mktemp("trained")
+    pvpython(
+        VOLUME
+        + """
+folder = sys.argv[1]
+volume, display = shown()
+display.ScalarOpacityUnitDistance = 2.5
+display.Shade = 1
+views = small(StyleRFViews(Input=volume, TestViews=2, Folder=folder + "/views"))
+dimensions, arrays = image(views, 3.0)
+said = {"views": status(views), "unit": views.OpacityUnitDistance, "shade": views.Shade, "scalars": list(views.Scalars),
+        "dimensions": dimensions, "arrays": {k: v.shape for k, v in arrays.items()},
+        "steps": len(views.TimestepValues), "cameras": OutputPort(views, 1).GetDataInformation().GetNumberOfPoints()}
+train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=6.0, SceneFile=folder + "/scene.svv")
+train.UpdatePipeline()
+table = sm.Fetch(train)
+said |= {"train": status(train), "rows": table.GetNumberOfRows(),
+         "columns": [table.GetColumnName(i) for i in range(table.GetNumberOfColumns())]}
+json.dump(said, open(folder + "/said.json", "w"))
+""",
+        folder,
+    )
+    return folder
+
+
+def test_views_and_training_take_what_the_view_shows(trained: Path) -> None:
+    said = json.loads((trained / "said.json").read_text())
+    assert (said["unit"], said["shade"], said["scalars"]) == (2.5, 1, ["POINTS", "RTData"])
+    assert said["views"].startswith("8 views")
+    assert (said["dimensions"], said["arrays"]) == ([64, 64, 1], {"RGBA": [4096, 4]})
+    assert (said["steps"], said["cameras"]) == (8, 8)
+    scene = Scene.load(trained / "scene.svv")
+    assert said["rows"] == len(scene.regions) >= 1
+    assert said["columns"] == ["Region", "Colour", "Share", "Opacity", "Lighting", "Style"]
+    views = ViewSet.read(trained / "views", "train")
+    assert len(views) == 8 and len(ViewSet.read(trained / "views", "test")) == 2
+    assert views.meta["tf"]["ScalarOpacityUnitDistance"] == 2.5
+    assert views.meta["shading"]["on"]
+
+
+def test_a_scene_is_edited_rendered_saved_and_kept_in_a_state(trained: Path, pvpython, tmp_path) -> None:
+    pvpython(
+        VOLUME
+        + """
+import numpy as np
+folder, out = sys.argv[1:3]
+reader = OpenDataFile(folder + "/scene.svv")
+edit = StyleRFEdit(Input=reader)
+render = StyleRFRender(Input=edit, ImageSize=[60, 40])
+assert len(render.TimestepValues) == 181
+dimensions, first = image(render, 90.0)
+assert dimensions == (60, 40, 1) and set(first) == {"RGBA", "Depth", "Region"}
+assert first["RGBA"].dtype == np.uint8 and first["Depth"].dtype == np.float32 and first["Region"].dtype == np.int16
+alpha = first["RGBA"][:, 3]
+assert alpha.max() > 100 and np.array_equal(np.isnan(first["Depth"]), alpha == 0) and (first["Region"][alpha == 0] == -1).all()
+assert not np.array_equal(image(render, 20.0)[1]["RGBA"], first["RGBA"]), "the orbit stands still"
+
+edit.Region0Recolour, edit.Region0Colour = 1, [1.0, 0.0, 1.0]
+magenta = image(render, 90.0)[1]["RGBA"]
+seen = (first["Region"] == 0) & (alpha > 150)
+assert (magenta[seen, 1] < first["RGBA"][seen].max(1)).mean() > 0.9 and np.array_equal(magenta[:, 3], alpha)
+edit.Region0Recolour, edit.Region0Opacity = 0, 0.0
+assert image(render, 90.0)[1]["RGBA"][seen, 3].mean() < alpha[seen].mean()
+edit.Region0Opacity = 1.0
+assert np.array_equal(image(render, 90.0)[1]["RGBA"], first["RGBA"]), "an edit that was taken back left a trace"
+
+# The camera of a view, as ParaView has it: twice as far away, everything is half as large.
+scale = lambda: np.sqrt((image(render)[1]["RGBA"][:, 3] > 0).sum())
+centre, far = [0.0, 0.0, 0.0], 110.0
+render.Camera = [0, 0, far, *centre, 0, 1, 0, 30.0]
+near = scale()
+render.Camera = [0, 0, 2 * far, *centre, 0, 1, 0, 30.0]
+assert abs(near / scale() - 2.0) < 0.15, near / scale()
+
+edit.Region0Lighting = 0.5
+SaveData(out + "/edited.svv", proxy=edit)
+again = OpenDataFile(out + "/edited.svv")
+again.UpdatePipeline()
+assert scene(again) == scene(edit)
+SaveState(out + "/state.pvsm")
+before = image(render)[1]["RGBA"]
+ResetSession()
+LoadState(out + "/state.pvsm")
+restored = [s for s in GetSources().values() if s.SMProxy.GetXMLName() == "StyleRFRender"][0]
+assert np.array_equal(image(restored)[1]["RGBA"], before)
+""",
+        trained,
+        tmp_path,
+    )
+    assert Scene.load(tmp_path / "edited.svv").regions[0].lighting == 0.5
+
+
+def test_nothing_is_learned_twice(pvpython, tmp_path) -> None:
+    pvpython(
+        VOLUME
+        + """
+volume, display = shown()
+file = sys.argv[1] + "/kept.svv"
+train = trained(volume, SceneFile=file)
+first = scene(train)
+assert first is not None, status(train)
+train.TakeAsEdited()
+train.UpdatePipeline()
+assert scene(train) == first, "trained again, though nothing had changed"
+other = trained(volume, SceneFile=file)
+assert scene(other) == first, "trained again, though the scene file was there"
+lut = GetColorTransferFunction("RTData")
+lut.RGBPoints = [*lut.RGBPoints[:1], 1.0, 0.0, 0.0, *lut.RGBPoints[4:]]
+train.UpdatePipeline()
+assert scene(train) == first, "editing the transfer function began minutes of work by itself"
+train.TakeAsEdited()
+train.UpdatePipeline()
+assert scene(train) != first, "the edited transfer function was not taken"
+""",
+        tmp_path,
+    )
+
+
+def test_bad_input_is_one_sentence_and_no_crash(trained: Path, pvpython, tmp_path) -> None:
+    result = pvpython(
+        VOLUME
+        + """
+import numpy as np
+folder = sys.argv[1]
+def said(name, filter):
+    filter.UpdatePipeline()
+    print("SAID", name, "|", status(filter))
+wavelet, display = shown()  # the Programmable Filter imports a function 'volume' into __main__
+hidden = Wavelet(WholeExtent=[-5, 5] * 3)
+said("no volume", small(StyleRFTrain(Input=hidden)))
+vectors = small(StyleRFViews(Input=Gradient(Input=wavelet, ScalarArray=["POINTS", "RTData"])))
+vectors.TransferFunction = GetColorTransferFunction("RTData")
+vectors.Scalars = ["POINTS", "RTDataGradient"] if "RTDataGradient" in vectors.Input.PointData.keys() else ["POINTS", "Gradient"]
+said("vectors", vectors)
+cells = small(StyleRFViews(Input=Tetrahedralize(Input=wavelet)))
+cells.TransferFunction = GetColorTransferFunction("RTData")
+said("unstructured", cells)
+nan = ProgrammableFilter(Input=wavelet, Script="import numpy\\nv = inputs[0].PointData['RTData'].copy(); v[5] = numpy.nan; output.PointData.append(v, 'RTData')")
+nan = small(StyleRFViews(Input=nan))
+nan.TransferFunction = GetColorTransferFunction("RTData")
+nan.Scalars = ["POINTS", "RTData"]
+said("nan", nan)
+view = small(StyleRFStylizedView(Input=wavelet, StyleFiles=["/nowhere/style.png"], Preset="draft", TimeLimit=1.0))
+said("style", view)
+said("no scene", StyleRFEdit(Input=StyleRFStylize(Input=PlotOverLine(Input=wavelet))))
+reader = StyleRFScene(FileName=folder + "/scene.svv")
+said("region", StyleRFEdit(Input=reader, Region7Opacity=0.5))
+said("no style", StyleRFStylize(Input=reader))
+said("network", StyleRFRender(Input=reader, Network="styled"))
+said("camera", StyleRFRender(Input=reader, Camera=[0, 0, 5, 0, 0, 0, 0, 1, 0, 400]))
+said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
+""",  # noqa: E501
+        trained,
+    )
+    said = dict(line[5:].split(" | ", 1) for line in result.stdout.splitlines() if line.startswith("SAID "))
+    expected = {
+        "no volume": "no transfer function",
+        "vectors": "3 components",
+        "unstructured": "vtkUnstructuredGrid",
+        "nan": "NaN",
+        "style": "no style picture",
+        "no scene": "no scene",
+        "region": "no region 7",
+        "no style": "at least one picture",
+        "network": "no network 'styled'",
+        "camera": "angle of view",
+        "no file": "no scene file",
+    }
+    assert {name: words in said[name] for name, words in expected.items()} == dict.fromkeys(expected, True), said
+    assert "Traceback" not in result.stderr
+
+
+def test_stopping_keeps_what_was_there_before(pvpython, tmp_path) -> None:
+    result = pvpython(
+        VOLUME
+        + """
+volume, display = shown()
+train = trained(volume)
+first = scene(train)
+algorithm = train.GetClientSideObject()
+def stop(*_):
+    if algorithm.GetProgress() > 0.3:
+        algorithm.SetAbortExecute(1)
+tag = algorithm.AddObserver("ProgressEvent", stop)
+train.Seed = 1
+train.UpdatePipeline()
+print("SAID", status(train))
+assert scene(train) == first
+algorithm.RemoveObserver(tag)
+train.Seed = 2
+train.UpdatePipeline()
+assert scene(train) not in (first, None)
+""",
+    )
+    assert "SAID Stopped" in result.stdout
+
+
+def test_without_torch_a_filter_says_what_to_do(pvpython, tmp_path) -> None:
+    (tmp_path / "torch.py").write_text("raise ImportError('no torch here', name='torch')")
+    result = pvpython(
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        + VOLUME
+        + """
+volume, display = shown()
+train = trained(volume)
+print("SAID", status(train))
+""",
+        tmp_path,
+    )
+    assert "SAID torch is missing in ParaView's Python" in result.stdout
+    assert "Traceback" not in result.stderr
+
+
+def test_the_image_follows_the_camera(trained: Path, pvpython) -> None:
+    pvpython(
+        VOLUME
+        + """
+from svv.pv.follow import follow, stop_following
+volume, display = shown()
+view = GetActiveView()
+view.ViewSize = [200, 100]
+render = StyleRFRender(Input=StyleRFScene(FileName=sys.argv[1] + "/scene.svv"))
+follower = follow(render, view)
+assert list(render.ImageSize) == [800, 400]
+camera = view.GetActiveCamera()
+camera.SetPosition(0.0, 90.0, 1.0)
+view.GetInteractor().InvokeEvent("InteractionEvent")
+assert list(render.ImageSize) == [320, 160] and list(render.Camera[:3]) == [0.0, 90.0, 1.0]
+view.GetInteractor().InvokeEvent("EndInteractionEvent")
+assert list(render.ImageSize) == [800, 400]
+stop_following()
+camera.SetPosition(0.0, 1.0, 90.0)
+view.GetInteractor().InvokeEvent("EndInteractionEvent")
+assert list(render.Camera[:3]) == [0.0, 90.0, 1.0]
+""",
+        trained,
+    )
+
+
+def test_ranks_work_as_one_process_does(pvpython, mpiexec, tmp_path) -> None:
+    script = (
+        VOLUME
+        + """
+import numpy as np
+volume, display = shown()
+views = small(StyleRFViews(Input=volume))
+views.UpdatePipeline(2.0)
+data = sm.Fetch(views)
+from vtkmodules.util.numpy_support import vtk_to_numpy
+np.save(sys.argv[1], vtk_to_numpy(data.GetPointData().GetArray("RGBA")))
+"""
+    )
+    import numpy as np
+
+    pvpython(script, tmp_path / "one.npy")
+    mpiexec(script, tmp_path / "two.npy")
+    assert np.array_equal(np.load(tmp_path / "one.npy"), np.load(tmp_path / "two.npy"))
+
+
+def test_a_server_learns_what_the_client_shows(pvpython, pvserver) -> None:
+    pvpython(
+        VOLUME
+        + """
+Connect("127.0.0.1", int(sys.argv[1]))
+volume, display = shown()
+train = trained(volume)
+first = scene(train)
+assert train.TransferFunction is not None and first is not None, status(train)
+lut = GetColorTransferFunction("RTData")
+lut.RGBPoints = [*lut.RGBPoints[:1], 1.0, 0.0, 0.0, *lut.RGBPoints[4:]]
+train.TakeAsEdited()
+train.UpdatePipeline()
+assert scene(train) != first, "the client's edit did not reach the server"
+""",
+        pvserver,
+    )

@@ -60,7 +60,7 @@ def demo(
     preset: PresetOption = Preset.fast,
     time_limit: TimeLimit = None,
     seed: Seed = 0,
-    orbit: Orbit = 91,
+    orbit: Orbit = 61,
     orbit_size: OrbitSize = 400,
 ) -> None:
     """The whole job on generated data: volume, views, training, edits, two styles, movies and a report.
@@ -91,7 +91,7 @@ def run(
     preset: PresetOption = Preset.balanced,
     time_limit: TimeLimit = None,
     seed: Seed = 0,
-    orbit: Orbit = 91,
+    orbit: Orbit = 61,
     orbit_size: OrbitSize = 400,
     array: Array = None,
     dims: Dims = None,

@@ -182,6 +182,22 @@ def test_marching_conserves_optical_depth_whatever_it_leaves_out(least_weight: f
         np.testing.assert_allclose(total + transmittance.numpy(), 1.0, atol=1e-5)
 
 
+def test_joined_samples_are_fewer_and_lose_nothing() -> None:
+    occupancy = Occupancy(UNIT, 8, np.ones((8, 8, 8), np.uint8))
+    density = SparseLattice(occupancy.occupied, 8, (8,), 1)
+    density.randomize(1.5, torch.Generator().manual_seed(3))
+    rays, exact = diagonal_rays(64), Marching(1 / 64, 0.0, 0.0, 30.0)
+    joined = Marching(1 / 64, 0.05, 0.0, 30.0, merge=True)
+    every, few = march(rays, occupancy, density, exact), march(rays, occupancy, density, joined)
+    assert len(few) < 0.5 * len(every)
+    x, whole, _ = composite(every, every.sigma, every.position)
+    y, left, weights = composite(few, few.sigma, few.position)
+    torch.testing.assert_close(left, whole, atol=1e-5, rtol=0)
+    assert float(weights.min()) > 0.04
+    # What is composited here is the position itself: a joined sample stands for its neighbours in front of it.
+    assert float((x - y).abs().max()) < 0.05
+
+
 def test_marching_without_stop_keeps_what_is_hidden() -> None:
     occupied = np.ones((4, 4, 4), np.uint8)
     occupancy = Occupancy(UNIT, 4, occupied)

@@ -95,6 +95,8 @@ class Marching:
     """Share of the samples below ``least_weight`` that is kept all the same (so that they can learn)."""
     stop: float = 7.0
     """Optical depth at which a ray ends: exp(-7) is below what 8 bits can show."""
+    merge: bool = False
+    """Whether samples that weigh less are joined to the next (for images) instead of being left out (for training)."""
 
 
 def march(
@@ -122,7 +124,7 @@ def march(
         marching.march(
             rays.origins, rays.directions, occupancy.distance, np.float32(occupancy.cells), occupancy.extent,
             np.float32(how.step), seed, *lattice.layout, lattice.table.detach().numpy()[:, 0], CEILING,
-            *(np.float32(v) for v in limits), *buffers, start, number, tail, full,
+            *(np.float32(v) for v in limits), how.merge, *buffers, start, number, tail, full,
         )  # fmt: skip
         if not full.any():
             break

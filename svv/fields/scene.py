@@ -34,6 +34,10 @@ NETWORKS = ("base", "pcn", "styled")
 CHUNK = 1 << 16
 """Rays rendered at a time: bounds memory, and lets progress be reported."""
 
+JOINED = 1.0 / 64.0
+"""Samples are joined until they weigh this much in the pixel: half as many colours in a translucent scene, for
+0.02 dB (an opaque one: 0.07 dB); 1/32 would cost 0.1 to 0.2 dB."""
+
 FAINT = 1.0 / 512.0
 """Alpha below half a step of 8 bits: the pixel counts as empty."""
 
@@ -246,9 +250,10 @@ class Scene:
 
     def _marching_as_edited(self) -> Marching:
         """A region made more transparent shows what lies behind it, so rays may no longer end at their old depth."""
+        marching = replace(self.marching, least_weight=JOINED, merge=True)
         if all(r.opacity == 1.0 for r in self.regions):
-            return self.marching
-        return replace(self.marching, stop=float(NO_STOP))
+            return marching
+        return replace(marching, stop=float(NO_STOP))
 
     # --- files -----------------------------------------------------------------------------------------------------
 

@@ -75,7 +75,7 @@ def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
 def march(  # type: ignore[no-untyped-def]
     origins, directions, distance, cells, extent, step, jitter_seed,
     shapes, scales, bases, index, table, ceiling,
-    least_weight, keep, stop,
+    least_weight, keep, stop, merge,
     position, skipped, sigma, ray, start, count, tail, full,
 ):
     """March rays through the occupied cells and keep the samples that matter.
@@ -84,7 +84,8 @@ def march(  # type: ignore[no-untyped-def]
     Every ray is sampled with a fixed step (shifted by a random part of it if ``jitter_seed`` > 0, by half a step
     otherwise). A sample whose weight stays below ``least_weight`` is kept with probability ``keep`` only; the optical
     depth of the samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so
-    transmittance stays exact. A ray ends where its optical depth exceeds ``stop``; with NO_STOP it never ends and
+    transmittance stays exact. With ``merge`` what was left out becomes part of the next sample instead, as soon as
+    the two weigh enough together: few samples, and nothing of the pixel is lost. A ray ends where its optical depth exceeds ``stop``; with NO_STOP it never ends and
     what lies in front counts for nothing, so that the extinction may be edited afterwards.
 
     The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``. A
@@ -140,16 +141,17 @@ def march(  # type: ignore[no-untyped-def]
                     raw = interpolate_scalar(x, y, z, shapes, scales, bases, index, table)
                     s = np.exp(min(raw, ceiling))
                     thickness = s * step
-                    weight = np.float32(1.0) - np.exp(-thickness)
+                    before = tau if merge else np.float32(0.0)
+                    weight = np.float32(1.0) - np.exp(-thickness - before)
                     if weight >= least_weight and stop < NO_STOP:
-                        weight *= np.exp(-depth)
+                        weight *= np.exp(before - depth)
                     if n == end:
                         full[block] = 1
                         break
                     if weight >= least_weight or (keep > 0 and uniform(jitter_seed, r, i + 1) < keep):
                         position[n, 0], position[n, 1], position[n, 2] = x, y, z
-                        skipped[n] = tau
-                        sigma[n] = s
+                        skipped[n] = tau - before
+                        sigma[n] = s + before * rate
                         ray[n] = r
                         n += 1
                         tau = np.float32(0.0)

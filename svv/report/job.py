@@ -30,7 +30,7 @@ HUE_TURN = 0.42
 
 CONTACT_ROWS = 4
 UNSEEN_ROWS = 3
-FPS = 24.0
+FPS = 15.0
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class JobSettings:
     """Seconds after which training stops; None for no limit."""
     seed: int = 0
     """Same seed, same result."""
-    orbit: int = 91
+    orbit: int = 61
     """Frames of the orbit."""
     orbit_size: int = 400
     """Width and height of the orbit's frames in pixels."""

@@ -85,8 +85,9 @@ def march(  # type: ignore[no-untyped-def]
     otherwise). A sample whose weight stays below ``least_weight`` is kept with probability ``keep`` only; the optical
     depth of the samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so
     transmittance stays exact. With ``merge`` what was left out becomes part of the next sample instead, as soon as
-    the two weigh enough together: few samples, and nothing of the pixel is lost. A ray ends where its optical depth exceeds ``stop``; with NO_STOP it never ends and
-    what lies in front counts for nothing, so that the extinction may be edited afterwards.
+    the two weigh enough together: few samples, and nothing of the pixel is lost. A ray ends where its optical depth
+    exceeds ``stop``; with NO_STOP it never ends and what lies in front counts for nothing, so that the extinction may
+    be edited afterwards.
 
     The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``. A
     block that would need more marks itself in ``full`` (blocks,) and stops.

@@ -276,7 +276,6 @@ class StyleRFEdit(Filter):
 
 @smproxy.filter(label="StyleRF Stylize", support_reload=False)
 @menu
-@takes_scene
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Pictures in whose manner the regions are painted."),
     text("StyleOfRegions",
@@ -285,10 +284,10 @@ class StyleRFEdit(Filter):
     number("Strength", 1.0, "0 shows the regions as they were, 1 as painted; no training.", 0.0, 1.0),
     choice("Preset", PRESETS, "balanced", "How long painting takes: draft for a first look."),
     integer("Seed", 0, "Same seed, same result.", 0, None, True),
-    button("Train", "Paint again, from the start."),
-    button("Reset", "Go back to the scene before painting; Train Again paints it."),
-    file("SaveFile", "svv", "Scenes", "Where the button Save writes the scene.", save=True),
-    button("Save", "Write the painted scene to the file above."),
+    button("PaintAgain", "Paint again, from the start."),
+    button("ResetStyle", "Go back to the scene before painting; Paint Again paints it."),
+    file("SaveFile", "svv", "Scenes", "Where the button Save Scene writes the scene.", save=True),
+    button("SaveScene", "Write the painted scene to the file above."),
     status(),
 )  # fmt: skip
 @takes_scene
@@ -299,17 +298,17 @@ class StyleRFStylize(Filter):
         super().__init__(1, 1, "vtkTable")
         self._reset = False
 
-    def Train(self) -> None:
+    def PaintAgain(self) -> None:
         """Paint again, from the start."""
         self._reset = False
         self.forget("scene")
 
-    def Reset(self) -> None:
+    def ResetStyle(self) -> None:
         """Go back to the scene before painting."""
         self._reset = True
         self.Modified()
 
-    def Save(self) -> None:
+    def SaveScene(self) -> None:
         """Write the painted scene to a file."""
         scene, file = self.last("scene"), self.values["SaveFile"]
         if scene is None or not file:

@@ -75,7 +75,7 @@ def transfer_function_of(values: Values) -> Any:
     if table is None or opacity is None:
         raise BadInput(
             "There is no transfer function: show the volume in the active view with the representation Volume, then "
-            "press Capture (macro 'StyleRF capture'), or choose a colour map under Transfer Function."
+            "run the macro 'StyleRF capture'."
         )
     return TransferFunction.from_vtk(table, opacity, values["OpacityUnitDistance"] or None, "the transfer function")
 

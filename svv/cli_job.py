@@ -54,7 +54,7 @@ def demo(
     out: Out = Path("demo"),
     resolution: Annotated[int, typer.Option(min=16, help="Voxels along each side of the generated volume.")] = 128,
     n: Views = 92,
-    test: TestViews = 16,
+    test: TestViews = 8,
     size: ViewSize = 800,
     mapper: MapperOption = Mapper.auto,
     preset: PresetOption = Preset.fast,

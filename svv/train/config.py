@@ -70,6 +70,9 @@ class RecolourSettings:
     """Learning rates at the end, as a part of those at the start."""
     offset_weight: float = 0.1
     """lambda_delta: weight of the composited squared offsets (StyleRF-VolVis, eq. 5)."""
+    offset_start: float = 10.0
+    """Factor on it at the start, which falls to 1 half way: a palette colour that another one's offsets stand in for
+    early never comes back, and its region is lost."""
     palette_weight: float = 0.001
     """Weight of the palette's squared distance to where it started."""
     shade_weight: float = 0.003
@@ -138,7 +141,8 @@ PRESETS = {
         "paper",
         FieldSettings("hash", (16, 4096), features=2, shading=False),
         ReconstructSettings(iterations=30000, feature_rate=0.01, network_rate=0.01, decay=0.1),
-        RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, shade_weight=0.0, mixing_weight=0.0),
+        RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, offset_start=1.0, shade_weight=0.0,
+                         mixing_weight=0.0),
         StylizeSettings(distil_iterations=474),
         fitted=False,
     ),

@@ -66,7 +66,8 @@ class Recolouring:
         out, _, _ = composite(samples, sigma, values)
         error = (out[:, :3] - batch.premultiplied).square().mean()
         drift = (self.field.colours - self.start).square().sum()
-        penalties = out.new_tensor([s.offset_weight, s.shade_weight, s.mixing_weight])
+        early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
+        penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, s.mixing_weight])
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

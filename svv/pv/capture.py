@@ -1,14 +1,15 @@
 """How a volume is shown: from the client's active view into a filter's panel.
 
 Only the client knows the views, so this is client code: it sets properties, which ParaView then carries to the server
-like any others.
+like any others. ``paraview.simple`` and ``servermanager`` are imported when they are needed and no sooner: in a program
+that is just starting, they would make a session of their own.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from paraview import servermanager
+from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
 
@@ -75,7 +76,7 @@ def watch_new_filters() -> None:
     A filter begins without a transfer function; this saves the user from linking it by hand, in the window as in a
     script. Called by the plugin, in the client.
     """
-    manager = servermanager.vtkSMProxyManager.GetProxyManager()
+    manager = vtkSMProxyManager.GetProxyManager()
     # A plugin that is loaded at the start comes before the session; and a connection to a server is another session.
     manager.AddObserver(manager.ActiveSessionChanged, _session_changed)
     _watch_session(manager.GetActiveSessionProxyManager())
@@ -103,7 +104,9 @@ def _registered(session: Any, *_: Any) -> None:
 
 
 def _proxies(session: Any, kind: str) -> list[Any]:
-    iterator = servermanager.vtkSMProxyIterator()
+    from paraview import servermanager
+
+    iterator = vtkSMProxyIterator()
     iterator.SetSessionProxyManager(session)
     iterator.SetModeToOneGroup()
     iterator.Begin("sources")

@@ -132,9 +132,9 @@ PRESETS = {
     "fast": Preset(
         "fast",
         FieldSettings(),
-        ReconstructSettings(iterations=1200),
-        RecolourSettings(iterations=500),
-        StylizeSettings(distil_iterations=300, style_iterations=105),
+        ReconstructSettings(iterations=1000),
+        RecolourSettings(iterations=400),
+        StylizeSettings(distil_iterations=200, style_iterations=84),
     ),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
     "paper": Preset(

@@ -109,7 +109,7 @@ def test_alpha_does_not_depend_on_the_sample_distance_or_type(opacity: float, un
     expected = 255 * (1 - (1 - opacity) ** (10 / unit))
     for step in (0.25, 0.5, 1.0):
         pixel = render_views(image, constant(opacity, unit, 7.0), [camera], "cpu", FLAT, step)[0, 1, 1]
-        # The ray caster ends a ray of which less than 255/32767 is left, and calls it opaque: two levels of 255 at most.
+        # The ray caster ends a ray of which less than 255/32767 is left and calls it opaque: two levels of 255 at most.
         assert abs(float(pixel[3]) - expected) <= (1.5 if expected < 255 * (1 - 255 / 32767) else 2.0)
 
 

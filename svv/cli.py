@@ -7,7 +7,6 @@ Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from svv import __version__, cli_job, cli_paraview
+from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.options import (
     Json,
@@ -332,25 +332,14 @@ cli_paraview.add_to(app)  # last, as in the help
 
 def main() -> NoReturn:
     """Run the command line; what went wrong becomes one sentence and an exit code."""
-    try:
-        sys.exit(app(prog_name="svv", standalone_mode=False) or 0)
-    except UsageError as error:
-        command = error.ctx.command_path if error.ctx else "svv"
-        _fail(f"{error.format_message()} Try: {command} --help")
-    except BadInput as error:
-        _fail(str(error))
-    except (Cancelled, KeyboardInterrupt, typer.Abort):
-        _fail("stopped; to go on, give the same command again.", 130)
-    except MemoryError:
-        _fail("There is not enough memory; take a smaller size or the preset draft.")
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader of our output has left
-        sys.exit(0)
-    except OSError as error:
-        about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
-        _fail(f"{about}{error.strerror or error}.")
 
+    def run() -> object:
+        try:
+            return app(prog_name="svv", standalone_mode=False)
+        except UsageError as error:
+            command = error.ctx.command_path if error.ctx else "svv"
+            raise BadInput(f"{error.format_message()} Try: {command} --help") from None
+        except typer.Abort:
+            raise Cancelled from None
 
-def _fail(message: str, code: int = 2) -> NoReturn:
-    print(f"svv: {' '.join(message.split())}", file=sys.stderr)
-    sys.exit(code)
+    end_with(run, "svv")

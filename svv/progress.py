@@ -50,7 +50,8 @@ def _stop_on_interrupt() -> Iterator[threading.Event]:
     try:
         yield stopped
     finally:
-        signal.signal(signal.SIGINT, before)
+        # None: it was set by a program in which Python is embedded, like pvpython.
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
     if stopped.is_set():  # pressed after the last report: the work is done, but the user wants out
         raise Cancelled
 

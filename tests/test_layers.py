@@ -19,12 +19,12 @@ BELOW["svv"] = set()
 BELOW["errors"] = set()
 BELOW["io"] = BOTTOM | {"core"}
 BELOW["dvr"] = BOTTOM | {"core", "io"}
-BELOW["progress"] = BELOW["measure"] = BOTTOM
+BELOW["progress"] = BELOW["measure"] = BELOW["ending"] = BOTTOM
 BELOW["fields"] |= {"io"}
 BELOW["train"] |= {"io", "measure"}
 BELOW["report"] |= {"io", "dvr", "progress", "measure"}
-BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr"}
-BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "pv"}
+BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending"}
+BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "ending", "pv"}
 FACES = {"cli", "cli_job", "cli_paraview", "options", "__main__"}
 """Modules of the command line, one layer."""
 

@@ -24,6 +24,10 @@ MARGIN = 1
 """Voxels kept around the visible cells: their gradients reach one voxel further."""
 
 
+SLAB = 16
+"""Layers of cells that are looked at together."""
+
+
 @dataclass(frozen=True, eq=False)
 class Stage:
     """A volume ready to be rendered, and its place in the world.
@@ -102,15 +106,17 @@ def visible_cells(values: NDArray[Any], tf: TransferFunction) -> NDArray[np.bool
 
     A cell is visible if its interpolated values meet a value with an opacity above 0.
     """
-    low, high = values, values
-    for axis in range(3):
-        ahead, behind = [slice(None)] * 3, [slice(None)] * 3
-        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
-        low = np.minimum(low[tuple(ahead)], low[tuple(behind)])
-        high = np.maximum(high[tuple(ahead)], high[tuple(behind)])
-    seen = np.zeros(low.shape, dtype=bool)  # (cells z, y, x)
-    for start, stop in tf.visible_ranges(float(values.min()), float(values.max())):
-        seen |= (high >= start) & (low <= stop)
+    ranges = tf.visible_ranges(float(values.min()), float(values.max()))
+    seen = np.zeros([size - 1 for size in values.shape], dtype=bool)  # (cells z, y, x)
+    for first in range(0, len(seen), SLAB):  # never the whole volume at once
+        low = high = values[first : first + SLAB + 1]
+        for axis in range(3):
+            ahead, behind = [slice(None)] * 3, [slice(None)] * 3
+            ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+            low = np.minimum(low[tuple(ahead)], low[tuple(behind)])
+            high = np.maximum(high[tuple(ahead)], high[tuple(behind)])
+        for start, stop in ranges:
+            seen[first : first + SLAB] |= (high >= start) & (low <= stop)
     return seen
 
 

@@ -113,6 +113,10 @@ class BaseField(nn.Module):
         h = self.density_mlp(features)
         return torch.exp(h[:, 0].clamp(max=float(CEILING))), h[:, 1:]
 
+    def extinction(self, samples: Samples) -> Tensor:
+        """Extinction alone, without a graph. (S,)"""
+        return samples.sigma if self.density is not None else self.geometry(samples)[0]
+
     def forward(self, geometry: Tensor, directions: Tensor) -> Tensor:
         """RGB in (0, 1): (S, G) and encoded directions (S, 16) -> (S, 3)."""
         return torch.sigmoid(self.colour_mlp(torch.cat([geometry, directions], dim=1)))

@@ -44,6 +44,30 @@ def volume_display(source: Any, view: Any = None) -> Any:
     )
 
 
+def shown_as(display: Any) -> dict[str, Any]:
+    """How a representation shows a volume: the values of the properties of the same names of our filters.
+
+    Args:
+        display: A representation, as ParaView's Python has it.
+
+    Raises:
+        BadInput: it shows the volume in a way that cannot be learned.
+    """
+    if getattr(display, "UseSeparateOpacityArray", 0) or getattr(display, "UseTransfer2D", 0):
+        raise BadInput("The volume is shown with a second array or a 2D transfer function; use one array and a 1D one.")
+    table = display.LookupTable
+    if table is None:
+        raise BadInput("The volume is shown without a colour map; choose an array under Coloring.")
+    if display.ScalarOpacityFunction is not None:
+        table.ScalarOpacityFunction = display.ScalarOpacityFunction
+    return {
+        "TransferFunction": table,
+        "Scalars": [display.ColorArrayName[0], display.ColorArrayName[1]],
+        "OpacityUnitDistance": display.ScalarOpacityUnitDistance,
+        **{name: getattr(display, name) for name in ("Shade", "Ambient", "Diffuse", "Specular", "SpecularPower")},
+    }
+
+
 def capture(filter: Any, view: Any = None) -> None:
     """Take transfer function, opacity unit distance and shading from the display of a filter's input into its panel.
 
@@ -54,20 +78,8 @@ def capture(filter: Any, view: Any = None) -> None:
     Raises:
         BadInput: the input is not shown as a volume, or in a way that cannot be learned.
     """
-    display = volume_display(filter.Input, view)
-    if getattr(display, "UseSeparateOpacityArray", 0) or getattr(display, "UseTransfer2D", 0):
-        raise BadInput("The volume is shown with a second array or a 2D transfer function; use one array and a 1D one.")
-    table = display.LookupTable
-    if table is None:
-        raise BadInput("The volume is shown without a colour map; choose an array under Coloring.")
-    if display.ScalarOpacityFunction is not None:
-        table.ScalarOpacityFunction = display.ScalarOpacityFunction
-    filter.TransferFunction = table
-    filter.Scalars = [display.ColorArrayName[0], display.ColorArrayName[1]]
-    filter.OpacityUnitDistance = display.ScalarOpacityUnitDistance
-    filter.Shade = display.Shade
-    for name in ("Ambient", "Diffuse", "Specular", "SpecularPower"):
-        setattr(filter, name, getattr(display, name))
+    for name, value in shown_as(volume_display(filter.Input, view)).items():
+        setattr(filter, name, value)
 
 
 def watch_new_filters() -> None:

@@ -84,7 +84,7 @@ def shading_of(values: Values) -> Any:
     """The shading of the panel (:class:`svv.dvr.mappers.Shading`)."""
     from svv.dvr.mappers import Shading
 
-    return Shading(values["Shade"], *(values[k] for k in ("Ambient", "Diffuse", "Specular", "SpecularPower")))
+    return Shading(bool(values["Shade"]), *(values[k] for k in ("Ambient", "Diffuse", "Specular", "SpecularPower")))
 
 
 def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple[ViewSet, ViewSet | None]:

@@ -22,7 +22,7 @@ from svv.io.output import write_mp4, write_png, write_region_png
 from svv.io.viewset import ViewSet
 from svv.report.pictures import error_picture, fitted, over_white, read_png, sheet, shrunk
 from svv.report.render import orbit, region_colours, write_frames
-from svv.report.source import ViewSource, VolumeSource
+from svv.report.source import Drawn, ViewSource
 from svv.report.stages import Stages, fingerprint
 
 HUE_TURN = 0.42
@@ -64,7 +64,7 @@ class Job:
 
     def __init__(
         self,
-        source: VolumeSource | ViewSource,
+        source: Drawn | ViewSource,
         styles: Sequence[Path],
         out: Path,
         settings: JobSettings,
@@ -80,7 +80,7 @@ class Job:
     @property
     def has_unseen(self) -> bool:
         """Whether there are views to score with; those that another job left in the folder do not count."""
-        if isinstance(self.source, VolumeSource):
+        if isinstance(self.source, Drawn):
             return self.settings.test > 0
         return (self.views / "transforms_test.json").exists()
 
@@ -209,7 +209,7 @@ class Job:
         source, s = self.source, self.settings
         chosen = {"frames": s.orbit, "size": s.orbit_size}
         columns: dict[str, tuple[str, Path | None]] = {"palette network": ("train", self.scene), **self.variants}
-        if isinstance(source, VolumeSource):
+        if isinstance(source, Drawn):
             columns = {"volume rendering": ("views", None), **columns}
         self.variants = columns
         for label, (stage, path) in columns.items():
@@ -221,7 +221,7 @@ class Job:
                 if path is not None:
                     write_frames(folder, scene, cameras, progress=progress)
                     return
-                assert isinstance(source, VolumeSource)
+                assert isinstance(source, Drawn)
                 make_folder(folder)
                 for index, image in enumerate(source.truth(self.views, cameras, progress)):
                     write_png(folder / f"{index:04d}.png", image)

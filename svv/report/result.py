@@ -11,7 +11,7 @@ from svv.progress import duration
 from svv.report.job import Job
 from svv.report.page import Page, Picture, Table, cost_table, write_page
 from svv.report.pictures import hex_colour
-from svv.report.source import ViewSource, VolumeSource, read_meta
+from svv.report.source import Drawn, ViewSource, read_meta
 
 SCORES = {
     "psnr": ("PSNR", "{:.2f} dB"),
@@ -100,7 +100,7 @@ def _scores(scores: dict[str, Any]) -> Table:
 
 def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, Any]) -> list[tuple[str, str]]:
     facts, s = [], job.settings
-    if isinstance(job.source, VolumeSource):
+    if isinstance(job.source, Drawn):
         meta = read_meta(job.views)
         grid = meta["grid"]
         facts.append(("Volume", f"{meta['volume']}, {' x '.join(map(str, grid['dimensions']))}, {grid['type']}"))

@@ -8,12 +8,12 @@ from pathlib import Path
 from svv.io.images import read_style
 from svv.report.job import Job, JobSettings
 from svv.report.result import write_result
-from svv.report.source import ViewSource, VolumeSource
+from svv.report.source import Drawn, ViewSource
 from svv.report.stages import Show, Stages, unseen
 
 
 def run_job(
-    source: VolumeSource | ViewSource,
+    source: Drawn | ViewSource,
     styles: Sequence[Path],
     out: Path,
     settings: JobSettings,

@@ -127,7 +127,7 @@ PRESETS = {
         FieldSettings(width=32),
         ReconstructSettings(iterations=500),
         RecolourSettings(iterations=250),
-        StylizeSettings(distil_iterations=150, style_iterations=42),
+        StylizeSettings(distil_iterations=150, style_iterations=40, style_views=20),
     ),
     "fast": Preset(
         "fast",

@@ -27,8 +27,8 @@ from svv.fields.scene import Scene
 from svv.train.config import StylizeSettings
 from svv.train.style_loss import StyleTarget
 
-PIECE = 1 << 16
-"""Samples evaluated with a graph at a time."""
+PIECE = 1 << 14
+"""Samples evaluated with a graph at a time: their activations stay in the processor's cache."""
 
 LEAST_WEIGHT = 4e-3
 """Samples that weigh less are left out of the images: about one step of 8 bits."""
@@ -147,8 +147,8 @@ def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress) ->
     for number, camera in enumerate(cameras):
         progress(number / len(cameras), "stylization views")
         rays = RayCaster([camera], scene.occupancy.box).view(0)
-        samples = march(rays, scene.occupancy, scene.base.density, scene.marching)
-        sigma, _ = scene.base.geometry(samples)
+        samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
+        sigma = scene.base.extinction(samples)
         _, _, weight = composite(samples, sigma, sigma[:, None])
         seen = weight > LEAST_WEIGHT
         if not bool(seen.any()):

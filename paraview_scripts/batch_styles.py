@@ -1,0 +1,105 @@
+"""Many styles over one scene: a stylized scene and a picture for each, and all of them on one contact sheet.
+
+Run it with `svv pvpython`. Stopped with Ctrl-C, the same command goes on where it was; what is finished is not done
+again.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from svv.errors import BadInput
+from svv.pv import scripts
+
+EXAMPLES = (
+    "svv pvpython batch_styles.py scene.svv paintings/*.jpg --out gallery",
+    "svv pvpython batch_styles.py scene.svv paintings --keep 1 --preset balanced --out gallery",
+    "svv pvpython batch_styles.py scene.svv a.png b.png --map 0=0 --size 1200 --out gallery",
+)
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+PAIRS = 2
+
+
+def main() -> None:
+    """Read the arguments and paint."""
+    parser = scripts.parser(__doc__, *EXAMPLES)
+    parser.add_argument("scene", type=Path, help="a trained scene (.svv)")
+    parser.add_argument("styles", type=Path, nargs="+", help="pictures, or folders of pictures")
+    parser.add_argument("--out", "-o", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--map", help="region=0 pairs: which regions are painted; by default all")
+    parser.add_argument("--keep", type=int, nargs="+", default=[], metavar="K", help="regions that stay as they are")
+    parser.add_argument("--preset", default="fast", choices=("draft", "fast", "balanced", "paper"))
+    parser.add_argument("--size", type=int, default=400, help="pixels along a side of the pictures (400)")
+    parser.add_argument("--frame", type=int, default=76, help="from which of the orbit's 181 views (76)")
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args()
+    scripts.run(lambda: paint(chosen), __file__)
+
+
+def paint(chosen) -> None:
+    """Paint style after style, each a stage that is not done twice."""
+    from svv.fields.scene import Scene
+    from svv.io.images import read_style
+    from svv.io.output import write_png
+    from svv.options import parse_mapping
+    from svv.progress import shown
+    from svv.report.pictures import fitted, over_white, read_png, sheet
+    from svv.report.render import orbit
+    from svv.report.stages import Stages, fingerprint
+    from svv.train.pipeline import stylize_scene
+
+    if not 0 <= chosen.frame <= 180:
+        raise BadInput(f"The orbit has the frames 0 to 180, not {chosen.frame}.")
+    files = pictures(chosen.styles)
+    read = [read_style(file) for file in files]  # what cannot be read is told before minutes of work
+    mapping = None if chosen.map is None else parse_mapping(chosen.map)
+    scene = Scene.load(chosen.scene)
+    camera = orbit(scene, 181, chosen.size, chosen.size)[chosen.frame]
+    stages = Stages(chosen.out, shown)
+    write_png(chosen.out / "unpainted.png", scene.render(camera).rgba)
+    cells = []
+    for file, style in zip(files, read, strict=True):
+        path, picture = (chosen.out / f"{file.stem}{suffix}" for suffix in (".svv", ".png"))
+        checkpoint = path.with_name(path.name + ".checkpoint")
+
+        def work(progress, file=file, style=style, path=path, picture=picture, checkpoint=checkpoint) -> None:
+            styled, _ = stylize_scene(
+                scene, [style], mapping, set(chosen.keep), chosen.preset, chosen.seed, progress, checkpoint, [file.stem]
+            )
+            styled.save(path)
+            write_png(picture, styled.render(camera).rgba)
+            checkpoint.unlink(missing_ok=True)
+
+        settings = {
+            "scene": fingerprint(chosen.scene), "style": fingerprint(file), "map": chosen.map, "keep": chosen.keep,
+            "preset": chosen.preset, "seed": chosen.seed, "size": chosen.size, "frame": chosen.frame,
+        }  # fmt: skip
+        stages.do(file.stem, f"Painting {file.stem}", settings, [path, picture], work)
+        cells += [fitted(style, chosen.size), over_white(read_png(picture))]
+    if len(cells) > 2 * PAIRS:
+        cells += [np.full_like(cells[0], 255)] * (-len(cells) % (2 * PAIRS))
+    rows = [cells[first : first + 2 * PAIRS] for first in range(0, len(cells), 2 * PAIRS)]
+    write_png(chosen.out / "contact.png", sheet(rows, ["style", "painted"] * len(rows[0][::2])))
+    print(chosen.out / "contact.png")
+
+
+def pictures(paths: list[Path]) -> list[Path]:
+    """The pictures among files and folders; raises BadInput where there is none, or two have one name."""
+    found: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            inside = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
+            if not inside:
+                raise BadInput(f"{path} holds no pictures ({', '.join(SUFFIXES)}).")
+            found += inside
+        else:
+            found.append(path)
+    names = [path.stem for path in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise BadInput(f"Two pictures have the name {name}; rename one, for results are named after them.")
+    return found
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""From a volume as ParaView shows it to stylized images: views, a scene, styles, an orbit, and a page about it all.
+
+Run it with `svv pvpython`. Stopped with Ctrl-C, the same command goes on where it was.
+"""
+
+from pathlib import Path
+
+from svv.pv import scripts
+
+EXAMPLES = (
+    "svv pvpython stylize_volume.py foot.vti --tf bones.json --style brush.jpg --out foot",
+    "svv pvpython stylize_volume.py session.pvsm --style a.png --style b.png --preset balanced --out result",
+    "svv pvpython stylize_volume.py head.mhd --out head            # no style: scene and recolouring only",
+)
+
+
+def main() -> None:
+    """Read the arguments and do the job."""
+    parser = scripts.parser(__doc__, *EXAMPLES)
+    parser.add_argument("volume", type=Path, help="a volume that ParaView reads, or a state (.pvsm) that shows one")
+    parser.add_argument("--out", "-o", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--tf", type=Path, help="transfer function, a ParaView preset; by default as it is shown")
+    parser.add_argument("--array", help="name of the array, where the file has several")
+    parser.add_argument("--style", type=Path, action="append", default=[], help="a picture; may be given several times")
+    parser.add_argument("--preset", default="fast", choices=("draft", "fast", "balanced", "paper"))
+    parser.add_argument("--time-limit", type=float, metavar="SECONDS", help="shorten training to this long")
+    parser.add_argument("--views", type=int, default=92, metavar="N", help="training views (92)")
+    parser.add_argument("--test", type=int, default=8, metavar="N", help="unseen views for the scores (8)")
+    parser.add_argument("--size", type=int, default=800, help="pixels along a side of the views and the image (800)")
+    parser.add_argument("--orbit", type=int, default=61, metavar="N", help="frames of the orbit (61)")
+    parser.add_argument("--orbit-size", type=int, default=400, metavar="PIXELS", help="of the orbit's frames (400)")
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args()
+    scripts.run(lambda: stylize(chosen), __file__)
+
+
+def stylize(chosen) -> None:
+    """Do the job, then render the scene as the view saw the volume."""
+    from svv.fields.scene import Scene
+    from svv.progress import shown
+    from svv.report.job import JobSettings
+    from svv.report.render import write_view
+    from svv.report.run import run_job
+
+    display, view = scripts.open_volume(chosen.volume, chosen.tf, chosen.array)
+    settings = JobSettings(
+        n=chosen.views, test=chosen.test, size=chosen.size, preset=chosen.preset, time_limit=chosen.time_limit,
+        seed=chosen.seed, orbit=chosen.orbit, orbit_size=chosen.orbit_size, recolour=not chosen.style,
+    )  # fmt: skip
+    page = run_job(scripts.shown_volume(display), chosen.style, chosen.out, settings, shown)
+    scene = Scene.load(chosen.out / ("styled.svv" if chosen.style else "scene.svv"))
+    camera = scripts.camera_of_view(view, chosen.size, chosen.size)
+    for name in ("image.vti", "image.png"):
+        write_view(chosen.out / name, scene, camera)
+    print(page)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,182 @@
+"""The scripts of ``paraview_scripts`` in the real ParaView, each doing its whole job in small."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from svv.dvr.demo_volume import demo_transfer_function, demo_volume
+from svv.fields.scene import Scene
+from svv.io.output import write_png
+from svv.report.pictures import read_png
+from svv.train.textures import style_picture
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "paraview_scripts"
+QUICK = ("--preset", "draft", "--time-limit", 5, "--views", 12, "--test", 2, "--size", 96)
+SMALL = ("--orbit", 3, "--orbit-size", 48)
+
+
+@pytest.fixture(scope="module")
+def made(pvpython, tmp_path_factory) -> Path:
+    """A folder with a volume, its function, a style, and what stylize_volume.py makes of them."""
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    folder = tmp_path_factory.mktemp("scripts")
+    writer = vtkXMLImageDataWriter()
+    writer.SetFileName(str(folder / "volume.vti"))
+    writer.SetInputData(demo_volume(32, levels=255))
+    assert writer.Write()
+    (folder / "tf.json").write_text(json.dumps([demo_transfer_function().mapped(255.0, 0.0).to_dict()]))
+    write_png(folder / "brush.png", style_picture("brush strokes", 64))
+    write_png(folder / "dots.png", style_picture("stippling", 64))
+    done = pvpython(
+        SCRIPTS / "stylize_volume.py", folder / "volume.vti", "--tf", folder / "tf.json",
+        "--style", folder / "brush.png", "--out", folder / "out", *QUICK, *SMALL,
+    )  # fmt: skip
+    assert done.stdout.splitlines()[-1] == str(folder / "out" / "report.html")
+    return folder
+
+
+def test_a_volume_becomes_a_painted_scene(made: Path) -> None:
+    out = made / "out"
+    assert {"report.html", "scene.svv", "styled.svv", "image.vti", "image.png", "orbit.mp4"} <= {
+        path.name for path in out.iterdir()
+    }
+    scene = Scene.load(out / "styled.svv")
+    assert {region.style for region in scene.regions} == {"brush"}
+    assert scene.made["source"]["tf"]["Name"] and scene.made["source"]["shading"]["on"] is False  # as ParaView shows
+    assert read_png(out / "image.png").shape == (96, 96, 4)
+
+
+def test_what_is_finished_is_not_done_again(made: Path, pvpython) -> None:
+    before = (made / "out" / "scene.svv").stat().st_mtime_ns
+    pvpython(
+        SCRIPTS / "stylize_volume.py", made / "volume.vti", "--tf", made / "tf.json",
+        "--style", made / "brush.png", "--out", made / "out", *QUICK, *SMALL,
+    )  # fmt: skip
+    assert (made / "out" / "scene.svv").stat().st_mtime_ns == before
+
+
+def test_a_state_is_taken_as_it_was_saved(made: Path, pvpython, tmp_path: Path) -> None:
+    pvpython(
+        """
+import sys
+from svv.pv import scripts
+from pathlib import Path
+from paraview import simple
+display, view = scripts.open_volume(Path(sys.argv[1]), Path(sys.argv[2]))
+display.Shade, display.ScalarOpacityUnitDistance = 1, 0.125
+simple.SaveState(sys.argv[3])
+""",
+        made / "volume.vti", made / "tf.json", tmp_path / "session.pvsm",
+    )  # fmt: skip
+    pvpython(SCRIPTS / "stylize_volume.py", tmp_path / "session.pvsm", "--out", tmp_path / "out", *QUICK, *SMALL)
+    source = Scene.load(tmp_path / "out" / "scene.svv").made["source"]
+    assert source["shading"]["on"] is True and source["tf"]["ScalarOpacityUnitDistance"] == 0.125
+    assert (tmp_path / "out" / "recoloured.svv").exists()
+
+
+def test_an_orbit_beside_the_volume_as_paraview_renders_it(made: Path, pvpython, tmp_path: Path) -> None:
+    pvpython(
+        SCRIPTS / "render_orbit.py", made / "out" / "styled.svv", "--volume", made / "volume.vti",
+        "--tf", made / "tf.json", "--network", "pcn", "styled", "--frames", 3, "--size", 64, "--out", tmp_path / "orbit",
+    )  # fmt: skip
+    frames = [read_png(path) for path in sorted((tmp_path / "orbit").iterdir())]
+    assert len(frames) == 3
+    columns = [frames[1][-64:, 70 * k : 70 * k + 64].astype(float) for k in range(3)]
+    volume, pcn, styled = columns
+    assert np.abs(volume - pcn).mean() < 25.0, "ParaView's camera is not the scene's"
+    assert np.abs(volume - pcn).mean() < 0.6 * np.abs(volume - 255.0).mean()
+    assert np.abs(styled - pcn).mean() > 1.0
+
+
+def test_edits_go_through_the_filters(made: Path, pvpython, tmp_path: Path) -> None:
+    done = pvpython(
+        SCRIPTS / "edit_palette.py", made / "out" / "scene.svv", "--colour", "0=#ff00ff", "--opacity", "0=0.5",
+        "--out", tmp_path / "edited.svv", "--picture", tmp_path / "edited.png", "--size", 64,
+        "--state", tmp_path / "session.pvsm",
+    )  # fmt: skip
+    first = Scene.load(tmp_path / "edited.svv").regions[0]
+    assert np.allclose(first.edited_colour, (1, 0, 1)) and first.opacity == 0.5
+    assert len([line for line in done.stdout.splitlines() if line.startswith("Region")]) == len(
+        Scene.load(made / "out" / "scene.svv").regions
+    )
+    assert read_png(tmp_path / "edited.png")[..., 3].max() > 0
+    assert "StyleRFEdit" in (tmp_path / "session.pvsm").read_text()
+
+
+def test_many_styles_over_one_scene(made: Path, pvpython, tmp_path: Path) -> None:
+    (tmp_path / "styles").mkdir()
+    for name in ("brush", "dots"):
+        (tmp_path / "styles" / f"{name}.png").write_bytes((made / f"{name}.png").read_bytes())
+    arguments = (made / "out" / "scene.svv", tmp_path / "styles", "--preset", "draft", "--size", 64)
+    pvpython(SCRIPTS / "batch_styles.py", *arguments, "--out", tmp_path / "out")
+    pictures = [read_png(tmp_path / "out" / f"{name}.png").astype(float) for name in ("unpainted", "brush", "dots")]
+    assert np.abs(pictures[1] - pictures[2])[..., :3].mean() > 1.0
+    assert all(np.array_equal(picture[..., 3], pictures[0][..., 3]) for picture in pictures)
+    before = (tmp_path / "out" / "dots.svv").stat().st_mtime_ns
+    pvpython(SCRIPTS / "batch_styles.py", *arguments, "--out", tmp_path / "out")
+    assert (tmp_path / "out" / "dots.svv").stat().st_mtime_ns == before
+    assert read_png(tmp_path / "out" / "contact.png").shape[1] > 4 * 64
+
+
+def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> None:
+    done = pvpython(
+        SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, 32, "--images", 48, 64, "--preset", "draft", "--views", 12,
+        "--out", tmp_path,
+    )  # fmt: skip
+    rows = list(csv.DictReader((tmp_path / "compare.csv").open()))
+    assert [(r["side"], r["volume"], r["image"]) for r in rows] == [
+        (side, volume, image) for volume in ("24", "32") for side in ("DVR", "PCN") for image in ("48", "64")
+    ]
+    for row in rows:
+        assert 0 < float(row["seconds_least"]) <= float(row["seconds_median"]) <= float(row["seconds_most"])
+        assert float(row["memory_bytes"]) > 1e7
+        assert (row["side"] == "PCN") == bool(row["psnr"]) and (row["side"] == "DVR") == bool(row["ray_caster"])
+    volumes = {int(r["volume"]): int(r["data_bytes"]) for r in rows if r["side"] == "DVR"}
+    assert all(n**3 <= size < n**3 + 4096 for n, size in volumes.items())
+    assert done.stdout.count("|---") == 11 and "In memory" in done.stdout
+    chart = read_png(tmp_path / "compare.png")[..., :3].reshape(-1, 3).astype(int)
+    assert ((chart[:, 0] - chart[:, 2]) > 100).sum() > 100 and ((chart[:, 2] - chart[:, 0]) > 100).sum() > 100
+    stamp = (tmp_path / "32" / "pcn.json").stat().st_mtime_ns
+    pvpython(
+        SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, 32, "--images", 48, 64, "--preset", "draft", "--views", 12,
+        "--out", tmp_path,
+    )  # fmt: skip
+    assert (tmp_path / "32" / "pcn.json").stat().st_mtime_ns == stamp
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("stylize_volume.py", "none.vti", "--out", "out"), "no file none.vti"),
+        (("stylize_volume.py", "notes.txt", "--out", "out"), "ParaView"),
+        (("stylize_volume.py", "volume.vti", "--array", "heat", "--out", "out"), "no array 'heat'; it has: concentration"),
+        (("stylize_volume.py", "volume.vti", "--style", "none.png", "--out", "out"), "none.png"),
+        (("render_orbit.py", "none.svv", "--out", "orbit"), "none.svv"),
+        (("render_orbit.py", "out/scene.svv", "--frames", "1", "--out", "orbit"), "at least 2 frames"),
+        (("edit_palette.py", "out/scene.svv", "--colour", "99=#ff0000"), "no region 99"),
+        (("edit_palette.py", "out/scene.svv", "--opacity", "0=-1"), "at least 0"),
+        (("batch_styles.py", "out/scene.svv", "out/orbit", "--out", "painted"), "holds no pictures"),
+        (("batch_styles.py", "out/scene.svv", "brush.png", "out/../brush.png", "--out", "painted"), "rename one"),
+        (("compare_dvr_pcn.py", "--volumes", "4", "--out", "compared"), "at least 16"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_a_sentence(made: Path, pvpython, arguments: tuple[str, ...], said: str) -> None:
+    (made / "notes.txt").write_text("no volume")
+    script, *rest = arguments
+    done = pvpython(SCRIPTS / script, *rest, check=False, cwd=made)
+    last = done.stderr.strip().splitlines()[-1]
+    assert done.returncode == 2 and last.startswith(f"{script}: ") and said in last, done.stderr
+    assert "Traceback" not in done.stderr
+    assert not any((made / name).exists() for name in ("orbit", "painted", "compared"))
+
+
+@pytest.mark.parametrize("script", sorted(path.name for path in SCRIPTS.glob("*.py")))
+def test_help_has_examples(pvpython, script: str) -> None:
+    done = pvpython(SCRIPTS / script, "--help")
+    assert "examples:" in done.stdout and f"svv pvpython {script}" in done.stdout

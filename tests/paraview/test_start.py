@@ -306,3 +306,20 @@ def test_signals_reach_the_program_and_end_its_display(paraview: start.ParaView,
         finally:
             process.kill()
     assert ends(display)
+
+
+def test_torch_calculates_with_its_own_linear_algebra(pvpython) -> None:
+    # Debian's ParaView brings OpenBLAS into the process, whose sgemm torch would be given by the dynamic linker.
+    source = """
+import sys
+import svv.pv
+flags = sys.getdlopenflags()
+assert "torch" not in sys.modules
+import torch
+assert sys.getdlopenflags() == flags
+print("product", (torch.ones(64, 64) @ torch.ones(64, 64))[0, 0].item(), "mkl" in torch.__config__.show())
+"""
+    done = pvpython(source, environ={"MKL_VERBOSE": "1"})
+    assert "product 64.0" in done.stdout
+    if "product 64.0 True" in done.stdout:  # a torch that was built with MKL says when that calculates
+        assert "SGEMM" in done.stdout, "another library's matrix product"

@@ -307,7 +307,7 @@ def draw_chart(rows: list[dict], path: Path) -> None:
     panels = ("seconds_median", "seconds for an image"), ("memory_bytes", "bytes of memory while rendering")
     for place, (key, title) in enumerate(panels):
         chart = chart_of(rows, key, title)
-        chart.SetRect(vtkRectf(640 * place, 0, 630, 510))
+        chart.SetSize(vtkRectf(640 * place, 0, 630, 510))
         view.GetScene().AddItem(chart)
     window.Render()
     taken = vtkWindowToImageFilter()

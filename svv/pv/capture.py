@@ -16,7 +16,14 @@ from svv.errors import BadInput
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that look at a volume."""
 
+IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsReader")
+"""Filters and readers whose output is an image of colours."""
+
+DISPLAY = "UniformGridRepresentation"
+"""What ParaView shows a ``vtkImageData`` with in a 3D view."""
+
 _observed: list[Any] = []
+_shown: set[int] = set()
 
 
 def volume_display(source: Any, view: Any = None) -> Any:
@@ -113,15 +120,28 @@ def _registered(session: Any, *_: Any) -> None:
                     capture(filter)
                 except BadInput:
                     continue  # the filter says what is missing when it is applied
+    if not session.InLoadXMLState():  # a state says itself how things are shown
+        for display in _proxies(session, DISPLAY, "representations"):
+            if display.SMProxy.GetGlobalID() not in _shown and display.Input is not None:
+                _shown.add(display.SMProxy.GetGlobalID())
+                if display.Input.SMProxy.GetXMLName() in IMAGES:
+                    as_it_is(display)
 
 
-def _proxies(session: Any, kind: str) -> list[Any]:
+def as_it_is(display: Any) -> None:
+    """Show an image's colours as they are, and not through a colour map."""
+    display.Representation = "Slice"
+    display.ColorArrayName = ["POINTS", "RGBA"]
+    display.MapScalars = 0
+
+
+def _proxies(session: Any, kind: str, group: str = "sources") -> list[Any]:
     from paraview import servermanager
 
     iterator = vtkSMProxyIterator()
     iterator.SetSessionProxyManager(session)
     iterator.SetModeToOneGroup()
-    iterator.Begin("sources")
+    iterator.Begin(group)
     found = []
     while not iterator.IsAtEnd():
         if iterator.GetProxy().GetXMLName() == kind:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from svv.core.cameras import Camera
 from svv.ending import end_with
@@ -212,6 +212,19 @@ def interpreter() -> str:
     return str(start.find().program("pvpython"))
 
 
-def run(work: Callable[[], object], script: str) -> NoReturn:
+def run(work: Callable[[], object], script: str) -> None:
     """Do a script's work; its end is that of the command ``svv``: a sentence, and exit code 2 or 130."""
-    end_with(work, Path(script).name)
+    try:
+        end_with(work, Path(script).name)
+    except SystemExit as ended:
+        if ended.code:
+            _close_windows()
+            raise
+        # A script that comes to its end by itself lets pvpython close its windows in order.
+
+
+def _close_windows() -> None:
+    """Views that are open when a program is left by ``exit`` end it with an error of the display instead."""
+    simple = sys.modules.get("paraview.simple")
+    for view in [] if simple is None else simple.GetViews():
+        simple.Delete(view)

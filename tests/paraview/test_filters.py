@@ -191,6 +191,10 @@ said("vectors", vectors)
 cells = small(StyleRFViews(Input=Tetrahedralize(Input=wavelet)))
 cells.TransferFunction = GetColorTransferFunction("RTData")
 said("unstructured", cells)
+source = ProgrammableSource(OutputDataSetType="vtkRectilinearGrid", Script="self.GetOutput().SetDimensions(3, 3, 3)")
+said("rectilinear", small(StyleRFViews(Input=source)))
+said("composite", small(StyleRFViews(Input=GroupDatasets(Input=[wavelet, hidden]))))
+said("empty", small(StyleRFViews(Input=ProgrammableSource(OutputDataSetType="vtkImageData", Script="pass"))))
 nan = ProgrammableFilter(Input=wavelet, Script="import numpy\\nv = inputs[0].PointData['RTData'].copy(); v[5] = numpy.nan; output.PointData.append(v, 'RTData')")
 nan = small(StyleRFViews(Input=nan))
 nan.TransferFunction = GetColorTransferFunction("RTData")
@@ -213,6 +217,9 @@ said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
         "no volume": "no transfer function",
         "vectors": "3 components",
         "unstructured": "vtkUnstructuredGrid",
+        "rectilinear": "vtkRectilinearGrid, and StyleRF needs an image",
+        "composite": "Resample To Image",
+        "empty": "The input is empty",
         "nan": "NaN",
         "style": "no style picture",
         "no scene": "no scene",
@@ -249,6 +256,39 @@ assert scene(train) not in (first, None)
 """,
     )
     assert "SAID Stopped" in result.stdout
+
+
+def test_two_trainings_at_once_and_what_is_deleted_meanwhile(pvpython) -> None:
+    result = pvpython(
+        VOLUME
+        + """
+volume, display = shown()
+one, two = (small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0, Seed=seed)) for seed in (0, 1))
+image = StyleRFRender(Input=one, ImageSize=[40, 40])
+said = []
+def meanwhile(*_):
+    if not said and one.GetClientSideObject().GetProgress() > 0.3:
+        said.append("")  # handled once
+        two.UpdatePipeline()
+        said.append(status(two))
+        Delete(display)
+        Delete(volume)
+one.GetClientSideObject().AddObserver("ProgressEvent", meanwhile)
+one.UpdatePipeline()
+print("SAID two:", said[1])
+print("SAID one:", status(one))
+first = scene(one)
+assert first is not None
+two.UpdatePipeline()
+Delete(one)
+image.UpdatePipeline()
+print("SAID image:", status(image))
+""",
+    )
+    said = dict(line[5:].split(": ", 1) for line in result.stdout.splitlines() if line.startswith("SAID "))
+    assert "StyleRFTrain is at work" in said["two"] and "regions" in said["one"], said
+    assert "pixels" in said["image"] or "no scene" in said["image"], said
+    assert "Traceback" not in result.stderr
 
 
 def test_without_torch_a_filter_says_what_to_do(pvpython, tmp_path) -> None:
@@ -291,6 +331,25 @@ assert list(render.Camera[:3]) == [0.0, 90.0, 1.0]
 """,
         trained,
     )
+
+
+def test_an_image_is_shown_in_its_own_colours(trained: Path, pvpython, tmp_path) -> None:
+    pvpython(
+        VOLUME
+        + """
+render = StyleRFRender(Input=StyleRFScene(FileName=sys.argv[1] + "/scene.svv"), ImageSize=[40, 30])
+render.UpdatePipeline()
+display = Show(render, CreateView("RenderView"))
+assert display.Representation == "Slice" and display.MapScalars == 0, (display.Representation, display.MapScalars)
+assert list(display.ColorArrayName) == ["POINTS", "RGBA"], list(display.ColorArrayName)
+display.MapScalars = 1
+SaveState(sys.argv[2])
+LoadState(sys.argv[2])
+again = [d for view in GetRenderViews() for d in view.Representations if getattr(d, "Input", None)]
+assert [d.MapScalars for d in again] == [1, 1][: len(again)] and again, "a state was overruled"
+""",
+        trained, tmp_path / "state.pvsm",
+    )  # fmt: skip
 
 
 def test_ranks_work_as_one_process_does(pvpython, mpiexec, tmp_path) -> None:

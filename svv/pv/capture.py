@@ -120,7 +120,7 @@ def _registered(session: Any, *_: Any) -> None:
                     capture(filter)
                 except BadInput:
                     continue  # the filter says what is missing when it is applied
-    if not session.InLoadXMLState():  # a state says itself how things are shown
+    if not session.GetInLoadXMLState():  # a state says itself how things are shown
         for display in _proxies(session, DISPLAY, "representations"):
             if display.SMProxy.GetGlobalID() not in _shown and display.Input is not None:
                 _shown.add(display.SMProxy.GetGlobalID())

@@ -33,15 +33,18 @@ EMPTY = 20_000
 """Bytes that a picture of a screen without windows stays below."""
 
 GUI_MAIN = """
-import os, traceback
+import os, sys, traceback, types
 def done(text=""):
     marker = os.environ["GUI_MARKER"]
     with open(marker + ".partial", "w") as file:
         file.write(str(text))
     os.replace(marker + ".partial", marker)
 try:
+    # As a module: VTK lets Python collect an observer whose only owner is what it observes, though that lives on.
+    script = sys.modules["script"] = types.ModuleType("script")
+    script.done = done
     with open({source!r}) as file:
-        exec(compile(file.read(), {source!r}, "exec"), {{"__name__": "__main__", "done": done}})
+        exec(compile(file.read(), {source!r}, "exec"), vars(script))
 except BaseException:
     done(traceback.format_exc())
 """

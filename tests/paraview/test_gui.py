@@ -79,13 +79,41 @@ def write_input(folder: Path, resolution: int) -> tuple[Path, Path, Path]:
     return folder / "volume.vti", folder / "tf.json", folder / "style.png"
 
 
-def press(running: Any, folder: Path, *action: object) -> None:
-    """Do something with mouse or keyboard, and wait until the screen shows it."""
-    before = pixels(running.screenshot(folder / "before.png"))
-    running.xdotool(*action)
-    until = time.monotonic() + 60.0
-    while np.array_equal(pixels(running.screenshot(folder / "after.png")), before):
-        assert time.monotonic() < until, f"nothing happened on screen after {action}\n{running.log()}"
+CHOSEN = (48, 140, 198)
+"""Colour of the chosen item of a menu."""
+
+MENU, SUBMENU = 400, 645
+"""Columns of the screen on which menu Filters and its submenus show that, right of their texts."""
+
+
+def chosen(running: Any, picture: Path, column: int) -> int:
+    """Row of the screen at which the chosen item stands, 0 if there is none."""
+    colours = pixels(running.screenshot(picture))[24:700, column - 5 : column + 5]
+    rows = np.flatnonzero((np.abs(colours - CHOSEN).sum(axis=2) < 30).all(axis=1))
+    return 24 + int(rows.mean()) if rows.size else 0
+
+
+def choose(running: Any, picture: Path, column: int, *keys: str) -> int:
+    """Press keys until another item is chosen; returns its row."""
+    before = chosen(running, picture, column)
+    for _ in range(6):
+        running.xdotool("key", *keys)
+        until = time.monotonic() + 10.0
+        while time.monotonic() < until:
+            now = chosen(running, picture, column)
+            if now not in (0, before):
+                return now
+    raise AssertionError(f"{keys} choose nothing in the menu\n{running.log()}")
+
+
+def open_menu(running: Any, picture: Path) -> None:
+    """Open Filters, and choose its last item."""
+    running.xdotool("mousemove", 215, 10)
+    for _ in range(5):  # a window that has just been moved may miss the first click
+        running.xdotool("click", 1, "sleep", "5", "key", "Up", "sleep", "3")
+        if chosen(running, picture, MENU):
+            return
+    raise AssertionError(f"the menu does not open\n{running.log()}")
 
 
 def pixels(picture: Path) -> np.ndarray:
@@ -98,14 +126,12 @@ def test_a_newcomer_paints_a_volume_from_the_menu(gui: Callable, tmp_path: Path)
     files = write_input(tmp_path, 128 if kept else 48)
     running = gui(f"ARGUMENTS = {[*map(str, files), 'full' if kept else 'quick']!r}\n{SCRIPT}")
     assert running.first == "ready"
-    running.xdotool("mousemove", 215, 10)  # Filters
-    press(running, tmp_path, "click", 1)
-    press(running, tmp_path, "key", "Up")  # from below: Temporal,
-    press(running, tmp_path, "key", "Up")  # StyleRF,
-    press(running, tmp_path, "key", "Right")  # and its filters, of which the first three need a scene
-    running.xdotool("key", "Down", "sleep", "0.5", "key", "Down", "sleep", "0.5")
-    press(running, tmp_path, "key", "Down")
-    menu = running.screenshot(tmp_path / "menu.png")
+    menu = tmp_path / "menu.png"
+    open_menu(running, menu)  # at Temporal; StyleRF stands above
+    row = choose(running, menu, MENU, "Up")
+    running.xdotool("key", "Right", "sleep", "3")
+    # Edit, Render and Stylize need a scene and cannot be chosen; Stylized View is the first that can.
+    assert choose(running, menu, SUBMENU, "Down") > row
     running.xdotool("key", "Return")
     assert running.wait() == "made True 1", "the filter did not take how the volume is shown"
     running.screenshot(tmp_path / "made.png")

@@ -21,7 +21,7 @@ from svv.measure import measured
 from svv.report.demo import run_demo
 from svv.report.job import JobSettings
 from svv.report.page import Page, Picture, Table, cost_table, write_page
-from svv.report.pictures import error_picture, hex_colour, over_white, sheet, shrunk
+from svv.report.pictures import cropped, error_picture, hex_colour, over_white, sheet, shrunk
 from svv.report.run import run_job
 from svv.report.source import ViewSource, VolumeSource
 from svv.report.stages import Stages, fingerprint
@@ -101,6 +101,15 @@ def test_peak_memory_is_that_of_the_work_alone() -> None:
         np.ones(1000).sum()
     assert large.peak_rss_bytes > 320_000_000
     assert small.peak_rss_bytes < large.peak_rss_bytes - 250_000_000
+
+
+def test_pictures_are_cropped_alike_and_nothing_seen_is_lost() -> None:
+    pictures = [np.full((40, 50, 3), 255, np.uint8) for _ in range(2)]
+    pictures[0][10, 20], pictures[1][30, 25] = (0, 0, 0), (255, 0, 255)
+    ((a, b),) = cropped([pictures], margin=3)
+    assert a.shape == b.shape == (21 + 2 * 3, 6 + 2 * 3, 3)
+    assert (a[3, 3] == 0).all() and (b[-4, -4] == (255, 0, 255)).all()
+    assert [p.shape for p in cropped([[pictures[0] * 0 + 255]])[0]] == [(40, 50, 3)]
 
 
 def test_a_sheet_holds_its_pictures_unchanged() -> None:

@@ -20,7 +20,7 @@ from svv.io.atomic import make_folder, write_json
 from svv.io.images import read_style
 from svv.io.output import write_mp4, write_png, write_region_png
 from svv.io.viewset import ViewSet
-from svv.report.pictures import error_picture, fitted, over_white, read_png, sheet, shrunk
+from svv.report.pictures import cropped, error_picture, fitted, over_white, read_png, sheet, shrunk
 from svv.report.render import orbit, region_colours, write_frames
 from svv.report.source import Drawn, ViewSource
 from svv.report.stages import Stages, fingerprint
@@ -157,7 +157,7 @@ class Job:
                 step = part(progress, (kept + 1) / (count + 1), (kept + 2) / (count + 1))
                 pictures.append(over_white(alone.render(camera, "pcn", None, step).rgba))
                 labels.append(f"region {kept}")
-            write_png(self.out / "regions.png", sheet([pictures], labels))
+            write_png(self.out / "regions.png", sheet(cropped([pictures]), labels))
 
         chosen = {"size": self.settings.orbit_size}
         self.stages.do("regions", "Regions", chosen, [self.out / "regions.png"], work, ["train"])
@@ -239,7 +239,7 @@ class Job:
             return [over_white(read_png(self._frames(label) / f"{index:04d}.png")) for label in labels]
 
         def work(progress: Progress) -> None:
-            write_png(contact, sheet([frame(index) for index in rows], labels))
+            write_png(contact, sheet(cropped([frame(index) for index in rows]), labels))
 
             def frames() -> Any:
                 for index in range(s.orbit):

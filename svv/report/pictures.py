@@ -44,6 +44,15 @@ def sheet(rows: Sequence[Sequence[Picture]], labels: Sequence[str], gap: int = 6
     return np.asarray(canvas)
 
 
+def cropped(rows: Sequence[Sequence[Picture]], margin: int = 12) -> list[list[Picture]]:
+    """The same part of all pictures: what is not white in any of them, and a margin in pixels around it."""
+    seen = np.any([picture.min(axis=2) < 250 for row in rows for picture in row], axis=0)
+    if not seen.any():
+        return [list(row) for row in rows]
+    (y, x), (bottom, right) = (np.argwhere(seen).min(0) - margin).clip(min=0), np.argwhere(seen).max(0) + margin + 1
+    return [[picture[y:bottom, x:right] for picture in row] for row in rows]
+
+
 def error_picture(truth: Picture, shown: Picture, gain: float = 4.0) -> Picture:
     """The largest difference of a pixel's channels, ``gain`` times, from white (none) to dark red."""
     difference = np.abs(truth.astype(np.float32) - shown.astype(np.float32)).max(axis=-1) / 255.0

@@ -225,6 +225,8 @@ def run(work: Callable[[], object], script: str) -> None:
 
 def _close_windows() -> None:
     """Views that are open when a program is left by ``exit`` end it with an error of the display instead."""
-    simple = sys.modules.get("paraview.simple")
-    for view in [] if simple is None else simple.GetViews():
-        simple.Delete(view)
+    if "paraview.simple" in sys.modules:
+        from paraview import simple
+
+        for view in simple.GetViews():
+            simple.Delete(view)

@@ -7,6 +7,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,15 +67,21 @@ done("ready")
 """
 
 
-def write_input(folder: Path, resolution: int) -> tuple[Path, Path, Path]:
-    """A volume, its transfer function and a style picture, as the demo generates them."""
+def write_input(folder: Path, resolution: int, opaque: bool) -> tuple[Path, Path, Path]:
+    """A volume, its transfer function and a style picture, as the demo generates them.
+
+    ``opaque`` leaves the translucent shell out, which takes a few seconds of training for fog.
+    """
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
     writer = vtkXMLImageDataWriter()
     writer.SetFileName(str(folder / "volume.vti"))
     writer.SetInputData(demo_volume(resolution))
     assert writer.Write()
-    (folder / "tf.json").write_text(json.dumps([demo_transfer_function().to_dict()]))
+    tf = demo_transfer_function()
+    if opaque:
+        tf = replace(tf, opacities=(tf.opacities[0], *tf.opacities[4:]))
+    (folder / "tf.json").write_text(json.dumps([tf.to_dict()]))
     write_png(folder / "style.png", style_picture("brush strokes"))
     return folder / "volume.vti", folder / "tf.json", folder / "style.png"
 
@@ -123,7 +130,7 @@ def pixels(picture: Path) -> np.ndarray:
 def test_a_newcomer_paints_a_volume_from_the_menu(gui: Callable, tmp_path: Path) -> None:
     # SVV_SCREENSHOT names a folder for the pictures of the documentation: then everything is done in full.
     kept = os.environ.get("SVV_SCREENSHOT")
-    files = write_input(tmp_path, 128 if kept else 48)
+    files = write_input(tmp_path, 128 if kept else 48, opaque=not kept)
     running = gui(f"ARGUMENTS = {[*map(str, files), 'full' if kept else 'quick']!r}\n{SCRIPT}")
     assert running.first == "ready"
     menu = tmp_path / "menu.png"

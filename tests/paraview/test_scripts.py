@@ -151,33 +151,57 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
     assert (tmp_path / "32" / "pcn.json").stat().st_mtime_ns == stamp
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("stylize_volume.py", "none.vti", "--out", "out"), "no file none.vti"),
-        (("stylize_volume.py", "notes.txt", "--out", "out"), "no array"),
-        (("stylize_volume.py", "volume.vti", "--array", "heat", "--out", "out"), "'heat'; it has: concentration"),
-        (("stylize_volume.py", "volume.vti", "--style", "none.png", "--out", "out"), "none.png"),
-        (("render_orbit.py", "none.svv", "--out", "orbit"), "none.svv"),
-        (("render_orbit.py", "out/scene.svv", "--frames", "1", "--out", "orbit"), "at least 2 frames"),
-        (("edit_palette.py", "out/scene.svv", "--colour", "99=#ff0000"), "no region 99"),
-        (("edit_palette.py", "out/scene.svv", "--opacity", "0=-1"), "at least 0"),
-        (("batch_styles.py", "out/scene.svv", "out/orbit", "--out", "painted"), "holds no pictures"),
-        (("batch_styles.py", "out/scene.svv", "brush.png", "out/../brush.png", "--out", "painted"), "rename one"),
-        (("compare_dvr_pcn.py", "--volumes", "4", "--out", "compared"), "at least 16"),
-    ],
-)  # fmt: skip
-def test_bad_input_is_a_sentence(made: Path, pvpython, arguments: tuple[str, ...], said: str) -> None:
+BAD = {
+    ("stylize_volume.py", "none.vti", "--out", "out"): "no file none.vti",
+    ("stylize_volume.py", "notes.txt", "--out", "out"): "no array",
+    ("stylize_volume.py", "volume.vti", "--array", "heat", "--out", "out"): "'heat'; it has: concentration",
+    ("stylize_volume.py", "volume.vti", "--style", "none.png", "--out", "out"): "none.png",
+    ("render_orbit.py", "none.svv", "--out", "orbit"): "none.svv",
+    ("render_orbit.py", "out/scene.svv", "--frames", "1", "--out", "orbit"): "at least 2 frames",
+    ("edit_palette.py", "out/scene.svv", "--colour", "99=#ff0000"): "no region 99",
+    ("edit_palette.py", "out/scene.svv", "--opacity", "0=-1"): "at least 0",
+    ("batch_styles.py", "out/scene.svv", "out/orbit", "--out", "painted"): "holds no pictures",
+    ("batch_styles.py", "out/scene.svv", "brush.png", "out/../brush.png", "--out", "painted"): "rename one",
+    ("compare_dvr_pcn.py", "--volumes", "4", "--out", "compared"): "at least 16",
+}
+"""Arguments, and a part of the sentence that they deserve."""
+
+IN_TURN = """
+import contextlib, io, json, runpy, sys
+from pathlib import Path
+folder, commands, answers = Path(sys.argv[1]), json.loads(sys.argv[2]), []
+sys.path.insert(0, str(folder))
+for script, *arguments in commands:
+    sys.argv = [script, *arguments]
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            runpy.run_path(str(folder / script), run_name="__main__")
+        except SystemExit as ended:
+            code = ended.code
+    answers.append([code, out.getvalue(), err.getvalue()])
+print("ANSWERS", json.dumps(answers))
+"""
+
+
+def in_turn(pvpython, commands, **options) -> list[tuple[int, str, str]]:
+    """Run scripts one after the other in one pvpython, whose start takes longer than they: code, output, errors."""
+    done = pvpython(IN_TURN, SCRIPTS, json.dumps([list(command) for command in commands]), **options)
+    (answers,) = (line for line in done.stdout.splitlines() if line.startswith("ANSWERS"))
+    return [tuple(answer) for answer in json.loads(answers.removeprefix("ANSWERS "))]
+
+
+def test_bad_input_is_a_sentence(made: Path, pvpython) -> None:
     (made / "notes.txt").write_text("no volume")
-    script, *rest = arguments
-    done = pvpython(SCRIPTS / script, *rest, check=False, cwd=made)
-    last = done.stderr.strip().splitlines()[-1]
-    assert done.returncode == 2 and last.startswith(f"{script}: ") and said in last, done.stderr
-    assert "Traceback" not in done.stderr
+    for (command, said), (code, _, err) in zip(BAD.items(), in_turn(pvpython, BAD, cwd=made), strict=True):
+        last = err.strip().splitlines()[-1]
+        assert code == 2 and last.startswith(f"{command[0]}: ") and said in last, (command, code, err)
+        assert "Traceback" not in err
     assert not any((made / name).exists() for name in ("orbit", "painted", "compared"))
 
 
-@pytest.mark.parametrize("script", sorted(path.name for path in SCRIPTS.glob("*.py")))
-def test_help_has_examples(pvpython, script: str) -> None:
-    done = pvpython(SCRIPTS / script, "--help")
-    assert "examples:" in done.stdout and f"svv pvpython {script}" in done.stdout
+def test_help_has_examples(pvpython) -> None:
+    commands = [(path.name, "--help") for path in sorted(SCRIPTS.glob("*.py"))]
+    assert len(commands) == 5
+    for (script, _), (code, out, _) in zip(commands, in_turn(pvpython, commands), strict=True):
+        assert code == 0 and "examples:" in out and f"svv pvpython {script}" in out

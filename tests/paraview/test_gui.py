@@ -145,10 +145,14 @@ def test_a_newcomer_paints_a_volume_from_the_menu(gui: Callable, tmp_path: Path)
     running.xdotool("key", "alt+a")  # Apply
     said = running.wait(1500.0 if kept else 300.0)
     assert said.startswith("painted: ") and "regions" in said, said
-    shown = running.screenshot(tmp_path / "painted.png")
+    # Right of the volume there is an image now, with colours, as soon as ParaView comes to drawing it.
+    until = time.monotonic() + 120.0
+    while True:
+        shown = running.screenshot(tmp_path / "painted.png")
+        right = pixels(shown)[200:900, 820:1270]
+        if ((right.max(2) - right.min(2)) > 40).mean() > 0.02:
+            break
+        assert time.monotonic() < until, f"nothing is painted in the right view\n{running.log()}"
     if kept:
         shutil.copy(menu, Path(kept) / "paraview-menu.png")
         shutil.copy(shown, Path(kept) / "paraview.png")
-    # Right of the volume there is an image now, with colours.
-    right = pixels(shown)[200:900, 820:1270]
-    assert ((right.max(2) - right.min(2)) > 40).mean() > 0.02, "nothing is painted in the right view"

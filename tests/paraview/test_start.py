@@ -323,3 +323,15 @@ print("product", (torch.ones(64, 64) @ torch.ones(64, 64))[0, 0].item(), "mkl" i
     assert "product 64.0" in done.stdout
     if "product 64.0 True" in done.stdout:  # a torch that was built with MKL says when that calculates
         assert "SGEMM" in done.stdout, "another library's matrix product"
+
+
+def test_views_are_drawn_on_all_processors_and_paraviews_limit_stays(pvpython) -> None:
+    pvpython("""
+from vtkmodules.vtkCommonCore import vtkMultiThreader
+from paraview import simple
+from svv.dvr import mappers
+before = vtkMultiThreader.GetGlobalMaximumNumberOfThreads()
+with mappers.all_threads():
+    assert vtkMultiThreader.GetGlobalMaximumNumberOfThreads() == 0
+assert vtkMultiThreader.GetGlobalMaximumNumberOfThreads() == before
+""")

@@ -22,8 +22,10 @@ IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsR
 DISPLAY = "UniformGridRepresentation"
 """What ParaView shows a ``vtkImageData`` with in a 3D view."""
 
+SEEN = "StyleRF.seen"
+"""Mark on a representation that has been looked at once: from then on it is the user's."""
+
 _observed: list[Any] = []
-_shown: set[int] = set()
 
 
 def volume_display(source: Any, view: Any = None) -> Any:
@@ -120,12 +122,12 @@ def _registered(session: Any, *_: Any) -> None:
                     capture(filter)
                 except BadInput:
                     continue  # the filter says what is missing when it is applied
-    if not session.GetInLoadXMLState():  # a state says itself how things are shown
-        for display in _proxies(session, DISPLAY, "representations"):
-            if display.SMProxy.GetGlobalID() not in _shown and display.Input is not None:
-                _shown.add(display.SMProxy.GetGlobalID())
-                if display.Input.SMProxy.GetXMLName() in IMAGES:
-                    as_it_is(display)
+    loading = session.GetInLoadXMLState()  # a state says itself how things are shown
+    for display in _proxies(session, DISPLAY, "representations"):
+        if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
+            display.SMProxy.SetAnnotation(SEEN, "1")
+            if not loading and display.Input.SMProxy.GetXMLName() in IMAGES:
+                as_it_is(display)
 
 
 def as_it_is(display: Any) -> None:

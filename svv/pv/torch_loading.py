@@ -2,8 +2,8 @@
 
 A ParaView that is linked with a BLAS of the system (Debian's is, with OpenBLAS) has that library's ``sgemm`` in the
 global scope, and the dynamic linker gives it to torch in place of the one that torch brings along. Two libraries with
-threads of their own then wait for each other: matrix products of our sizes took three to seven times as long, and
-stylization eight times. So torch is loaded such that its own symbols come first.
+threads of their own then wait for each other: matrix products of our sizes took 2.6 to 7.5 times as long. So torch is
+loaded such that its own symbols come first.
 """
 
 from __future__ import annotations

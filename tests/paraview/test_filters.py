@@ -111,13 +111,13 @@ assert alpha.max() > 100 and np.array_equal(np.isnan(first["Depth"]), alpha == 0
 assert (first["Region"][alpha == 0] == -1).all()
 assert not np.array_equal(image(render, 20.0)[1]["RGBA"], first["RGBA"]), "the orbit stands still"
 
-region = np.bincount(first["Region"][alpha > 100]).argmax()  # how many there are hangs on how far training came
+region = np.bincount(first["Region"][alpha > 150]).argmax()  # how many there are hangs on how far training came
 def change(**values):
     for name, value in values.items():
         setattr(edit, f"Region{region}{name}", value)
 change(Recolour=1, Colour=[1.0, 0.0, 1.0])
 magenta = image(render, 90.0)[1]["RGBA"]
-seen = (first["Region"] == region) & (alpha > 100)
+seen = (first["Region"] == region) & (alpha > 150)
 assert (magenta[seen, 1] < first["RGBA"][seen].max(1)).mean() > 0.9 and np.array_equal(magenta[:, 3], alpha)
 change(Recolour=0, Opacity=0.0)
 hidden = image(render, 90.0)[1]["RGBA"]
@@ -352,6 +352,8 @@ SaveState(sys.argv[2])
 LoadState(sys.argv[2])
 again = [d for view in GetRenderViews() for d in view.Representations if getattr(d, "Input", None)]
 assert [d.MapScalars for d in again] == [1, 1][: len(again)] and again, "a state was overruled"
+Show(Sphere(), CreateView("RenderView"))
+assert all(d.MapScalars == 1 for d in again), "a state was overruled later"
 """,
         trained, tmp_path / "state.pvsm",
     )  # fmt: skip

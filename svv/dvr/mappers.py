@@ -128,10 +128,10 @@ class CpuMapper:
         return pixels
 
     def _skip_empty_rays(self, cast: Any, camera: Camera, used: tuple[slice, slice]) -> None:
-        """Cast no ray that passes all visible cells by: half of the time, and not a bit of difference.
+        """Cast no ray that passes all visible cells by, and none farther than behind the last of them.
 
-        The ray caster ends rays at the depth buffer of the geometry around the volume; ours says 'here' (0) where a
-        ray meets nothing, and 'nowhere' (1) elsewhere.
+        The ray caster ends rays at the depth buffer of the geometry around the volume; ours holds, for each tile, the
+        depth behind its last visible cell.
         """
         position, direction, up = self._stage.pose(camera)
         offset = self._blocks - position
@@ -144,11 +144,14 @@ class CpuMapper:
         upward = offset @ up / depth * camera.focal + 0.5 * camera.height
         row, column = (upward // TILE).astype(int), (across // TILE).astype(int)
         inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
-        tiles = np.zeros(shape, bool)
-        tiles[row[inside], column[inside]] = True
+        last = np.zeros(shape)
+        np.maximum.at(last, (row[inside], column[inside]), depth[inside] + 2.0 * self._radius)
         reach = self._radius * camera.focal / (depth.min() - self._radius) + 1.0  # pixels, of any block
-        tiles = maximum_filter(tiles, 2 * int(np.ceil(reach / TILE)) + 1)
-        depths = np.repeat(np.repeat(tiles, TILE, axis=0), TILE, axis=1)[used]
+        last = maximum_filter(last, 2 * int(np.ceil(reach / TILE)) + 1)
+        near, far = self._renderer.GetActiveCamera().GetClippingRange()
+        ends = np.zeros(shape, np.float32)  # 0: the ray ends where it begins
+        ends[last > near] = np.minimum(far * (1.0 - near / last[last > near]) / (far - near), 1.0)
+        depths = np.repeat(np.repeat(ends, TILE, axis=0), TILE, axis=1)[used]
         cast.SetUseZBuffer(1)
         cast.SetZBufferSize(depths.shape[1], depths.shape[0])
         cast.SetZBufferOrigin(used[1].start, used[0].start)

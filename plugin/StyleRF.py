@@ -18,6 +18,7 @@ if importlib.util.find_spec("svv") is None:  # loaded by hand: the package lies 
 try:
     from svv.pv.capture import watch_new_filters
     from svv.pv.proxies import *  # noqa: F403  (ParaView looks for the filters in this module)
+    from svv.pv.readers import *  # noqa: F403
 
     watch_new_filters()
 except ImportError as _error:

@@ -190,3 +190,21 @@ def step_asked_for(filter: Filter, out_info: Any, count: int) -> int:
     key = filter.GetExecutive().UPDATE_TIME_STEP()
     return min(max(round(info.Get(key)), 0), count - 1) if info.Has(key) else 0
 
+
+class ViewsOutput(Filter):
+    """Gives out one view as an image, and all cameras."""
+
+    def FillOutputPortInformation(self, port: int, info: Any) -> int:
+        """An image, and points."""
+        info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
+        return 1
+
+
+class ImageOutput(Filter):
+    """Gives out an image of a scene; its time steps are the orbit's frames."""
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Size and time steps."""
+        set_image_information(self, out_info, *(int(v) for v in self.values["ImageSize"]))
+        set_steps(self, out_info, ORBIT)
+        return 1

@@ -1,4 +1,4 @@
-"""The filters, readers and the writer that ParaView shows under StyleRF.
+"""The filters that ParaView shows under Filters > StyleRF.
 
 Each class is a list of properties and a few calls into :mod:`svv.pv.work`. Its docstring is what ParaView shows as
 help.
@@ -6,142 +6,51 @@ help.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty, smproxy
-from vtkmodules.vtkCommonDataModel import vtkDataObject
+from paraview.util.vtkAlgorithm import smproperty, smproxy
 
 from svv.errors import BadInput, part
 from svv.pv.data import put_image, put_scene, put_views, scene_of
-from svv.pv.filters import ORBIT, Filter, set_image_information, set_steps, step_asked_for
+from svv.pv.filters import (
+    ORBIT,
+    Filter,
+    ImageOutput,
+    ViewsOutput,
+    set_image_information,
+    set_steps,
+    step_asked_for,
+)
+from svv.pv.panels import (
+    PICTURES,
+    PRESETS,
+    REGIONS,
+    TAKE_HELP,
+    image_properties,
+    keep_input_visible,
+    menu,
+    region_properties,
+    takes_scene,
+    takes_volume,
+    training_properties,
+    volume_properties,
+)
 from svv.pv.properties import (
-    Property,
     button,
     choice,
     file,
     files,
-    group,
     integer,
     number,
-    numbers,
     panel,
-    scalars,
     status,
-    switch,
     text,
     time_steps,
-    transfer_function,
 )
 
 __all__ = [
     "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFEdit", "StyleRFStylize", "StyleRFRender",
-    "StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFViewsReader",
 ]  # fmt: skip
-
-
-
-PICTURES = "png jpg jpeg tif tiff bmp webp"
-PRESETS = ("draft", "fast", "balanced", "paper")
-TAKE_HELP = (
-    "Look at the transfer function again. Editing it does not start minutes of work by itself: what was edited counts "
-    "from here on, and nothing is done where nothing changed."
-)
-REGIONS = 8
-"""Regions that the panel of StyleRF Edit shows, as many as a palette may have; those that a scene lacks do nothing."""
-
-
-def menu(cls: Any) -> Any:
-    """Show the filter under Filters > StyleRF."""
-    return smhint.xml('<ShowInMenu category="StyleRF"/>')(cls)
-
-
-def keep_input_visible(cls: Any) -> Any:
-    """Let the input stay visible when the filter is applied."""
-    return smhint.xml('<Visibility replace_input="0"/>')(cls)
-
-
-def takes_volume(cls: Any) -> Any:
-    """Give the filter an image as its input."""
-    arrays = '<InputArrayDomain name="input_array" attribute_type="any" number_of_components="1" optional="1"/>'
-    cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
-    return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
-
-
-def takes_scene(cls: Any) -> Any:
-    """Give the filter a scene's table as its input."""
-    cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
-    return smproperty.input(name="Input", port_index=0)(cls)
-
-
-def volume_properties(views: int, test: int, size: int) -> list[Property]:
-    """How a volume is shown, and how many views are drawn of it."""
-    return [
-        scalars(),
-        transfer_function(),
-        number(
-            "OpacityUnitDistance", 0.0,
-            "Distance, in the volume's units, after which the opacity is that of the transfer function; 0 takes "
-            "ParaView's default for this volume.", low=0.0,
-        ),
-        switch("Shade", True, "Whether the volume is lit by a light at the camera."),
-        *group("Shading", [
-            number("Ambient", 0.0, "Light from everywhere.", 0.0, 1.0, True),
-            number("Diffuse", 1.0, "Light that surfaces scatter.", 0.0, 1.0, True),
-            number("Specular", 0.0, "Light that surfaces mirror.", 0.0, 1.0, True),
-            number("SpecularPower", 100.0, "How sharp the highlights are.", 0.0, 128.0, True),
-        ]),
-        integer("Views", views, "Views to learn from, evenly around the volume.", 3, None, True),
-        integer("TestViews", test, "More views, to measure with; they are never learned.", 0, 181, True),
-        integer("ViewSize", size, "Width and height of the views in pixels.", 64, 4096, True),
-        choice("RayCaster", ("auto", "gpu", "cpu"), "auto",
-               "auto takes the graphics card where OpenGL runs on hardware.", True),
-    ]  # fmt: skip
-
-
-def training_properties(preset: str) -> list[Property]:
-    """How much is learned."""
-    return [
-        choice("Preset", PRESETS, preset,
-               "How long training takes: draft for a first look, fast and balanced take minutes, paper hours."),
-        number("TimeLimit", 0.0, "Shorten training to this many seconds; 0 is no limit.", 0.0),
-        integer("Seed", 0, "Same seed, same result.", 0, None, True),
-    ]  # fmt: skip
-
-
-def image_properties(size: int) -> list[Property]:
-    """Which image of a scene is made."""
-    return [
-        numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
-        choice("Network", ("last", "base", "pcn", "styled"), "last",
-               "What gives the colours: base (as learned), pcn (the palette, with its edits), styled; last is the last "
-               "that the scene has."),
-        switch("Background", False, "Whether the image gets a background; else it is transparent."),
-        numbers("BackgroundColour", (1.0, 1.0, 1.0), "Its colour.", "color_selector"),
-        numbers("Camera", (0.0,) * 9 + (30.0,),
-                "Position, focal point, view up (x, y, z each) and angle of view in degrees. All zeros: the orbit "
-                "around the scene, one of its 181 frames a time step.", None, True),
-    ]  # fmt: skip
-
-
-class ViewsOutput(Filter):
-    """Gives out one view as an image, and all cameras."""
-
-    def FillOutputPortInformation(self, port: int, info: Any) -> int:
-        """An image, and points."""
-        info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
-        return 1
-
-
-class ImageOutput(Filter):
-    """Gives out an image of a scene; its time steps are the orbit's frames."""
-
-    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
-        """Size and time steps."""
-        set_image_information(self, out_info, *(int(v) for v in self.values["ImageSize"]))
-        set_steps(self, out_info, ORBIT)
-        return 1
 
 
 @smproxy.filter(label="StyleRF Views", support_reload=False)
@@ -233,19 +142,6 @@ class StyleRFTrain(Filter):
     def before(self, outputs: list[Any]) -> None:
         if self.last("scene") is not None:
             put_scene(self.last("scene"), outputs[0])
-
-
-def region_properties(region: int) -> Sequence[Property]:
-    """What can be edited of one region."""
-    name, advanced = f"Region{region}", region > 3
-    return group(f"Region {region}", [
-        switch(f"{name}Recolour", False, "Whether to give the region another colour.",
-               advanced),
-        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "Its new colour.", "color_selector", advanced),
-        number(f"{name}Opacity", 1.0, "Factor on the region's opacity.", 0.0, 4.0, advanced),
-        number(f"{name}Lighting", 1.0, "Factor on the region's lighting; 0 is flat.", 0.0, 2.0,
-               advanced),
-    ])  # fmt: skip
 
 
 @smproxy.filter(label="StyleRF Edit", support_reload=False)
@@ -415,78 +311,3 @@ class StyleRFStylizedView(ImageOutput):
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:
             outputs[0].ShallowCopy(self.last("image"))
-
-
-@smproxy.writer("StyleRF scenes", extensions="svv", support_reload=False)
-@panel(file("FileName", "svv", "Scenes", "The file to write.", save=True))
-@takes_scene
-class StyleRFSceneWriter(Filter):
-    """Write a scene to a file (.svv)."""
-
-    def __init__(self) -> None:
-        super().__init__(1, 0, "vtkTable")
-
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
-        scene_of(inputs[0]).save(self.values["FileName"])
-
-    def Write(self) -> None:
-        """Called by Save Data."""
-        self.Modified()
-        self.Update()
-
-
-@smproxy.reader("StyleRF scenes", extensions="svv", label="StyleRF Scene", support_reload=False)
-@panel(file("FileName", "svv", "Scenes", "The scene file."), status())
-class StyleRFSceneReader(Filter):
-    """Read a scene (.svv): a table with a row a region, for StyleRF Edit, Stylize and Render."""
-
-    def __init__(self) -> None:
-        super().__init__(0, 1, "vtkTable")
-
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.fields.scene import Scene
-
-        name = self.values["FileName"]
-        changed = Path(name).stat().st_mtime_ns if Path(name).exists() else 0
-        scene = self.kept("scene", (name, changed), lambda: Scene.load(name))
-        put_scene(scene, outputs[0])
-        return f"{len(scene.regions)} regions; networks {', '.join(scene.networks)}."
-
-
-@smproxy.reader(
-    "StyleRF views", filename_patterns="transforms_*.json", label="StyleRF Views Folder", support_reload=False
-)
-@smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
-@panel(
-    file("FileName", "json", "Views", "The file transforms_train.json of a set of views."),
-    time_steps(),
-    status(),
-)
-class StyleRFViewsReader(ViewsOutput):
-    """Read a set of views (a folder with transforms_train.json): an image a time step, and the cameras. Connect
-    StyleRF Train."""
-
-    def __init__(self) -> None:
-        super().__init__(0, 2, "vtkImageData")
-
-    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
-        try:
-            views = self._read()
-        except BadInput:
-            return 1  # RequestData says it
-        set_image_information(self, out_info, views.cameras[0].width, views.cameras[0].height)
-        set_steps(self, out_info, len(views))
-        return 1
-
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        views = self._read()
-        put_views(views, step_asked_for(self, out_info, len(views)), *outputs)
-        return f"{len(views)} views."
-
-    def _read(self) -> Any:
-        from svv.io.viewset import ViewSet
-
-        path = Path(self.values["FileName"])
-        changed = path.stat().st_mtime_ns if path.exists() else 0
-        split = path.stem.removeprefix("transforms_")
-        return self.kept("views", (path, changed), lambda: ViewSet.read(path.parent, split, self.progress))

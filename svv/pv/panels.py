@@ -1,0 +1,115 @@
+"""What our filters share in ParaView's panel: place in the menu, inputs, and groups of properties."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
+
+from svv.pv.properties import (
+    Property,
+    choice,
+    group,
+    integer,
+    number,
+    numbers,
+    scalars,
+    switch,
+    transfer_function,
+)
+
+PICTURES = "png jpg jpeg tif tiff bmp webp"
+PRESETS = ("draft", "fast", "balanced", "paper")
+TAKE_HELP = (
+    "Look at the transfer function again. Editing it does not start minutes of work by itself: what was edited counts "
+    "from here on, and nothing is done where nothing changed."
+)
+REGIONS = 8
+"""Regions that the panel of StyleRF Edit shows, as many as a palette may have; those that a scene lacks do nothing."""
+
+
+def menu(cls: Any) -> Any:
+    """Show the filter under Filters > StyleRF."""
+    return smhint.xml('<ShowInMenu category="StyleRF"/>')(cls)
+
+
+def keep_input_visible(cls: Any) -> Any:
+    """Let the input stay visible when the filter is applied."""
+    return smhint.xml('<Visibility replace_input="0"/>')(cls)
+
+
+def takes_volume(cls: Any) -> Any:
+    """Give the filter an image as its input."""
+    arrays = '<InputArrayDomain name="input_array" attribute_type="any" number_of_components="1" optional="1"/>'
+    cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
+
+
+def takes_scene(cls: Any) -> Any:
+    """Give the filter a scene's table as its input."""
+    cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0)(cls)
+
+
+def volume_properties(views: int, test: int, size: int) -> list[Property]:
+    """How a volume is shown, and how many views are drawn of it."""
+    return [
+        scalars(),
+        transfer_function(),
+        number(
+            "OpacityUnitDistance", 0.0,
+            "Distance, in the volume's units, after which the opacity is that of the transfer function; 0 takes "
+            "ParaView's default for this volume.", low=0.0,
+        ),
+        switch("Shade", True, "Whether the volume is lit by a light at the camera."),
+        *group("Shading", [
+            number("Ambient", 0.0, "Light from everywhere.", 0.0, 1.0, True),
+            number("Diffuse", 1.0, "Light that surfaces scatter.", 0.0, 1.0, True),
+            number("Specular", 0.0, "Light that surfaces mirror.", 0.0, 1.0, True),
+            number("SpecularPower", 100.0, "How sharp the highlights are.", 0.0, 128.0, True),
+        ]),
+        integer("Views", views, "Views to learn from, evenly around the volume.", 3, None, True),
+        integer("TestViews", test, "More views, to measure with; they are never learned.", 0, 181, True),
+        integer("ViewSize", size, "Width and height of the views in pixels.", 64, 4096, True),
+        choice("RayCaster", ("auto", "gpu", "cpu"), "auto",
+               "auto takes the graphics card where OpenGL runs on hardware.", True),
+    ]  # fmt: skip
+
+
+def training_properties(preset: str) -> list[Property]:
+    """How much is learned."""
+    return [
+        choice("Preset", PRESETS, preset,
+               "How long training takes: draft for a first look, fast and balanced take minutes, paper hours."),
+        number("TimeLimit", 0.0, "Shorten training to this many seconds; 0 is no limit.", 0.0),
+        integer("Seed", 0, "Same seed, same result.", 0, None, True),
+    ]  # fmt: skip
+
+
+def image_properties(size: int) -> list[Property]:
+    """Which image of a scene is made."""
+    return [
+        numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
+        choice("Network", ("last", "base", "pcn", "styled"), "last",
+               "What gives the colours: base (as learned), pcn (the palette, with its edits), styled; last is the last "
+               "that the scene has."),
+        switch("Background", False, "Whether the image gets a background; else it is transparent."),
+        numbers("BackgroundColour", (1.0, 1.0, 1.0), "Its colour.", "color_selector"),
+        numbers("Camera", (0.0,) * 9 + (30.0,),
+                "Position, focal point, view up (x, y, z each) and angle of view in degrees. All zeros: the orbit "
+                "around the scene, one of its 181 frames a time step.", None, True),
+    ]  # fmt: skip
+
+
+def region_properties(region: int) -> Sequence[Property]:
+    """What can be edited of one region."""
+    name, advanced = f"Region{region}", region > 3
+    return group(f"Region {region}", [
+        switch(f"{name}Recolour", False, "Whether to give the region another colour.",
+               advanced),
+        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "Its new colour.", "color_selector", advanced),
+        number(f"{name}Opacity", 1.0, "Factor on the region's opacity.", 0.0, 4.0, advanced),
+        number(f"{name}Lighting", 1.0, "Factor on the region's lighting; 0 is flat.", 0.0, 2.0,
+               advanced),
+    ])  # fmt: skip

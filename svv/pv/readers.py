@@ -1,0 +1,91 @@
+"""ParaView's readers for scenes and view sets, and the writer of scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from paraview.util.vtkAlgorithm import smproperty, smproxy
+
+from svv.errors import BadInput
+from svv.pv.data import put_scene, put_views, scene_of
+from svv.pv.filters import Filter, ViewsOutput, set_image_information, set_steps, step_asked_for
+from svv.pv.panels import takes_scene
+from svv.pv.properties import file, panel, status, time_steps
+
+__all__ = ["StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFViewsReader"]
+
+
+@smproxy.writer("StyleRF scenes", extensions="svv", support_reload=False)
+@panel(file("FileName", "svv", "Scenes", "The file to write.", save=True))
+@takes_scene
+class StyleRFSceneWriter(Filter):
+    """Write a scene to a file (.svv)."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 0, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
+        scene_of(inputs[0]).save(self.values["FileName"])
+
+    def Write(self) -> None:
+        """Called by Save Data."""
+        self.Modified()
+        self.Update()
+
+
+@smproxy.reader("StyleRF scenes", extensions="svv", label="StyleRF Scene", support_reload=False)
+@panel(file("FileName", "svv", "Scenes", "The scene file."), status())
+class StyleRFSceneReader(Filter):
+    """Read a scene (.svv): a table with a row a region, for StyleRF Edit, Stylize and Render."""
+
+    def __init__(self) -> None:
+        super().__init__(0, 1, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.fields.scene import Scene
+
+        name = self.values["FileName"]
+        changed = Path(name).stat().st_mtime_ns if Path(name).exists() else 0
+        scene = self.kept("scene", (name, changed), lambda: Scene.load(name))
+        put_scene(scene, outputs[0])
+        return f"{len(scene.regions)} regions; networks {', '.join(scene.networks)}."
+
+
+@smproxy.reader(
+    "StyleRF views", filename_patterns="transforms_*.json", label="StyleRF Views Folder", support_reload=False
+)
+@smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
+@panel(
+    file("FileName", "json", "Views", "The file transforms_train.json of a set of views."),
+    time_steps(),
+    status(),
+)
+class StyleRFViewsReader(ViewsOutput):
+    """Read a set of views (a folder with transforms_train.json): an image a time step, and the cameras. Connect
+    StyleRF Train."""
+
+    def __init__(self) -> None:
+        super().__init__(0, 2, "vtkImageData")
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        try:
+            views = self._read()
+        except BadInput:
+            return 1  # RequestData says it
+        set_image_information(self, out_info, views.cameras[0].width, views.cameras[0].height)
+        set_steps(self, out_info, len(views))
+        return 1
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        views = self._read()
+        put_views(views, step_asked_for(self, out_info, len(views)), *outputs)
+        return f"{len(views)} views."
+
+    def _read(self) -> Any:
+        from svv.io.viewset import ViewSet
+
+        path = Path(self.values["FileName"])
+        changed = path.stat().st_mtime_ns if path.exists() else 0
+        split = path.stem.removeprefix("transforms_")
+        return self.kept("views", (path, changed), lambda: ViewSet.read(path.parent, split, self.progress))

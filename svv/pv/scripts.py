@@ -202,11 +202,11 @@ def parser(description: str, *examples: str) -> argparse.ArgumentParser:
 
 def interpreter() -> str:
     """The program that runs this script, for another process of the same kind; in pvpython Python does not know."""
+    itself = Path("/proc/self/exe")
+    if itself.exists() and itself.resolve().name.startswith(("pvpython", "pvbatch")):
+        return str(itself.resolve())
     if "paraview" not in sys.modules:
         return sys.executable
-    itself = Path("/proc/self/exe")
-    if itself.exists():
-        return str(itself.resolve())
     from svv.pv import start
 
     return str(start.find().program("pvpython"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from svv.errors import BadInput, Progress
+from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import atomic_path, write_json
 from svv.io.output import write_png
 from svv.report.job import JobSettings
@@ -40,12 +40,13 @@ def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show
         "Volume and styles",
         {"resolution": resolution},
         [volume, tf, *styles],
-        lambda progress: _generate(out, resolution, progress),
+        lambda progress: generate(out, resolution, progress),
     )
     return run_job(VolumeSource(volume, tf), styles, out, settings, show, stages)
 
 
-def _generate(out: Path, resolution: int, progress: Progress) -> None:
+def generate(out: Path, resolution: int = 128, progress: Progress = silent) -> None:
+    """Write the demo's volume (``volume.vti``), its transfer function (``tf.json``) and its style pictures."""
     from svv.dvr.demo_volume import demo_transfer_function, demo_volume
     from svv.train.textures import style_picture
 

@@ -267,7 +267,7 @@ class Job:
             ]
             rows.append([truth, *pictures, error_picture(truth, pictures[1])])
         labels = ["volume rendering", "base network", "palette network", "its error x 4"]
-        write_png(self.out / "unseen.png", sheet(rows, labels))
+        write_png(self.out / "unseen.png", sheet(cropped(rows), labels))
 
 
 def turned(colour: Sequence[float] | NDArray[np.float32]) -> tuple[float, float, float]:

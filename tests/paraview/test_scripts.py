@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,7 @@ def test_a_state_is_taken_as_it_was_saved(made: Path, pvpython, tmp_path: Path) 
         """
 import sys
 from svv.pv import scripts
+from collections.abc import Callable
 from pathlib import Path
 from paraview import simple
 display, view = scripts.open_volume(Path(sys.argv[1]), Path(sys.argv[2]))
@@ -168,6 +170,7 @@ BAD = {
 
 IN_TURN = """
 import contextlib, io, json, runpy, sys
+from collections.abc import Callable
 from pathlib import Path
 folder, commands, answers = Path(sys.argv[1]), json.loads(sys.argv[2]), []
 sys.path.insert(0, str(folder))
@@ -205,3 +208,13 @@ def test_help_has_examples(pvpython) -> None:
     assert len(commands) == 5
     for (script, _), (code, out, _) in zip(commands, in_turn(pvpython, commands), strict=True):
         assert code == 0 and "examples:" in out and f"svv pvpython {script}" in out
+
+
+def test_a_script_knows_the_program_that_runs_it(pvpython: Callable) -> None:
+    """Without the plugin, too, which would have imported ParaView's modules by then."""
+    pvpython(
+        "from pathlib import Path\n"
+        "from svv.pv.scripts import interpreter\n"
+        "assert Path(interpreter()).is_file() and Path(interpreter()).name.startswith('pvpython'), interpreter()",
+        environ={"PV_PLUGIN_PATH": ""},
+    )

@@ -11,7 +11,8 @@ import torch
 
 from svv.core.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled, silent
-from svv.fields.networks import FieldSettings, PaletteField
+from svv.fields import image as fused
+from svv.fields.networks import FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import carve
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
@@ -157,6 +158,26 @@ def test_edits_change_their_region_alone(trained: tuple[Scene, dict[str, object]
     assert np.std(flat[left][:, 0]) < np.std(before.rgba[left][:, 0])
     same = scene.edited(red, colour=scene.regions[red].colour).render(front(), "pcn").rgba
     np.testing.assert_allclose(same, before.rgba, atol=1e-3)
+
+
+@pytest.mark.parametrize("network", ["pcn", "styled"])
+def test_fused_images_are_the_plain_ones(
+    trained: tuple[Scene, dict[str, object]], monkeypatch: pytest.MonkeyPatch, network: str
+) -> None:
+    """Every edit at once, in kernels and in plain torch."""
+    scene = trained[0].edited(0, colour=(0.2, 0.8, 0.3), opacity=0.4).edited(1, lighting=1.7)
+    if network == "styled":
+        styled = UnrestrictedField(scene.settings, scene.occupancy).requires_grad_(False)
+        styled.encoding.randomize(1.0, torch.Generator().manual_seed(1))
+        regions = (scene.regions[0], replace(scene.regions[1], style="noise", strength=0.6))
+        scene = replace(scene, styled=styled, regions=regions)
+    assert fused.can_fuse(scene)
+    one = scene.render(front(), network)
+    monkeypatch.setattr(fused, "can_fuse", lambda _: False)
+    other = scene.render(front(), network)
+    np.testing.assert_allclose(one.rgba, other.rgba, atol=2e-5)
+    np.testing.assert_allclose(one.depth, other.depth, rtol=1e-5)
+    assert (one.region == other.region).mean() > 0.999  # shares that are equal to the last bit may fall either way
 
 
 @pytest.mark.parametrize(

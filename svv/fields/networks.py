@@ -23,6 +23,12 @@ DIRECTION_WIDTH = 16
 WEIGHT_FLOOR = 0.05
 """Added to the palette weights before they are normalised, so that no colour is ever cut off from learning."""
 
+INTENSITY_SHIFT = 0.55
+"""softplus(0.55) is about 1: an untrained network's materials are as bright as the palette."""
+
+SPECULAR_SHIFT = -3.0
+"""softplus(-3) is about 0.05: an untrained network has hardly any highlights."""
+
 
 @dataclass(frozen=True)
 class FieldSettings:
@@ -173,15 +179,19 @@ class PaletteField(nn.Module):
 
     def material(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """View-independent intensity (S,), weights (S, P) and offsets (S, P, 3)."""
-        h = self.palette_mlp(self.encoding(position))
+        return self.material_of(self.palette_mlp(self.encoding(position)))
+
+    def material_of(self, h: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Intensity, weights and offsets of what the palette MLP says. (S, 1 + 4 P)"""
         count = len(self.colours)
         raw = softplus(h[:, 1 : 1 + count]) + WEIGHT_FLOOR
-        return softplus(h[:, 0] + 0.55), raw / raw.sum(1, keepdim=True), h[:, 1 + count :].view(-1, count, 3)
+        intensity = softplus(h[:, 0] + INTENSITY_SHIFT)
+        return intensity, raw / raw.sum(1, keepdim=True), h[:, 1 + count :].view(-1, count, 3)
 
     def lighting(self, geometry: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
         """Specular grey c_s >= 0 (S,) and shade m in (0, 2) (S,)."""
         h = self.lighting_mlp(torch.cat([geometry, directions], dim=1))
-        specular = softplus(h[:, 0] - 3.0)
+        specular = softplus(h[:, 0] + SPECULAR_SHIFT)
         return specular, 2.0 * torch.sigmoid(h[:, 1]) if self.shading else torch.ones_like(specular)
 
     def forward(self, position: Tensor, geometry: Tensor, directions: Tensor) -> PaletteColours:

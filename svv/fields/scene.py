@@ -16,6 +16,7 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.core.colour import shift_colours
 from svv.errors import BadInput, Progress, silent
+from svv.fields import image as fused
 from svv.fields.networks import (
     BaseField,
     FieldSettings,
@@ -191,9 +192,14 @@ class Scene:
     @torch.no_grad()
     def _render_rays(self, rays: Rays, network: str, rgba: Any, depth: Any, region: Any) -> None:
         """Write what rays see into the images, where they see anything."""
-        samples, colour, of, sigma = self.shade(rays, network)
+        samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited())
         if not len(samples):
             return
+        if network != "base" and fused.can_fuse(self):
+            colour, of = fused.shade(self, samples, rays, network)
+            fused.composite(self, samples, rays, colour, of, FAINT, rgba, depth, region)
+            return
+        colour, of, sigma = self.shade(samples, rays, network)
         distance = (samples.position - torch.from_numpy(rays.origins)[samples.ray.long()]).norm(dim=1)
         values = [colour, distance[:, None]]
         if self.palette is not None:
@@ -208,25 +214,29 @@ class Scene:
         depth[at] = mean[:, 3].numpy() * self.occupancy.box.size
         region[at] = mean[:, 4:].argmax(1).numpy() if self.palette is not None else 0
 
-    def shade(self, rays: Rays, network: str) -> tuple[Samples, Tensor, Tensor, Tensor]:
-        """Samples of rays with their colour (S, 3), region (S,) and edited extinction (S,)."""
-        samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited())
+    def shade(self, samples: Samples, rays: Rays, network: str) -> tuple[Tensor, Tensor, Tensor]:
+        """Colour (S, 3), region (S,) and edited extinction (S,) of samples."""
         sigma, geometry = self.base.geometry(samples)
         directions = encode_directions(torch.from_numpy(rays.directions), samples.ray)
         if network == "base" or self.palette is None:
             region = torch.zeros(len(samples), dtype=torch.int64)
-            return samples, self.base(geometry, directions), region, sigma
+            return self.base(geometry, directions), region, sigma
         parts = self.palette(samples.position, geometry, directions)
         region = parts.region
         if any(r.opacity != 1.0 for r in self.regions):
             sigma = sigma * torch.tensor([r.opacity for r in self.regions])[region]
-        return samples, self.light(parts, self.diffuse(parts, samples.position, network)), region, sigma
+        return self.light(parts, self.diffuse(parts, samples.position, network)), region, sigma
 
     def diffuse(self, parts: PaletteColours, position: Tensor, network: str) -> Tensor:
         """Edited diffuse colour of samples, from the UCN where a region is styled. (S, 3)"""
+        diffuse = parts.diffuse(self.edited_colours(parts.offsets))
+        return self.with_style(diffuse, parts.region, position, network)
+
+    def edited_colours(self, offsets: Tensor) -> Tensor:
+        """Palette colours of samples with their offsets, recoloured as the regions' edits say. (S, P, 3)"""
         assert self.palette is not None
         palette = self.palette.colours
-        colours = palette + parts.offsets
+        colours = palette + offsets
         if any(r.edited_colour is not None for r in self.regions):
             target = torch.stack([
                 own.detach() if r.edited_colour is None else torch.tensor(r.edited_colour)
@@ -236,11 +246,14 @@ class Scene:
             shown = torch.tensor([r.colour for r in self.regions])
             target = torch.where((target == palette).all(1, keepdim=True), shown, target)
             colours = shift_colours(colours, shown, target)
-        diffuse = parts.diffuse(colours)
-        if network == "styled" and self.styled is not None:
-            share = torch.tensor([0.0 if r.style is None else r.strength for r in self.regions])[parts.region]
-            diffuse = torch.lerp(diffuse, self.styled(position), share[:, None])
-        return diffuse
+        return colours
+
+    def with_style(self, diffuse: Tensor, region: Tensor, position: Tensor, network: str) -> Tensor:
+        """Diffuse colour (S, 3) with the UCN's in its place where the sample's region (S,) is styled."""
+        if network != "styled" or self.styled is None:
+            return diffuse
+        share = torch.tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
+        return torch.lerp(diffuse, self.styled(position), share[:, None])
 
     def light(self, parts: PaletteColours, diffuse: Tensor) -> Tensor:
         """Diffuse colour (S, 3) under the scene's headlight, as bright as each region's edit says. (S, 3)"""

@@ -1,0 +1,80 @@
+"""Rays to pixels of a palette scene on the processor: what :meth:`Scene.shade` says, with fused kernels, no gradients.
+
+Half of the time of an image went into passes over memory between the networks' products; here each is one pass.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from svv.core.encodings import spherical_harmonics
+from svv.fields.encodings import SparseLattice
+from svv.fields.networks import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
+from svv.fields.rendering import Rays, Samples
+from svv.kernels import image as kernels
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
+
+
+def can_fuse(scene: Scene) -> bool:
+    """Whether the kernels know the scene's networks: palette and lattices, on the processor."""
+    return (
+        scene.palette is not None
+        and isinstance(scene.base.encoding, SparseLattice)
+        and isinstance(scene.palette.encoding, SparseLattice)
+        and scene.base.encoding.table.device.type == "cpu"
+    )
+
+
+def shade(scene: Scene, samples: Samples, rays: Rays, network: str) -> tuple[Tensor, Tensor]:
+    """Colour (S, 3) and region (S,) int64 of samples, for the network ``pcn`` or ``styled``."""
+    palette, geometry = scene.palette, scene.base.encoding
+    assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
+    count, width = len(samples), geometry.width
+    harmonics = spherical_harmonics(torch.as_tensor(rays.directions), 4)
+    lit, plain = torch.empty(count, width + harmonics.shape[1]), torch.empty(count, width)
+    kernels.features(
+        *_arrays(samples.position, samples.ray, harmonics), *_arrays(*geometry.layout),
+        *_arrays(geometry.table, palette.encoding.table, lit, plain),
+    )  # fmt: skip
+    light, material = palette.lighting_mlp(lit), palette.palette_mlp(plain)
+    region = torch.empty(count, dtype=torch.int64)
+    diffuse = torch.empty(count, 3)
+    kernels.material(
+        *_arrays(material, palette.colours), np.float32(INTENSITY_SHIFT), np.float32(WEIGHT_FLOOR),
+        *_arrays(region, diffuse),
+    )  # fmt: skip
+    if any(r.edited_colour is not None for r in scene.regions):
+        diffuse = _recoloured(scene, material)
+    diffuse = scene.with_style(diffuse, region, samples.position, network).contiguous()
+    factors = torch.tensor([r.lighting for r in scene.regions])
+    kernels.light(*_arrays(light, factors, region), np.float32(SPECULAR_SHIFT), *_arrays(diffuse))
+    return diffuse, region
+
+
+def _recoloured(scene: Scene, material: Tensor) -> Tensor:
+    assert scene.palette is not None
+    intensity, weights, offsets = scene.palette.material_of(material)
+    return intensity[:, None] * (weights[:, :, None] * scene.edited_colours(offsets)).sum(dim=1)
+
+
+def composite(
+    scene: Scene, samples: Samples, rays: Rays, colour: Tensor, region: Tensor, faint: float, *images: Any
+) -> None:
+    """Write what rays see into ``images``: rgba (R, 4), depth (R,), region (R,) int16; other pixels stay."""
+    opacity = torch.tensor([r.opacity for r in scene.regions])
+    kernels.composite(
+        *_arrays(samples.position, samples.sigma, samples.skipped, colour, region, opacity, rays.origins),
+        *_arrays(samples.start, samples.count, samples.tail), np.float32(samples.step),
+        np.float32(scene.occupancy.box.size), np.float32(faint), *_arrays(*images),
+    )  # fmt: skip
+
+
+def _arrays(*tensors: Any) -> tuple[np.ndarray[Any, Any], ...]:
+    """The tensors' own memory."""
+    return tuple(np.asarray(t.detach() if isinstance(t, Tensor) else t) for t in tensors)

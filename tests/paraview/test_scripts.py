@@ -67,7 +67,6 @@ def test_a_state_is_taken_as_it_was_saved(made: Path, pvpython, tmp_path: Path) 
         """
 import sys
 from svv.pv import scripts
-from collections.abc import Callable
 from pathlib import Path
 from paraview import simple
 display, view = scripts.open_volume(Path(sys.argv[1]), Path(sys.argv[2]))
@@ -90,11 +89,11 @@ def test_an_orbit_beside_the_volume_as_paraview_renders_it(made: Path, pvpython,
     )  # fmt: skip
     frames = [read_png(path) for path in sorted((tmp_path / "orbit").iterdir())]
     assert len(frames) == 3
-    columns = [frames[1][-64:, 70 * k : 70 * k + 64].astype(float) for k in range(3)]
-    volume, pcn, styled = columns
-    assert np.abs(volume - pcn).mean() < 25.0, "ParaView's camera is not the scene's"
-    assert np.abs(volume - pcn).mean() < 0.6 * np.abs(volume - 255.0).mean()
-    assert np.abs(styled - pcn).mean() > 1.0
+    volumes, pcns, styled = ([f[-64:, 70 * k : 70 * k + 64].astype(float) for f in frames] for k in range(3))
+    for k, volume in enumerate(volumes):  # how well a scene is learned hangs on the machine; whose view it is does not
+        likeness = [np.corrcoef(volume.ravel(), pcn.ravel())[0, 1] for pcn in pcns]
+        assert np.argmax(likeness) == k and likeness[k] > 0.5, f"ParaView's camera is not the scene's: {likeness}"
+    assert np.abs(styled[1] - pcns[1]).mean() > 1.0
 
 
 def test_edits_go_through_the_filters(made: Path, pvpython, tmp_path: Path) -> None:

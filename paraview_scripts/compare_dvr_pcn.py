@@ -339,7 +339,7 @@ def chart_of(rows: list[dict], key: str, title: str):
             data.AddColumn(column("x", np.log2([point[0] for point in points])))
             data.AddColumn(column(f"{side}, {image}^2", np.log10([point[1] for point in points])))
             light = 0.55 * (len(images) - 1 - step) / max(len(images) - 1, 1)
-            line = chart.AddPlot(vtkChart.LINE)
+            line = chart.AddPlot(vtkChart.LINE if len(points) > 1 else vtkChart.POINTS)  # VTK complains of lines of one
             line.SetInputData(data, 0, 1)
             line.SetColor(*(int(c + (255 - c) * light) for c in colour), 255)
             line.SetWidth(2.5)

@@ -14,8 +14,7 @@ from svv.core.encodings import hash_features, lattice_features, spherical_harmon
 from svv.errors import BadInput
 from svv.fields.encodings import HashGrid, LatticeAdam, SparseLattice
 from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import Extinction, Marching, Rays, composite, march
-from svv.kernels.marching import NO_STOP
+from svv.fields.rendering import NO_STOP, Extinction, Marching, Rays, composite, march
 
 TOLERANCE = {"value": 2e-5, "gradient": 2e-4}
 UNIT = Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0))
@@ -36,18 +35,14 @@ def points_in(occupied: np.ndarray, cells: int, count: int, seed: int = 0) -> to
     return torch.from_numpy(points.astype(np.float32))
 
 
-def lattice_arrays(lattice: SparseLattice) -> tuple[torch.Tensor, ...]:
-    return tuple(torch.from_numpy(a) for a in lattice.layout)
-
-
 def test_lattice_matches_reference_in_value_and_gradient() -> None:
     lattice = sparse_lattice()
     rng = np.random.default_rng(0)
     occupied = (rng.random((8, 7, 6)) < 0.3).astype(np.uint8)
     x = points_in(occupied, 8, 500)
     table = lattice.table.detach().clone().requires_grad_()
-    shapes, scales, bases, index = lattice_arrays(lattice)
-    expected = lattice_features(x, shapes, scales, bases, index, table)
+    where = lattice.layout
+    expected = lattice_features(x, where.shapes, where.scales, where.bases, where.index, table)
     got = lattice(x)
     torch.testing.assert_close(got, expected, atol=TOLERANCE["value"], rtol=0)
     upstream = torch.randn(expected.shape, generator=torch.Generator().manual_seed(1))
@@ -55,8 +50,8 @@ def test_lattice_matches_reference_in_value_and_gradient() -> None:
     got.backward(upstream)
     gradient, used = lattice.buffers_for_gradient()
     assert table.grad is not None
-    torch.testing.assert_close(torch.from_numpy(gradient), table.grad, atol=TOLERANCE["gradient"], rtol=1e-4)
-    assert used[table.grad.abs().sum(1).numpy() > 0].all()
+    torch.testing.assert_close(gradient, table.grad, atol=TOLERANCE["gradient"], rtol=1e-4)
+    assert used[table.grad.abs().sum(1) > 0].all()
 
 
 def test_lattice_reproduces_linear_functions() -> None:
@@ -103,14 +98,14 @@ def test_hash_grid_matches_reference_in_value_and_gradient() -> None:
     grid.randomize(1.0, torch.Generator().manual_seed(0))
     x = torch.rand(400, 3, generator=torch.Generator().manual_seed(1))
     table = grid.table.detach().clone().requires_grad_()
-    expected = hash_features(x, torch.from_numpy(grid.resolutions), torch.from_numpy(grid.offsets), table)
+    expected = hash_features(x, grid.resolutions, grid.offsets, table)
     got = grid(x)
     torch.testing.assert_close(got, expected, atol=TOLERANCE["value"], rtol=0)
     upstream = torch.randn(expected.shape, generator=torch.Generator().manual_seed(2))
     expected.backward(upstream)
     got.backward(upstream)
     torch.testing.assert_close(
-        torch.from_numpy(grid.buffers_for_gradient()[0]), table.grad, atol=TOLERANCE["gradient"], rtol=1e-4
+        grid.buffers_for_gradient()[0], table.grad, atol=TOLERANCE["gradient"], rtol=1e-4
     )
 
 
@@ -127,8 +122,8 @@ def test_lattice_adam_is_adam_on_the_rows_it_uses(pull: float) -> None:
     gradient[~rows] = 0.0
     for _ in range(5):
         buffer, used = lattice.buffers_for_gradient()
-        buffer[:] = gradient.numpy()
-        used[:] = rows.numpy()
+        buffer[:] = gradient
+        used[:] = rows
         ours.step([0.01], [pull])
         twin.grad = gradient + pull * finer * rows[:, None] * twin.detach()
         theirs.step()
@@ -143,13 +138,13 @@ def diagonal_rays(count: int, seed: int = 0) -> Rays:
     origins = rng.uniform(-1.0, 2.0, (count, 3))
     towards = rng.uniform(0.2, 0.8, (count, 3)) - origins
     directions = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-    return Rays(origins.astype(np.float32), directions.astype(np.float32))
+    return Rays(torch.from_numpy(origins.astype(np.float32)), torch.from_numpy(directions.astype(np.float32)))
 
 
 def brute_force_optical_depth(rays: Rays, occupancy: Occupancy, density: SparseLattice, step: float) -> np.ndarray:
     """Sums every half-step sample inside occupied cells, one by one."""
     depth = np.zeros(len(rays))
-    for r, (o, d) in enumerate(zip(rays.origins.astype(float), rays.directions.astype(float), strict=True)):
+    for r, (o, d) in enumerate(zip(rays.origins.double().numpy(), rays.directions.double().numpy(), strict=True)):
         t = (np.arange(int(6 / step)) + 0.5) * step
         x = o + t[:, None] * d
         x = x[((x > 0) & (x < 1)).all(1)]
@@ -204,9 +199,9 @@ def test_marching_without_stop_keeps_what_is_hidden() -> None:
     density = SparseLattice(occupied, 4, (4,), 1)
     with torch.no_grad():
         density.table.fill_(6.0)
-    rays = Rays(np.array([[-1.0, 0.5, 0.5]], np.float32), np.array([[1.0, 0.0, 0.0]], np.float32))
+    rays = Rays(torch.tensor([[-1.0, 0.5, 0.5]]), torch.tensor([[1.0, 0.0, 0.0]]))
     ended = march(rays, occupancy, density, Marching(1 / 32, 1e-3, 0.0, 7.0))
-    through = march(rays, occupancy, density, Marching(1 / 32, 1e-3, 0.0, float(NO_STOP)))
+    through = march(rays, occupancy, density, Marching(1 / 32, 1e-3, 0.0, NO_STOP))
     assert len(ended) < 8
     assert len(through) == 32
 
@@ -218,7 +213,7 @@ def test_composite_matches_reference_in_value_and_gradient(count: int, channels:
     occupied = np.ones((4, 4, 4), np.uint8)
     occupancy = Occupancy(UNIT, 4, occupied)
     density = SparseLattice(occupied, 4, (4,), 1)
-    rays = Rays(np.array([[-1.0, 0.3, 0.6]], np.float32), np.array([[1.0, 0.0, 0.0]], np.float32))
+    rays = Rays(torch.tensor([[-1.0, 0.3, 0.6]]), torch.tensor([[1.0, 0.0, 0.0]]))
     samples = march(rays, occupancy, density, Marching(1.0 / count, 0.0, 0.0, 1e6))
     generator = torch.Generator().manual_seed(seed)
     sigma = (3.0 * torch.rand(len(samples), generator=generator)).requires_grad_()
@@ -253,7 +248,7 @@ def test_extinction_gradient_reaches_the_density_lattice() -> None:
     sigma = Extinction.apply(samples, density.table, density)
     composite(samples, sigma, torch.zeros(len(samples), 1))[1].sum().backward()
     gradient = density.buffers_for_gradient()[0][:, 0]
-    for row in (int(np.abs(gradient[:27]).argmax()), 27 + int(np.abs(gradient[27:]).argmax())):
+    for row in (int(gradient[:27].abs().argmax()), 27 + int(gradient[27:].abs().argmax())):
         step = 0.02
         with torch.no_grad():
             density.table[row] += step
@@ -261,7 +256,7 @@ def test_extinction_gradient_reaches_the_density_lattice() -> None:
             density.table[row] -= 2 * step
             below = transmittance()
             density.table[row] += step
-        assert gradient[row] == pytest.approx((above - below) / (2 * step), rel=0.02)
+        assert float(gradient[row]) == pytest.approx((above - below) / (2 * step), rel=0.02)
 
 
 def test_spherical_harmonics_are_orthonormal() -> None:

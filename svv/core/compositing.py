@@ -26,3 +26,36 @@ def ray_weights(sigma: Tensor, delta: Tensor) -> tuple[Tensor, Tensor]:
     depth = torch.cumsum(sigma * delta, dim=-1)
     before = torch.cat([torch.zeros_like(depth[..., :1]), depth[..., :-1]], dim=-1)
     return torch.exp(-before) * -torch.expm1(-sigma * delta), torch.exp(-depth[..., -1])
+
+
+def composite_samples(
+    sigma: Tensor, values: Tensor, skipped: Tensor, start: Tensor, count: Tensor, tail: Tensor, step: float
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Composite values of R rays whose S samples lie one after another.
+
+    As :func:`ray_weights`, with the optical depth ``skipped`` in front of each sample and ``tail`` behind the last.
+
+    Args:
+        sigma: Extinction, >= 0, in 1 / box unit. (S,)
+        values: What is composited. (S, C)
+        skipped: Optical depth without value in front of each sample. (S,)
+        start: First sample of each ray, int64. (R,)
+        count: Samples of each ray, int64. (R,)
+        tail: Optical depth behind the last sample of each ray. (R,)
+        step: Sample spacing in box units.
+
+    Returns:
+        Sum of weight times value (R, C), transmittance behind the rays (R,), and the weights (S,).
+    """
+    k = torch.arange(int(count.max()) if len(count) else 0, device=sigma.device)
+    there = k < count[:, None]  # (R, longest ray)
+    sample = (start[:, None] + k)[there]
+    own, before = (torch.zeros(there.shape, device=sigma.device) for _ in range(2))
+    own = own.masked_scatter(there, sigma[sample] * step)
+    before = before.masked_scatter(there, skipped[sample])
+    depth = torch.cumsum(own + before, dim=1)
+    w = (torch.exp(own - depth) * -torch.expm1(-own))[there]
+    ray = torch.arange(len(count), device=sigma.device)[:, None].expand(there.shape)[there]
+    out = values.new_zeros(len(count), values.shape[1]).index_add(0, ray, w[:, None] * values[sample])
+    transmittance = torch.exp(-(own + before).sum(dim=1) - tail)
+    return out, transmittance, torch.zeros_like(sigma).index_put((sample,), w)

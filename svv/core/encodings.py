@@ -5,6 +5,8 @@ Letters: S samples, L levels, F features a level, V stored vertices (over all le
 
 from __future__ import annotations
 
+import itertools
+
 import torch
 from torch import Tensor
 
@@ -12,6 +14,9 @@ HASH_PRIMES = (1, 2654435761, 805459861)
 """Factors of the spatial hash (Müller et al. 2022, eq. 4)."""
 
 SH_DEGREES = (1, 2, 3, 4)
+
+CORNERS = tuple(itertools.product((0, 1), repeat=3))
+"""Of a cell, as steps along x, y and z."""
 
 
 def spherical_harmonics(directions: Tensor, degree: int = 4) -> Tensor:
@@ -52,6 +57,33 @@ def spherical_harmonics(directions: Tensor, degree: int = 4) -> Tensor:
     return torch.stack(bands, dim=-1)
 
 
+def lattice_corners(
+    x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Rows of the eight vertices around positions on one level of a lattice, and their trilinear weights.
+
+    Args:
+        x: Box coordinates, in the lattice's occupied cells. (S, 3)
+        shape: Vertices of the level along x, y, z, int64. (3,)
+        scale: Cells per box unit.
+        base: Where the level begins in ``index``, int64.
+        index: Row in the table of every vertex of every level, raster order, int32.
+
+    Returns:
+        Rows, int64, (S, 8), and weights, (S, 8).
+    """
+    f = x * scale
+    i = torch.minimum(f.long(), shape - 2)
+    w = f - i
+    rows, weights = [], []
+    for corner in CORNERS:
+        bit = torch.tensor(corner, device=x.device)
+        v = i + bit
+        rows.append(index[base + (v[:, 0] * shape[1] + v[:, 1]) * shape[2] + v[:, 2]].long())
+        weights.append(torch.where(bit == 1, w, 1.0 - w).prod(dim=1))
+    return torch.stack(rows, dim=1), torch.stack(weights, dim=1)
+
+
 def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, index: Tensor, table: Tensor) -> Tensor:
     """Trilinear interpolation on sparse vertex lattices, levels side by side.
 
@@ -67,18 +99,10 @@ def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, i
         (S, L * F)
     """
     levels = []
-    for shape, scale, base in zip(shapes, scales, bases, strict=True):
-        f = x * scale
-        i = torch.minimum(f.long(), shape - 2)
-        w = f - i
-        total: Tensor | float = 0.0
-        for corner in range(8):
-            bit = torch.tensor([corner >> 2 & 1, corner >> 1 & 1, corner & 1], device=x.device)
-            v = i + bit
-            row = index[base + (v[:, 0] * shape[1] + v[:, 1]) * shape[2] + v[:, 2]].long()
-            total = total + torch.where(bit == 1, w, 1.0 - w).prod(dim=1, keepdim=True) * table[row]
-        levels.append(total)
-    return torch.cat(levels, dim=1)  # type: ignore[arg-type]
+    for level in zip(shapes, scales, bases, strict=True):
+        rows, weights = lattice_corners(x, *level, index)
+        levels.append((weights[:, :, None] * table[rows]).sum(dim=1))
+    return torch.cat(levels, dim=1)
 
 
 def hash_rows(vertices: Tensor, resolution: int, entries: int) -> Tensor:
@@ -101,6 +125,29 @@ def hash_rows(vertices: Tensor, resolution: int, entries: int) -> Tensor:
     return rows % entries
 
 
+def hash_corners(x: Tensor, resolution: int, first: int, entries: int) -> tuple[Tensor, Tensor]:
+    """Rows of the eight vertices around positions on one level of a hash grid, and their trilinear weights.
+
+    Args:
+        x: Box coordinates in [0, 1]. (S, 3)
+        resolution: Cells along an axis.
+        first: First row of the level in the table.
+        entries: Rows of the level.
+
+    Returns:
+        Rows, int64, (S, 8), and weights, (S, 8).
+    """
+    f = x * resolution
+    i = f.long().clamp(0, resolution - 1)
+    w = f - i
+    rows, weights = [], []
+    for corner in CORNERS:
+        bit = torch.tensor(corner, device=x.device)
+        rows.append(first + hash_rows(i + bit, resolution, entries))
+        weights.append(torch.where(bit == 1, w, 1.0 - w).prod(dim=1))
+    return torch.stack(rows, dim=1), torch.stack(weights, dim=1)
+
+
 def hash_features(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
     """Multiresolution hash encoding (Müller et al. 2022, section 3).
 
@@ -114,15 +161,8 @@ def hash_features(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor
         (S, L * F)
     """
     levels = []
-    for k, resolution in enumerate(resolutions.tolist()):
-        f = x * resolution
-        i = f.long().clamp(0, resolution - 1)
-        w = f - i
-        first, entries = int(offsets[k]), int(offsets[k + 1] - offsets[k])
-        total: Tensor | float = 0.0
-        for corner in range(8):
-            bit = torch.tensor([corner >> 2 & 1, corner >> 1 & 1, corner & 1], device=x.device)
-            weight = torch.where(bit == 1, w, 1.0 - w).prod(dim=1, keepdim=True)
-            total = total + weight * table[first + hash_rows(i + bit, resolution, entries)]
-        levels.append(total)
-    return torch.cat(levels, dim=1)  # type: ignore[arg-type]
+    ends = offsets.tolist()
+    for resolution, first, end in zip(resolutions.tolist(), ends, ends[1:]):
+        rows, weights = hash_corners(x, resolution, first, end - first)
+        levels.append((weights[:, :, None] * table[rows]).sum(dim=1))
+    return torch.cat(levels, dim=1)

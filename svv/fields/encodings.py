@@ -1,7 +1,7 @@
 """Position encodings behind one interface: a sparse vertex lattice (default) and a hash grid (the paper's).
 
-An encoding is a module that maps box coordinates (S, 3) to features (S, width). Its table is read and written by
-compiled kernels: the backward pass adds to ``gradient`` and marks the vertices it touched in ``used``, and
+An encoding is a module that maps box coordinates (S, 3) to features (S, width). Its table is read and written by the
+kernels of its device: the backward pass adds to ``gradient`` and marks the vertices it touched in ``used``, and
 :class:`LatticeAdam` then steps only those. Plain references are in :mod:`svv.core.encodings`.
 """
 
@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from svv.kernels import hashing, lattice
+from svv.kernels.dispatch import Lattice, kernels_for
 
 
 class _Lookup(torch.autograd.Function):
@@ -29,7 +29,7 @@ class _Lookup(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:  # type: ignore[override]
-        ctx.encoding.add_gradient(ctx.x, gradient)
+        ctx.encoding.add_gradient(ctx.x, gradient.contiguous())
         return None, None, None
 
 
@@ -42,8 +42,8 @@ class Encoding(nn.Module):
         super().__init__()
         self.table = nn.Parameter(torch.zeros(rows, features))
         self.features, self.levels = features, levels
-        self.gradient: NDArray[np.float32] | None = None
-        self.used: NDArray[np.uint8] | None = None
+        self.gradient: Tensor | None = None
+        self.used: Tensor | None = None
 
     @property
     def width(self) -> int:
@@ -61,11 +61,11 @@ class Encoding(nn.Module):
             return _Lookup.apply(x, self.table, self)  # type: ignore[no-any-return]
         return self.look_up(x)
 
-    def buffers_for_gradient(self) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """The gradient (V, F) and the marks of used rows (V,), made when first needed."""
+    def buffers_for_gradient(self) -> tuple[Tensor, Tensor]:
+        """The gradient (V, F) and the marks of used rows (V,) uint8, made when first needed."""
         if self.gradient is None or self.used is None:
-            self.gradient = np.zeros(tuple(self.table.shape), np.float32)
-            self.used = np.zeros(len(self.table), np.uint8)
+            self.gradient = torch.zeros_like(self.table, requires_grad=False)
+            self.used = self.table.new_zeros(len(self.table), dtype=torch.uint8)
         return self.gradient, self.used
 
     def look_up(self, x: Tensor) -> Tensor:
@@ -84,6 +84,11 @@ class SparseLattice(Encoding):
     neighbour in z without a look-up.
     """
 
+    shapes: Tensor
+    bases: Tensor
+    scales: Tensor
+    index: Tensor
+
     def __init__(self, occupied: NDArray[np.uint8], cells: int, resolutions: Sequence[int], features: int) -> None:
         """Lay out the lattice.
 
@@ -93,7 +98,7 @@ class SparseLattice(Encoding):
             resolutions: Cells per box unit of each level; each divides ``cells`` or is a multiple of it.
             features: Features a level.
         """
-        shapes, bases, index, base, rows = [], [], [], 0, 0
+        shapes, bases, index, ends, base, rows = [], [], [], [], 0, 0
         for resolution in resolutions:
             vertices = _vertices(_resample(occupied, cells, resolution))
             number = np.zeros(vertices.shape, np.int32)
@@ -103,45 +108,44 @@ class SparseLattice(Encoding):
             bases.append(base)
             index.append(number.ravel())
             base, rows = base + vertices.size, rows + count
+            ends.append(rows)
         super().__init__(rows, features, len(resolutions))
         self.resolutions = tuple(int(r) for r in resolutions)
-        self.shapes = np.array(shapes, np.int64)
-        self.bases = np.array(bases, np.int64)
-        self.scales = np.array(resolutions, np.float32)
-        self.index = np.concatenate(index)
+        self._ends = ends
+        self.register_buffer("shapes", torch.tensor(shapes), persistent=False)
+        self.register_buffer("bases", torch.tensor(bases), persistent=False)
+        self.register_buffer("scales", torch.tensor(resolutions, dtype=torch.float32), persistent=False)
+        self.register_buffer("index", torch.from_numpy(np.concatenate(index)), persistent=False)
 
     @property
-    def layout(self) -> tuple[NDArray[Any], ...]:
-        """Shapes, scales, bases and index, as the kernels take them."""
-        return self.shapes, self.scales, self.bases, self.index
+    def layout(self) -> Lattice:
+        """Where the features lie, as the kernels take it."""
+        return Lattice(self.shapes, self.scales, self.bases, self.index)
 
     def rows_of_level(self, level: int) -> slice:
         """The table's rows that belong to a level."""
-        ends = [*self.bases.tolist(), len(self.index)]
-        first = [int(self.index[a:b].max(initial=-1)) + 1 for a, b in itertools.pairwise(ends)]
-        return slice(first[level - 1] if level else 0, first[level])
+        return slice(self._ends[level - 1] if level else 0, self._ends[level])
 
     def look_up(self, x: Tensor) -> Tensor:
-        out = np.empty((len(x), self.width), np.float32)
-        lattice.encode(x.numpy(), *self.layout, self.table.detach().numpy(), out)
-        return torch.from_numpy(out)
+        return kernels_for(x).lattice_encode(x, self.layout, self.table)
 
     def add_gradient(self, x: Tensor, gradient: Tensor) -> None:
-        lattice.encode_backward(x.numpy(), gradient.contiguous().numpy(), *self.layout, *self.buffers_for_gradient())
+        kernels_for(x).lattice_backward(x, gradient, self.layout, *self.buffers_for_gradient())
 
     def restricted(self, occupied: NDArray[np.uint8], cells: int, finer: Sequence[int] = ()) -> SparseLattice:
         """The same features on fewer cells, with ``finer`` levels of zeros behind those there are.
 
         ``occupied`` must be a subset of the cells this lattice was made for.
         """
-        result = SparseLattice(occupied, cells, (*self.resolutions, *finer), self.features)
+        result = SparseLattice(occupied, cells, (*self.resolutions, *finer), self.features).to(self.table.device)
+        index = self.index.cpu().numpy()
         with torch.no_grad():
             for level in range(self.levels):
                 shape = tuple(self.shapes[level].tolist())
                 base, size = int(self.bases[level]), int(np.prod(shape))
                 vertices = _vertices(_resample(occupied, cells, self.resolutions[level]))
-                old = torch.from_numpy(self.index[base : base + size].reshape(shape)[vertices]).long()
-                result.table[result.rows_of_level(level)] = self.table[old]
+                old = torch.from_numpy(index[base : base + size].reshape(shape)[vertices]).to(self.table.device)
+                result.table[result.rows_of_level(level)] = self.table[old.long()]
         return result
 
     def summed(self, occupied: NDArray[np.uint8], cells: int) -> SparseLattice:
@@ -153,24 +157,28 @@ class SparseLattice(Encoding):
         finest = self.resolutions[-1]
         result = SparseLattice(occupied, cells, (finest,), self.features)
         vertices = np.argwhere(_vertices(_resample(occupied, cells, finest)))
-        table = self.table.detach().numpy()
+        table, index = self.table.detach().cpu().numpy(), self.index.cpu().numpy()
+        shapes, bases = self.shapes.cpu().numpy(), self.bases.cpu().numpy()
         total = np.zeros((len(vertices), self.features), np.float32)
         for level, resolution in enumerate(self.resolutions):
             low, rest = np.divmod(vertices, finest // resolution)
             part = (rest * (resolution / finest)).astype(np.float32)
-            shape = self.shapes[level]
+            shape = shapes[level]
             for corner in itertools.product((0, 1), repeat=3):
                 weight = np.where(corner, part, 1.0 - part).prod(axis=1, dtype=np.float32)
                 x, y, z = np.minimum(low + corner, shape - 1).T  # a corner beyond the edge has weight 0
-                row = self.index[self.bases[level] + (x * shape[1] + y) * shape[2] + z]
+                row = index[bases[level] + (x * shape[1] + y) * shape[2] + z]
                 total += np.where(weight > 0, weight, 0.0)[:, None] * table[row]
         with torch.no_grad():
             result.table.copy_(torch.from_numpy(total))
-        return result
+        return result.to(self.table.device)
 
 
 class HashGrid(Encoding):
     """Multiresolution hash encoding (Müller et al. 2022), the encoding of the preset ``paper``."""
+
+    resolutions: Tensor
+    offsets: Tensor
 
     def __init__(self, levels: int = 16, features: int = 2, log2_entries: int = 19, coarsest: int = 16,
                  finest: int = 4096) -> None:  # fmt: skip
@@ -178,17 +186,15 @@ class HashGrid(Encoding):
         resolutions = [int(np.floor(coarsest * growth**k + 1e-6)) for k in range(levels)]
         entries = [min((r + 1) ** 3, 2**log2_entries) for r in resolutions]
         super().__init__(sum(entries), features, levels)
-        self.resolutions = np.array(resolutions, np.int64)
-        self.offsets = np.concatenate([[0], np.cumsum(entries)]).astype(np.int64)
+        self.register_buffer("resolutions", torch.tensor(resolutions), persistent=False)
+        self.register_buffer("offsets", torch.tensor([0, *itertools.accumulate(entries)]), persistent=False)
 
     def look_up(self, x: Tensor) -> Tensor:
-        out = np.empty((len(x), self.width), np.float32)
-        hashing.encode(x.numpy(), self.resolutions, self.offsets, self.table.detach().numpy(), out)
-        return torch.from_numpy(out)
+        return kernels_for(x).hash_encode(x, self.resolutions, self.offsets, self.table)
 
     def add_gradient(self, x: Tensor, gradient: Tensor) -> None:
-        g = gradient.contiguous().numpy()
-        hashing.encode_backward(x.numpy(), g, self.resolutions, self.offsets, *self.buffers_for_gradient())
+        buffers = self.buffers_for_gradient()
+        kernels_for(x).hash_backward(x, gradient, self.resolutions, self.offsets, *buffers)
 
 
 class LatticeAdam:
@@ -198,9 +204,9 @@ class LatticeAdam:
                  epsilon: float = 1e-12) -> None:  # fmt: skip
         self.encodings = list(encodings)
         self.finer = [e.rows_of_level(0).stop if isinstance(e, SparseLattice) else 0 for e in self.encodings]
-        self.constants = np.float32(beta1), np.float32(beta2), np.float32(epsilon)
-        self.moments = [np.zeros((2, *e.table.shape), np.float32) for e in self.encodings]
-        self.age = [np.zeros(len(e.table), np.int32) for e in self.encodings]
+        self.constants = beta1, beta2, epsilon
+        self.moments = [e.table.new_zeros(2, *e.table.shape) for e in self.encodings]
+        self.age = [e.table.new_zeros(len(e.table), dtype=torch.int32) for e in self.encodings]
 
     def step(self, rates: Sequence[float], pulls: Sequence[float] | None = None) -> None:
         """One step; clears the gradients it used.
@@ -211,22 +217,20 @@ class LatticeAdam:
         """
         pulls = [0.0] * len(self.encodings) if pulls is None else pulls
         for k, (encoding, rate) in enumerate(zip(self.encodings, rates, strict=True)):
-            moments = self.moments[k]
-            table = encoding.table.detach().numpy()
-            gradient, used = encoding.buffers_for_gradient()
-            lattice.adam(table, gradient, used, moments[0], moments[1], self.age[k], np.float32(rate), *self.constants,
-                         np.float32(pulls[k]), self.finer[k])  # fmt: skip
+            table = encoding.table.detach()
+            kernels_for(table).adam(table, *encoding.buffers_for_gradient(), self.moments[k], self.age[k], rate,
+                                    self.constants, pulls[k], self.finer[k])  # fmt: skip
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Moments and ages, for a checkpoint."""
-        state: dict[str, NDArray[Any]] = {f"{k}.moments": v for k, v in enumerate(self.moments)}
-        return state | {f"{k}.age": v for k, v in enumerate(self.age)}
+        state: dict[str, NDArray[Any]] = {f"{k}.moments": v.cpu().numpy() for k, v in enumerate(self.moments)}
+        return state | {f"{k}.age": v.cpu().numpy() for k, v in enumerate(self.age)}
 
     def load(self, state: dict[str, NDArray[Any]]) -> None:
         """Take the state of an earlier :meth:`state`."""
         for k in range(len(self.encodings)):
-            self.moments[k][...] = state[f"{k}.moments"]
-            self.age[k][...] = state[f"{k}.age"]
+            self.moments[k].copy_(torch.from_numpy(state[f"{k}.moments"].copy()))
+            self.age[k].copy_(torch.from_numpy(state[f"{k}.age"].copy()))
 
 
 def _resample(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.encodings import spherical_harmonics
@@ -36,10 +37,11 @@ def shade(scene: Scene, samples: Samples, rays: Rays, network: str) -> tuple[Ten
     palette, geometry = scene.palette, scene.base.encoding
     assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
     count, width = len(samples), geometry.width
-    harmonics = spherical_harmonics(torch.as_tensor(rays.directions), 4)
+    harmonics, layout = spherical_harmonics(rays.directions, 4), geometry.layout
     lit, plain = torch.empty(count, width + harmonics.shape[1]), torch.empty(count, width)
     kernels.features(
-        *_arrays(samples.position, samples.ray, harmonics), *_arrays(*geometry.layout),
+        *_arrays(samples.position, samples.ray, harmonics),
+        *_arrays(layout.shapes, layout.scales, layout.bases, layout.index),
         *_arrays(geometry.table, palette.encoding.table, lit, plain),
     )  # fmt: skip
     light, material = palette.lighting_mlp(lit), palette.palette_mlp(plain)
@@ -64,7 +66,7 @@ def _recoloured(scene: Scene, material: Tensor) -> Tensor:
 
 
 def composite(
-    scene: Scene, samples: Samples, rays: Rays, colour: Tensor, region: Tensor, faint: float, *images: Any
+    scene: Scene, samples: Samples, rays: Rays, colour: Tensor, region: Tensor, faint: float, *images: Tensor
 ) -> None:
     """Write what rays see into ``images``: rgba (R, 4), depth (R,), region (R,) int16; other pixels stay."""
     opacity = torch.tensor([r.opacity for r in scene.regions])
@@ -75,6 +77,6 @@ def composite(
     )  # fmt: skip
 
 
-def _arrays(*tensors: Any) -> tuple[np.ndarray[Any, Any], ...]:
+def _arrays(*tensors: Tensor) -> tuple[NDArray[Any], ...]:
     """The tensors' own memory."""
-    return tuple(np.asarray(t.detach() if isinstance(t, Tensor) else t) for t in tensors)
+    return tuple(t.detach().numpy() for t in tensors)

@@ -117,7 +117,7 @@ class BaseField(nn.Module):
             return sigma, features
         assert self.density_mlp is not None
         h = self.density_mlp(features)
-        return torch.exp(h[:, 0].clamp(max=float(CEILING))), h[:, 1:]
+        return torch.exp(h[:, 0].clamp(max=CEILING)), h[:, 1:]
 
     def extinction(self, samples: Samples) -> Tensor:
         """Extinction alone, without a graph. (S,)"""

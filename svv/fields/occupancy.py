@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_cdt
+from torch import Tensor
 
 from svv.core.box import Box
 from svv.core.cameras import Camera
@@ -32,6 +34,9 @@ class Occupancy:
     samples_a_ray: int = 16
     """Room that marching has found to suffice; it grows when it does not."""
 
+    def __post_init__(self) -> None:
+        self._moved: dict[torch.device, Tensor] = {}
+
     @cached_property
     def distance(self) -> NDArray[np.uint8]:
         """0 in occupied cells, else the chessboard distance to the nearest: how far a ray may leap. (X, Y, Z)"""
@@ -39,10 +44,11 @@ class Occupancy:
             return np.full(self.occupied.shape, 255, np.uint8)
         return distance_transform_cdt(self.occupied == 0, metric="chessboard").clip(0, 255).astype(np.uint8)
 
-    @property
-    def extent(self) -> NDArray[np.float32]:
-        """Sides of the box in box units. (3,)"""
-        return np.asarray(self.box.extent, np.float32)
+    def distance_on(self, device: torch.device) -> Tensor:
+        """:attr:`distance` where it is needed."""
+        if device not in self._moved:
+            self._moved[device] = torch.from_numpy(self.distance).to(device)
+        return self._moved[device]
 
     @property
     def fraction(self) -> float:

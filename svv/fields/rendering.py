@@ -7,23 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
-from svv.kernels import marching
-from svv.kernels.rays import pixel_rays
+from svv.kernels.dispatch import Limits, Samples, kernels_for
+from svv.kernels.marching import NO_STOP as NEVER
 
-Floats = NDArray[np.float32]
+NO_STOP = float(NEVER)
+"""Optical depth that is never reached."""
 
-CEILING = np.float32(9.0)
+CEILING = 9.0
 """Largest exponent of the extinction (a clipped exponential): e^9 in 1 / box unit is opaque within any step."""
 
 
@@ -31,56 +32,35 @@ CEILING = np.float32(9.0)
 class Rays:
     """Origins in box coordinates and unit directions, float32. (R, 3) each"""
 
-    origins: Floats
-    directions: Floats
+    origins: Tensor
+    directions: Tensor
 
     def __len__(self) -> int:
         return len(self.origins)
 
 
 class RayCaster:
-    """Makes the rays of a list of cameras that share one image size."""
+    """Makes the rays of a list of cameras that share one image size, on a device."""
 
-    def __init__(self, cameras: Sequence[Camera], box: Box) -> None:
-        self.width, self.height = cameras[0].width, cameras[0].height
+    def __init__(self, cameras: Sequence[Camera], box: Box, device: torch.device) -> None:
+        self.width, self.height, self.device = cameras[0].width, cameras[0].height, device
         matrices = np.stack([c.camera_to_world for c in cameras])
-        self._rotations = np.ascontiguousarray(matrices[:, :3, :3], np.float32)
-        self._positions = box.to_box(matrices[:, :3, 3]).astype(np.float32)
-        self._focal = np.array([c.focal for c in cameras], np.float32)
+        rotations = np.ascontiguousarray(matrices[:, :3, :3], np.float32)
+        positions = box.to_box(matrices[:, :3, 3]).astype(np.float32)
+        focal = np.array([c.focal for c in cameras], np.float32)
+        self._rotations, self._positions, self._focal = (
+            torch.from_numpy(a).to(device) for a in (rotations, positions, focal)
+        )
 
-    def rays(self, pixels: NDArray[np.int64]) -> Rays:
-        """Rays through flat pixel indices ``(view * height + row) * width + column``."""
-        origins, directions = np.empty((len(pixels), 3), np.float32), np.empty((len(pixels), 3), np.float32)
-        size = self.width, self.height
-        pixel_rays(pixels, self._rotations, self._positions, self._focal, *size, origins, directions)
-        return Rays(origins, directions)
+    def rays(self, pixels: Tensor) -> Rays:
+        """Rays through flat pixel indices ``(view * height + row) * width + column``, int64. (R,)"""
+        pixels, cameras = pixels.to(self.device), (self._rotations, self._positions, self._focal)
+        return Rays(*kernels_for(pixels).pixel_rays(pixels, cameras, self.width, self.height))
 
     def view(self, view: int) -> Rays:
         """All rays of one view, row by row from the top."""
         n = self.width * self.height
-        return self.rays(np.arange(view * n, (view + 1) * n))
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Samples of rays that matter, in the order of their rays, front to back.
-
-    ``position`` (S, 3) box coordinates; ``sigma`` (S,) extinction in 1 / box unit; ``skipped`` (S,) optical depth
-    that was left out before each; ``ray`` (S,) int32; ``start`` and ``count`` (R,) where each ray's samples lie;
-    ``tail`` (R,) optical depth left out behind the last; ``step`` the sample distance in box units.
-    """
-
-    position: Tensor
-    sigma: Tensor
-    skipped: Floats
-    ray: Tensor
-    start: NDArray[np.int64]
-    count: NDArray[np.int64]
-    tail: Floats
-    step: float
-
-    def __len__(self) -> int:
-        return len(self.sigma)
+        return self.rays(torch.arange(view * n, (view + 1) * n, device=self.device))
 
 
 @dataclass(frozen=True)
@@ -112,30 +92,14 @@ def march(
         how: Sample distance and thresholds.
         seed: > 0 shifts each ray's samples at random; 0 puts them in the middle of their steps.
     """
-    count, blocks = len(rays), -(-len(rays) // marching.BLOCK)
-    start, number = np.empty(count, np.int64), np.empty(count, np.int64)
-    tail = np.empty(count, np.float32)
-    lattice = density if density is not None else _constant(occupancy)
-    limits = (how.least_weight, how.keep, how.stop) if density is not None else (-1.0, 0.0, marching.NO_STOP)
-    while True:
-        # Room for the longest possible ray would be hundreds of times what is needed, so it is found by trying.
-        buffers = _sample_buffers(blocks * marching.BLOCK * occupancy.samples_a_ray)
-        full = np.zeros(blocks, np.uint8)
-        marching.march(
-            rays.origins, rays.directions, occupancy.distance, np.float32(occupancy.cells), occupancy.extent,
-            np.float32(how.step), seed, *lattice.layout, lattice.table.detach().numpy()[:, 0], CEILING,
-            *(np.float32(v) for v in limits), how.merge, *buffers, start, number, tail, full,
-        )  # fmt: skip
-        if not full.any():
-            break
-        occupancy.samples_a_ray *= 2
-    packed = _sample_buffers(int(number.sum()))
-    marching.gather(start, number, np.cumsum(number) - number, *buffers, *packed)
-    position, skipped, sigma, ray = packed
-    return Samples(
-        torch.from_numpy(position), torch.from_numpy(sigma), skipped, torch.from_numpy(ray), start, number, tail,
-        how.step,
+    lattice = density if density is not None else _constant(rays.origins.device)
+    limits = (how.least_weight, how.keep, how.stop) if density is not None else (-1.0, 0.0, NO_STOP)
+    samples, occupancy.samples_a_ray = kernels_for(rays.origins).march(
+        rays.origins, rays.directions, occupancy.distance_on(rays.origins.device), occupancy.cells,
+        occupancy.box.extent, lattice.layout, lattice.table, CEILING, Limits(how.step, *limits, how.merge), seed,
+        occupancy.samples_a_ray,
     )  # fmt: skip
+    return samples
 
 
 def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -151,27 +115,18 @@ def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, 
 class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
-        rays, channels = len(samples.start), values.shape[1]
-        s, v = sigma.detach().numpy(), values.detach().contiguous().numpy()
-        out, transmittance = np.empty((rays, channels), np.float32), np.empty(rays, np.float32)
-        weights = np.empty(len(s), np.float32)
-        step = np.float32(samples.step)
-        marching.composite(s, samples.skipped, v, samples.start, samples.count, samples.tail, step, out, transmittance,
-                           weights)  # fmt: skip
-        ctx.saved = (s, v, weights, out, transmittance, samples)
-        result = torch.from_numpy(out), torch.from_numpy(transmittance), torch.from_numpy(weights)
-        ctx.mark_non_differentiable(result[2])
-        return result
+        s, v = sigma.detach(), values.detach().contiguous()
+        out, transmittance, weights = kernels_for(s).composite(s, v, samples)
+        ctx.saved = (s, v, weights, samples, out, transmittance)
+        ctx.mark_non_differentiable(weights)
+        return out, transmittance, weights
 
     @staticmethod
     def backward(ctx: Any, g_out: Tensor, g_transmittance: Tensor, _: Tensor) -> tuple[Any, Any, None]:  # type: ignore[override]
-        s, v, weights, out, transmittance, samples = ctx.saved
-        g_sigma, g_values = np.empty_like(s), np.empty_like(v)
-        marching.composite_backward(
-            s, samples.skipped, v, weights, samples.start, samples.count, np.float32(samples.step), out,
-            transmittance, g_out.contiguous().numpy(), g_transmittance.contiguous().numpy(), g_sigma, g_values,
-        )  # fmt: skip
-        return torch.from_numpy(g_sigma), torch.from_numpy(g_values), None
+        s, v, weights, samples, out, transmittance = ctx.saved
+        upstream = g_out.contiguous(), g_transmittance.contiguous()
+        gradients = kernels_for(s).composite_backward(s, v, weights, samples, out, transmittance, *upstream)
+        return *gradients, None
 
 
 class Extinction(torch.autograd.Function):
@@ -185,21 +140,12 @@ class Extinction(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:  # type: ignore[override]
         samples, density = ctx.samples, ctx.density
-        raw = (gradient * samples.sigma)[:, None].expand(-1, density.levels)
+        raw = (gradient * samples.sigma)[:, None].expand(-1, density.levels).contiguous()
         density.add_gradient(samples.position, raw)
         return None, None, None
 
 
-def _sample_buffers(capacity: int) -> tuple[Floats, Floats, Floats, NDArray[np.int32]]:
-    """Position, skipped, sigma and ray of ``capacity`` samples (the system hands out only what is written)."""
-    return (
-        np.empty((capacity, 3), np.float32),
-        np.empty(capacity, np.float32),
-        np.empty(capacity, np.float32),
-        np.empty(capacity, np.int32),
-    )
-
-
-def _constant(occupancy: Occupancy) -> SparseLattice:
+@cache
+def _constant(device: torch.device) -> SparseLattice:
     """A lattice that is zero everywhere: extinction 1."""
-    return SparseLattice(np.ones_like(occupancy.occupied[:1, :1, :1]), 1, (1,), 1)
+    return SparseLattice(np.ones((1, 1, 1), np.uint8), 1, (1,), 1).to(device)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,14 +27,11 @@ from svv.fields.networks import (
     encode_directions,
 )
 from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
+from svv.fields.rendering import NO_STOP, Marching, RayCaster, Rays, Samples, composite, march
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
-from svv.kernels.marching import NO_STOP
+from svv.kernels.dispatch import kernels_of
 
 NETWORKS = ("base", "pcn", "styled")
-
-CHUNK = 1 << 13
-"""Rays rendered at a time: their activations stay in the processor's cache (1 << 16 took 1.2 times as long)."""
 
 JOINED = 1.0 / 64.0
 """Samples are joined until they weigh this much in the pixel: half as many colours in a translucent scene, for
@@ -95,6 +93,23 @@ class Scene:
         """The networks it holds, of ``base``, ``pcn`` and ``styled``, the plainest first."""
         there = (self.base, self.palette, self.styled)
         return tuple(name for name, network in zip(NETWORKS, there, strict=True) if network is not None)
+
+    @property
+    def device(self) -> torch.device:
+        """Where it is rendered."""
+        return self.base.encoding.table.device
+
+    def on(self, device: torch.device) -> Scene:
+        """This scene on another device: itself where it is there already, else with networks of its own."""
+        if device.type == self.device.type:
+            return self
+        base, palette, styled = copy.deepcopy((self.base, self.palette, self.styled))
+        return replace(
+            self,
+            base=base.to(device),
+            palette=None if palette is None else palette.to(device),
+            styled=None if styled is None else styled.to(device),
+        )
 
     def edited(
         self,
@@ -172,15 +187,20 @@ class Scene:
         network = network or self.networks[-1]
         if network not in self.networks:
             raise BadInput(f"The scene holds no network '{network}', only {', '.join(self.networks)}.")
-        caster = RayCaster([camera], self.occupancy.box)
-        pixels = camera.width * camera.height
-        rgba, depth = np.zeros((pixels, 4), np.float32), np.full(pixels, np.nan, np.float32)
-        region = np.full(pixels, -1, np.int16)
-        for first in range(0, pixels, CHUNK):
+        device = self.device
+        caster = RayCaster([camera], self.occupancy.box, device)
+        pixels, chunk = camera.width * camera.height, kernels_of(device.type).RAYS
+        images = (
+            torch.zeros(pixels, 4, device=device),
+            torch.full((pixels,), torch.nan, device=device),
+            torch.full((pixels,), -1, dtype=torch.int16, device=device),
+        )
+        for first in range(0, pixels, chunk):
             progress(first / pixels, "rendering")
-            part = slice(first, min(first + CHUNK, pixels))
-            rays = caster.rays(np.arange(part.start, part.stop))
-            self._render_rays(rays, network, rgba[part], depth[part], region[part])
+            part = slice(first, min(first + chunk, pixels))
+            rays = caster.rays(torch.arange(part.start, part.stop, device=device))
+            self._render_rays(rays, network, *(image[part] for image in images))
+        rgba, depth, region = (image.cpu().numpy() for image in images)
         if background is not None:
             alpha = rgba[:, 3:]
             rgba = np.concatenate([rgba[:, :3] * alpha + np.asarray(background, np.float32) * (1 - alpha),
@@ -190,7 +210,7 @@ class Scene:
         return Rendering(rgba.reshape(*shape, 4), depth.reshape(shape), region.reshape(shape))
 
     @torch.no_grad()
-    def _render_rays(self, rays: Rays, network: str, rgba: Any, depth: Any, region: Any) -> None:
+    def _render_rays(self, rays: Rays, network: str, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
         """Write what rays see into the images, where they see anything."""
         samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited())
         if not len(samples):
@@ -200,7 +220,7 @@ class Scene:
             fused.composite(self, samples, rays, colour, of, FAINT, rgba, depth, region)
             return
         colour, of, sigma = self.shade(samples, rays, network)
-        distance = (samples.position - torch.from_numpy(rays.origins)[samples.ray.long()]).norm(dim=1)
+        distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
         values = [colour, distance[:, None]]
         if self.palette is not None:
             values.append(nn.functional.one_hot(of, len(self.regions)).float())
@@ -208,23 +228,22 @@ class Scene:
         alpha = 1.0 - transmittance
         seen = torch.nonzero(alpha > FAINT)[:, 0]
         mean = out[seen] / alpha[seen, None]
-        at = seen.numpy()
-        rgba[at, :3] = mean[:, :3].clamp(0.0, 1.0).numpy()
-        rgba[at, 3] = alpha[seen].numpy()
-        depth[at] = mean[:, 3].numpy() * self.occupancy.box.size
-        region[at] = mean[:, 4:].argmax(1).numpy() if self.palette is not None else 0
+        rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
+        rgba[seen, 3] = alpha[seen]
+        depth[seen] = mean[:, 3] * self.occupancy.box.size
+        region[seen] = mean[:, 4:].argmax(1).to(torch.int16) if self.palette is not None else 0
 
     def shade(self, samples: Samples, rays: Rays, network: str) -> tuple[Tensor, Tensor, Tensor]:
         """Colour (S, 3), region (S,) and edited extinction (S,) of samples."""
         sigma, geometry = self.base.geometry(samples)
-        directions = encode_directions(torch.from_numpy(rays.directions), samples.ray)
+        directions = encode_directions(rays.directions, samples.ray)
         if network == "base" or self.palette is None:
-            region = torch.zeros(len(samples), dtype=torch.int64)
+            region = torch.zeros_like(samples.ray, dtype=torch.int64)
             return self.base(geometry, directions), region, sigma
         parts = self.palette(samples.position, geometry, directions)
         region = parts.region
         if any(r.opacity != 1.0 for r in self.regions):
-            sigma = sigma * torch.tensor([r.opacity for r in self.regions])[region]
+            sigma = sigma * sigma.new_tensor([r.opacity for r in self.regions])[region]
         return self.light(parts, self.diffuse(parts, samples.position, network)), region, sigma
 
     def diffuse(self, parts: PaletteColours, position: Tensor, network: str) -> Tensor:
@@ -239,11 +258,11 @@ class Scene:
         colours = palette + offsets
         if any(r.edited_colour is not None for r in self.regions):
             target = torch.stack([
-                own.detach() if r.edited_colour is None else torch.tensor(r.edited_colour)
+                own.detach() if r.edited_colour is None else own.new_tensor(r.edited_colour)
                 for own, r in zip(palette, self.regions, strict=True)
             ])  # fmt: skip
             # The user edits the region's colour as shown; the palette may have drifted from it in training.
-            shown = torch.tensor([r.colour for r in self.regions])
+            shown = palette.new_tensor([r.colour for r in self.regions])
             target = torch.where((target == palette).all(1, keepdim=True), shown, target)
             colours = shift_colours(colours, shown, target)
         return colours
@@ -252,12 +271,12 @@ class Scene:
         """Diffuse colour (S, 3) with the UCN's in its place where the sample's region (S,) is styled."""
         if network != "styled" or self.styled is None:
             return diffuse
-        share = torch.tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
+        share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
         return torch.lerp(diffuse, self.styled(position), share[:, None])
 
     def light(self, parts: PaletteColours, diffuse: Tensor) -> Tensor:
         """Diffuse colour (S, 3) under the scene's headlight, as bright as each region's edit says. (S, 3)"""
-        factor = torch.tensor([r.lighting for r in self.regions])[parts.region]
+        factor = diffuse.new_tensor([r.lighting for r in self.regions])[parts.region]
         shade = (1.0 + factor * (parts.shade - 1.0)).clamp(min=0.0)
         return diffuse * shade[:, None] + (factor * parts.specular)[:, None]
 
@@ -270,7 +289,7 @@ class Scene:
         """A region made more transparent shows what lies behind it, so rays may no longer end at their old depth."""
         if all(r.opacity == 1.0 for r in self.regions):
             return self.marching_for_images
-        return replace(self.marching_for_images, stop=float(NO_STOP))
+        return replace(self.marching_for_images, stop=NO_STOP)
 
     # --- files -----------------------------------------------------------------------------------------------------
 
@@ -319,7 +338,7 @@ class Scene:
         for name, network in zip(NETWORKS, (self.base, self.palette, self.styled), strict=True):
             if network is not None:
                 for key, value in network.state_dict().items():
-                    array = value.numpy()
+                    array = value.cpu().numpy()
                     tensors[f"{name}.{key}"] = array.astype(np.float16) if key.endswith("table") else array
         return header, tensors
 

@@ -51,8 +51,8 @@ class RayBudget:
 class RayPool:
     """Draws batches of rays; batch k of a seed is always the same, so a resumed run goes on as if uninterrupted."""
 
-    def __init__(self, views: ViewSet, box: Box, seed: int) -> None:
-        self._caster = RayCaster(views.cameras, box)
+    def __init__(self, views: ViewSet, box: Box, seed: int, device: torch.device) -> None:
+        self._caster = RayCaster(views.cameras, box, device)
         self._pixels = views.images.reshape(-1, 4)
         size = views.images.shape[1] * views.images.shape[2]
         near = [np.flatnonzero(maximum_filter(image[..., 3] > 0, MARGIN)) for image in views.images]
@@ -63,8 +63,8 @@ class RayPool:
         """Batch ``number`` (>= 0) of ``rays`` rays."""
         generator = np.random.default_rng((self._seed, number))
         pixels = self._pool[generator.integers(0, len(self._pool), rays)]
-        rgba = torch.from_numpy(self._pixels[pixels].astype(np.float32) / np.float32(255.0))
-        return Batch(self._caster.rays(pixels), rgba[:, :3], rgba[:, 3])
+        rgba = torch.from_numpy(self._pixels[pixels].astype(np.float32) / np.float32(255.0)).to(self._caster.device)
+        return Batch(self._caster.rays(torch.from_numpy(pixels)), rgba[:, :3], rgba[:, 3])
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` evenly drawn visible pixels."""

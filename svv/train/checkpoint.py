@@ -10,7 +10,6 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
@@ -109,11 +108,11 @@ class StageState:
 
     def save(self, done: int, spent: float, extra: Arrays) -> None:
         """Write the state after ``done`` steps."""
-        state: Arrays = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
+        state: Arrays = {f"network.{k}": v.cpu().numpy() for k, v in self.network.state_dict().items()}
         state |= {f"tables.{k}": v for k, v in self.tables.state().items()}
         state |= {f"extra.{k}": v for k, v in extra.items()}
         for number, parts in self.optimiser.state_dict()["state"].items():
-            state |= {f"adam.{number}.{k}": np.asarray(v) for k, v in parts.items()}
+            state |= {f"adam.{number}.{k}": v.cpu().numpy() for k, v in parts.items()}
         self.checkpoint._state = state
         self.checkpoint._progress = {"stage": self.name, "done": done, "spent": spent}
         self.checkpoint._write()

@@ -50,31 +50,31 @@ class Distillation:
         torch.manual_seed(seed)
         self.scene, self.teacher, self.palette = scene, scene.palette, transferred
         self.settings, self.seed = settings, seed
-        self.field = UnrestrictedField(scene.settings, scene.occupancy)
+        self.field = UnrestrictedField(scene.settings, scene.occupancy).to(scene.device)
         # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it.
         with torch.no_grad():
             self.field.encoding.table.copy_(self.teacher.encoding.table)
         rig = scene.camera_rig
         cameras = sphere_cameras(settings.distil_views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)
-        self.caster = RayCaster(cameras, scene.occupancy.box)
+        self.caster = RayCaster(cameras, scene.occupancy.box, scene.device)
         self.targets = {region: target for region, target in targets.items() if target.settings.seeded}
         view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
         self.pixel = float(view / settings.style_size)
         pixels = np.random.default_rng(seed).integers(0, settings.distil_views * DISTILLATION_SIZE**2, PROBE)
-        probe = march(self.caster.rays(pixels), scene.occupancy, scene.base.density, scene.marching)
+        probe = march(self.caster.rays(torch.from_numpy(pixels)), scene.occupancy, scene.base.density, scene.marching)
         self.rays = min(settings.distil_rays, max(PROBE // 4, DISTILLATION_SAMPLES * PROBE // max(len(probe), 1)))
         networks = list(self.field.colour_mlp.parameters())
         self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
         self.tables = LatticeAdam([self.field.encoding])
 
-    def step(self, number: int, fraction: float) -> float:
+    def step(self, number: int, fraction: float) -> Tensor:
         """One step on ||c_d - c_u||^2 (StyleRF-VolVis, eq. 7); returns the loss. The rate only ever falls."""
         generator = np.random.default_rng((self.seed, number))
         views, pixels = self.settings.distil_views, DISTILLATION_SIZE**2
-        rays = self.caster.rays(generator.integers(0, views * pixels, self.rays))
+        rays = self.caster.rays(torch.from_numpy(generator.integers(0, views * pixels, self.rays)))
         samples = march(rays, self.scene.occupancy, self.scene.base.density, self.scene.marching, seed=number + 1)
         if not len(samples):
-            return 0.0
+            return torch.zeros(())
         with torch.no_grad():
             intensity, weights, offsets = self.teacher.material(samples.position)
             truth = intensity[:, None] * (weights[:, :, None] * (self.palette + offsets)).sum(dim=1)
@@ -90,7 +90,7 @@ class Distillation:
             group["lr"] = self.settings.network_rate * rate
         self.networks.step()
         self.tables.step([self.settings.feature_rate * rate])
-        return float(loss.detach())
+        return loss.detach()
 
     def normals(self, position: Tensor) -> Tensor:
         """Gradient of the extinction's exponent at positions, by differences within their cells. (S, 3) -> (S, 3)"""

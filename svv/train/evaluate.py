@@ -12,6 +12,7 @@ from svv.core.metrics import flip, psnr, psnr_foreground, ssim
 from svv.errors import Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.train.lpips import load_lpips, lpips
 
 WHITE = (1.0, 1.0, 1.0)
@@ -32,13 +33,15 @@ def evaluate_scene(
 
     Returns:
         ``psnr``, ``psnr_foreground``, ``ssim``, ``flip``, ``lpips`` (None where its weights are not on this machine),
-        ``views``, ``size``, ``seconds_per_view`` (median), ``network``, ``background``.
+        ``views``, ``size``, ``seconds_per_view`` (median), ``network``, ``background``, and where it was rendered:
+        ``device``, ``gpu``, ``kernels``, ``peak_gpu_bytes``.
 
     Raises:
         BadInput: the scene does not hold that network.
     """
     network = network or scene.networks[-1]
     measure = load_lpips()
+    forget_gpu_peak(scene.device)
     scores: dict[str, list[float]] = {k: [] for k in ("psnr", "psnr_foreground", "ssim", "flip", "lpips", "seconds")}
     scene.render(views.cameras[0].resized(64, 64), network)  # warm-up: kernels are compiled on first use
     for number, (camera, image) in enumerate(zip(views.cameras, views.images, strict=True)):
@@ -55,8 +58,9 @@ def evaluate_scene(
         if measure is not None:
             scores["lpips"].append(lpips(measure, shown, on_white))
     progress(1.0, f"evaluating {network}")
+    report = device_report(scene.device)
     seconds = float(np.median(scores.pop("seconds")))
     means: dict[str, Any] = {k: float(np.nanmean(v)) if v else None for k, v in scores.items()}
     size = [views.cameras[0].width, views.cameras[0].height]
     return {**means, "views": len(views.cameras), "size": size, "seconds_per_view": seconds, "network": network,
-            "background": "white"}  # fmt: skip
+            "background": "white", **report}  # fmt: skip

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from torch import Tensor
+
 from svv.errors import Progress
 
 SAVE_EVERY = 30.0
@@ -28,15 +30,17 @@ class Loop:
     done: int = 0
     spent: float = 0.0
 
-    def run(self, step: Callable[[int, float], float]) -> float:
+    def run(self, step: Callable[[int, float], Tensor]) -> float:
         """Call ``step(number, fraction)`` until done; it returns the loss, shown beside the label.
+
+        The loss is only looked at when it is shown: to look is to wait for a GPU.
 
         Returns:
             Seconds spent, those before an interruption included.
         """
         begin = saved = told = time.monotonic()
         before = self.spent
-        mean = 0.0
+        mean: Tensor | None = None
         while self.done < self.iterations:
             fraction = self.done / self.iterations
             if self.limit is not None:
@@ -44,13 +48,13 @@ class Loop:
                 if fraction >= 1.0:
                     break
             loss = step(self.done, fraction)
-            mean = loss if self.done == 0 else mean + 0.05 * (loss - mean)
+            mean = loss if mean is None else mean + 0.05 * (loss - mean)
             self.done += 1
             now = time.monotonic()
             self.spent = before + now - begin
             if now - told > 0.2:
                 told = now
-                self.progress(fraction, f"{self.label} (loss {mean:.4f})")
+                self.progress(fraction, f"{self.label} (loss {float(mean):.4f})")
             if self.save is not None and now - saved > SAVE_EVERY:
                 self.save(self.done, self.spent)
                 saved = time.monotonic()

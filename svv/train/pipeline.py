@@ -18,6 +18,7 @@ from svv import __version__
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Region, Scene
 from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import device_named, device_report, forget_gpu_peak
 from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field, preset
@@ -42,6 +43,7 @@ def train_scene(
     seed: int = 0,
     progress: Progress = silent,
     checkpoint: Path | None = None,
+    device: str = "cpu",
 ) -> tuple[Scene, dict[str, Any]]:
     """Stages 1 and 2: base field, palette, palette colour network.
 
@@ -49,19 +51,22 @@ def train_scene(
         views: Training views.
         preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``.
         time_limit: Seconds for the whole training; longer schedules are shortened to fit.
-        seed: The same views, preset, seed and number of threads give the same scene (without a time limit).
+        seed: The same views, preset, seed and number of threads give the same scene on a CPU (without a time limit);
+            a GPU adds up in another order each time.
         progress: Called several times a second; stops the training when it raises.
         checkpoint: File to save to now and then, and to go on from if it is there. The caller removes it once the
             scene is safe.
+        device: ``auto``, ``cpu`` or ``cuda``: where to train, and where the scene is then.
 
     Returns:
         The scene, and a report: ``seconds`` a stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
-        ``seed``, ``preset``, ``notes`` (why the model has the size it has).
+        ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (the last None on a CPU), ``seed``, ``preset``, ``notes``
+        (why the model has the size it has).
 
     Raises:
-        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset, no time.
+        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset or device, no time.
     """
-    chosen = preset(preset_name)
+    chosen, where = preset(preset_name), device_named(device)
     if len(views.cameras) < LEAST_VIEWS:
         raise BadInput(
             f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (92 are usual)."
@@ -69,14 +74,15 @@ def train_scene(
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
     saved = None if checkpoint is None else Checkpoint(checkpoint, _key(views, chosen, time_limit, seed))
+    forget_gpu_peak(where)
     with measured() as cost:
-        scene, seconds, notes = _train(views, chosen, time_limit, seed, progress, saved)
+        scene, seconds, notes = _train(views, chosen, time_limit, seed, progress, saved, where)
     seconds["total"] = sum(seconds.values())
     report = {
         "seconds": seconds,
         "peak_rss_bytes": cost.peak_rss_bytes,
         "parameters": scene.info()["parameters"]["total"],
-        "device": "cpu",
+        **device_report(where),
         "threads": torch.get_num_threads(),
         "seed": seed,
         "preset": chosen.name,
@@ -99,13 +105,14 @@ def _train(
     seed: int,
     progress: Progress,
     saved: Checkpoint | None,
+    device: torch.device,
 ) -> tuple[Scene, dict[str, float], list[str]]:
     seconds: dict[str, float] = {}
     notes: list[str] = []
     if saved is not None and "base" in saved.finished:
         values = saved.finished["base"]
         scene, seconds, notes = (
-            Scene.from_arrays(values["header"], saved.arrays),
+            Scene.from_arrays(values["header"], saved.arrays).on(device),
             values["seconds"],
             values["notes"],
         )
@@ -121,7 +128,8 @@ def _train(
             notes.append(reason)
         first = None if limit is None else max(0.1, (limit - seconds["hull"]) * BASE_PART)
         base, occupancy, marching, seconds["base"] = reconstruct(
-            views, field, chosen.reconstruct, occupancy, seed, first, part(progress, 0.02, 0.7), saved
+            views, field, chosen.reconstruct, occupancy, seed, first, part(progress, 0.02, 0.7), saved,
+            device,
         )
         notes.append(
             f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty"
@@ -161,7 +169,7 @@ def stylize_scene(
     """Stage 3: colour transfer, distillation and stylization.
 
     Args:
-        scene: With a palette colour network.
+        scene: With a palette colour network; its device is where the work is done.
         styles: Pictures (H, W, 3), sRGB in [0, 1].
         mapping: Style of each region to be styled; other regions stay as they are. None gives every region that is
             not kept a style, in turn.
@@ -190,11 +198,12 @@ def stylize_scene(
                "seed": seed, "features": features, "version": __version__}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
     seconds: dict[str, float] = {}
+    forget_gpu_peak(scene.device)
     with measured() as cost:
-        network = load_features(features)
+        network = load_features(features).to(scene.device)
         targets = {
             region: StyleTarget(
-                network, torch.as_tensor(styles[style], dtype=torch.float32).permute(2, 0, 1),
+                network, torch.as_tensor(styles[style], dtype=torch.float32, device=scene.device).permute(2, 0, 1),
                 loss or (PAPER_LOSS if chosen.name == "paper" else StyleLossSettings()), seed,
             )
             for region, style in pairs.items()
@@ -219,7 +228,7 @@ def stylize_scene(
         "seconds": seconds,
         "peak_rss_bytes": cost.peak_rss_bytes,
         "parameters": styled.info()["parameters"]["total"],
-        "device": "cpu",
+        **device_report(scene.device),
         "threads": torch.get_num_threads(),
         "seed": seed,
         "preset": chosen.name,
@@ -265,7 +274,8 @@ def _run_stage(loop: Loop, work: Distillation | Stylization, saved: Checkpoint |
         loop.done, loop.spent = state.restored
     loop.save = lambda done, spent: state.save(done, spent, {})
     seconds = loop.run(work.step)
-    saved.finish(name, {"seconds": seconds}, {prefix + k: v.numpy().copy() for k, v in work.field.state_dict().items()})
+    state_dict = work.field.state_dict()
+    saved.finish(name, {"seconds": seconds}, {prefix + k: v.cpu().numpy().copy() for k, v in state_dict.items()})
     return seconds
 
 

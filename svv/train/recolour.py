@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from svv.core.palette import Palette, extract_palette
 from svv.errors import Progress
@@ -47,7 +48,7 @@ class Recolouring:
         self.tables = LatticeAdam([self.field.encoding])
         self.budget = RayBudget(s.rays, s.samples)
 
-    def step(self, number: int, fraction: float) -> float:
+    def step(self, number: int, fraction: float) -> Tensor:
         """One step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
         batch = self.pool.batch(number, self.budget.rays)
@@ -55,9 +56,7 @@ class Recolouring:
         self.budget.adjust(number, len(batch.rays), len(samples))
         with torch.no_grad():
             sigma, geometry = self.base.geometry(samples)
-        parts = self.field(
-            samples.position, geometry, encode_directions(torch.from_numpy(batch.rays.directions), samples.ray)
-        )
+        parts = self.field(samples.position, geometry, encode_directions(batch.rays.directions, samples.ray))
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
@@ -78,7 +77,7 @@ class Recolouring:
         self.tables.step([s.feature_rate * rate])
         with torch.no_grad():
             self.field.colours.clamp_(0.0, 1.0)
-        return float(error.detach())
+        return error.detach()
 
     @torch.no_grad()
     def shares(self, rays: int = 16384) -> NDArray[np.float64]:
@@ -89,13 +88,14 @@ class Recolouring:
         _, weights, _ = self.field.material(samples.position)
         _, _, seen = composite(samples, sigma, weights)
         count = weights.shape[1]
-        share = np.bincount(weights.argmax(1).numpy(), weights=seen.numpy(), minlength=count)
+        share = np.bincount(weights.argmax(1).cpu().numpy(), weights=seen.cpu().numpy(), minlength=count)
         return np.asarray(share / max(share.sum(), 1e-9), np.float64)
 
 
 def palette_of(views: ViewSet, occupancy: Occupancy, seed: int) -> Palette:
     """Palette of the views' visible pixels; raises BadInput if there is none."""
-    return extract_palette(*RayPool(views, occupancy.box, seed).visible_colours(PALETTE_PIXELS), seed=seed)
+    pool = RayPool(views, occupancy.box, seed, torch.device("cpu"))
+    return extract_palette(*pool.visible_colours(PALETTE_PIXELS), seed=seed)
 
 
 def recolour(
@@ -115,7 +115,7 @@ def recolour(
 
     Args:
         views: Training views.
-        base: Frozen base field, its occupancy and marching beside it.
+        base: Frozen base field, its occupancy and marching beside it; its device is where the network is trained.
         palette: Initial palette colours, RGB in [0, 1]. (P, 3)
         field: Shape of the networks.
         settings: Of the stage.
@@ -130,8 +130,10 @@ def recolour(
     torch.manual_seed(seed)
     network = PaletteField(field, occupancy, base.geometry_width, torch.as_tensor(palette, dtype=torch.float32))
     network.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
-    network.light_like(base)
-    work = Recolouring(base, network, occupancy, marching, RayPool(views, occupancy.box, seed), settings)
+    device = base.encoding.table.device
+    network.to(device).light_like(base)
+    pool = RayPool(views, occupancy.box, seed, device)
+    work = Recolouring(base, network, occupancy, marching, pool, settings)
     loop = Loop(settings.iterations, limit, progress, "palette colour network")
     if checkpoint is not None:
         state = checkpoint.stage("palette", network, work.networks, work.tables)

@@ -22,6 +22,8 @@ from svv.train.checkpoint import Checkpoint
 from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, falling
 
+CPU = torch.device("cpu")
+
 
 class Reconstruction:
     """Trains a base field; hold it to go on, or take its parts."""
@@ -33,12 +35,13 @@ class Reconstruction:
         field: FieldSettings,
         settings: ReconstructSettings,
         seed: int = 0,
+        device: torch.device = CPU,
     ) -> None:
         torch.manual_seed(seed)
         self.settings, self.field_settings = settings, field
         self.refined: Occupancy | None = None
         self.occupancy = occupancy
-        self.field = BaseField(field, occupancy)
+        self.field = BaseField(field, occupancy).to(device)  # made on the CPU: the same numbers on every device
         self.field.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
         density = self.field.density
         if density is not None:
@@ -46,13 +49,13 @@ class Reconstruction:
                 density.table[density.rows_of_level(0)] = settings.initial_exponent
         finest = field.resolutions[-1] if field.encoding == "lattice" else 512
         self.marching = Marching(1.0 / finest, keep=settings.keep)
-        self.pool = RayPool(views, occupancy.box, seed)
+        self.pool = RayPool(views, occupancy.box, seed, device)
         self.budget = RayBudget(settings.rays, settings.samples)
         networks = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
         self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
         self.tables = LatticeAdam(self.field.encodings)
 
-    def step(self, number: int, fraction: float) -> float:
+    def step(self, number: int, fraction: float) -> Tensor:
         """One step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
         if fraction >= s.refine_at and self.refined is None and self.field.density is not None:
@@ -61,7 +64,7 @@ class Reconstruction:
         samples = march(batch.rays, self.occupancy, self.field.density, self.marching, seed=number + 1)
         self.budget.adjust(number, len(batch.rays), len(samples))
         sigma, geometry = self.field.geometry(samples)
-        colour = self.field(geometry, encode_directions(torch.from_numpy(batch.rays.directions), samples.ray))
+        colour = self.field(geometry, encode_directions(batch.rays.directions, samples.ray))
         out, transmittance, _ = composite(samples, sigma, colour)
         error = (out - batch.premultiplied).square().mean()
         loss = error + s.alpha_weight * (1.0 - transmittance - batch.alpha).square().mean()
@@ -70,7 +73,7 @@ class Reconstruction:
         self._update(falling(fraction, s.decay))
         if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
             self.prune(grow=fraction < 0.25)
-        return float(error.detach())
+        return error.detach()
 
     def _update(self, rate: float) -> None:
         s = self.settings
@@ -131,12 +134,14 @@ class Reconstruction:
 @torch.no_grad()
 def largest_extinction(field: BaseField, occupancy: Occupancy) -> NDArray[np.float32]:
     """Largest extinction found in each occupied cell, at 27 of its points, in ``argwhere`` order."""
-    corner = np.argwhere(occupancy.occupied)
-    largest = torch.full((len(corner),), -torch.inf)
+    device = field.encoding.table.device
+    corner = torch.from_numpy(np.argwhere(occupancy.occupied)).to(device)
+    end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
+    largest = torch.full((len(corner),), -torch.inf, device=device)
     for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
-        points = np.minimum((corner + offset) / occupancy.cells, occupancy.extent).astype(np.float32)
-        largest = torch.maximum(largest, _exponent(field, torch.from_numpy(points)))
-    return torch.exp(largest.clamp(max=float(CEILING))).numpy()
+        points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
+        largest = torch.maximum(largest, _exponent(field, points))
+    return torch.exp(largest.clamp(max=CEILING)).cpu().numpy()
 
 
 def _exponent(field: BaseField, points: Tensor) -> Tensor:
@@ -155,6 +160,7 @@ def reconstruct(
     limit: float | None,
     progress: Progress,
     checkpoint: Checkpoint | None = None,
+    device: torch.device = CPU,
 ) -> tuple[BaseField, Occupancy, Marching, float]:
     """Train the base field.
 
@@ -167,11 +173,12 @@ def reconstruct(
         limit: Seconds allowed.
         progress: Called several times a second; stops the training when it raises.
         checkpoint: Where to go on from, and to save to.
+        device: Where to train.
 
     Returns:
         The frozen field, the pruned occupancy, how its rays are sampled, and the seconds spent.
     """
-    work = Reconstruction(views, occupancy, field, settings, seed)
+    work = Reconstruction(views, occupancy, field, settings, seed, device)
     loop = Loop(settings.iterations, limit, progress, "base NeRF")
     if checkpoint is not None:
         work.go_on_from(checkpoint.extra("base"))

@@ -72,7 +72,7 @@ class StyleTarget:
 
     Args:
         network: Frozen feature network: (n, 3, h, w) -> (n, c, h // 4, w // 4).
-        style: (3, h, w) sRGB in [0, 1].
+        style: (3, h, w) sRGB in [0, 1], on the network's device.
         settings: Weights and sizes.
         seed: Of the draw of style vectors and of the shifts of renders.
     """
@@ -92,7 +92,7 @@ class StyleTarget:
         with torch.no_grad():
             # The outermost cells have seen the reflection of the picture in its own rim.
             vectors = self.network(style[None])[0, :, 1:-1, 1:-1].flatten(1).T
-        pick = torch.randperm(len(vectors), generator=self._generator)[: self.settings.most_vectors]
+        pick = torch.randperm(len(vectors), generator=self._generator)[: self.settings.most_vectors].to(style.device)
         mean = vectors.mean(0)
         return mean, vectors[pick] - mean
 
@@ -108,7 +108,7 @@ class StyleTarget:
         """
         settings = self.settings
         colours, mask = solid(colours, mask, self.background)
-        loss = torch.zeros(())
+        loss = colours.new_zeros(())
         for octave, (mean, vectors) in enumerate(self._scales):
             picture, cover = F.avg_pool2d(colours, 1 << octave), F.avg_pool2d(mask[None], 1 << octave)[0]
             if min(cover.shape) < 5 * STRIDE:
@@ -147,9 +147,10 @@ class StyleTarget:
             (S, 3), mean 0 over the picture.
         """
         height, width = self.picture.shape[1:]
-        along = (normal @ OBLIQUE).abs().argmax(1, keepdim=True)
+        axes = OBLIQUE.to(normal.device)
+        along = (normal @ axes).abs().argmax(1, keepdim=True)
         across = torch.cat([(along + 1) % 3, (along + 2) % 3], dim=1)
-        at = (position @ OBLIQUE).gather(1, across) / (pixel * torch.tensor([width / 2, height / 2]))
+        at = (position @ axes).gather(1, across) / (pixel * position.new_tensor([width / 2, height / 2]))
         colours = F.grid_sample(self.picture[None], at[None, None], padding_mode="reflection", align_corners=False)
         return colours[0, :, 0].T - self.statistics[0]
 

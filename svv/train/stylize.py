@@ -24,11 +24,9 @@ from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import UnrestrictedField
 from svv.fields.rendering import RayCaster, composite, march
 from svv.fields.scene import Scene
+from svv.kernels.dispatch import kernels_of
 from svv.train.config import StylizeSettings
 from svv.train.style_loss import StyleTarget
-
-PIECE = 1 << 14
-"""Samples evaluated with a graph at a time: their activations stay in the processor's cache."""
 
 LEAST_WEIGHT = 4e-3
 """Samples that weigh less are left out of the images: about one step of 8 bits."""
@@ -62,7 +60,7 @@ class StyledView:
         """
         own = self.region == region
         weight, pixel = self.weight[own], self.pixel[own]
-        out = torch.zeros(self.height * self.width, 4)
+        out = colours.new_zeros(self.height * self.width, 4)
         out.index_add_(0, pixel, torch.cat([colours[own] * weight[:, None], weight[:, None]], dim=1))
         mask = out[:, 3].clamp(max=1.0)
         image = out[:, :3] + background * (1.0 - mask)[:, None]
@@ -93,23 +91,26 @@ class Stylization:
             BadInput: the regions to be styled are hardly seen from anywhere.
         """
         self.field, self.targets, self.settings = field, targets, settings
+        self.piece = kernels_of(scene.device.type).SAMPLES
         self.views = visible_from(scene, stylization_cameras(scene, settings), progress)
         self.views = [v for v in self.views if any(self._covers(v, r) for r in targets)]
         if not self.views:
             raise BadInput("None of the regions to be styled is visible; choose other regions with --map.")
         with torch.no_grad():  # half precision: these are as many numbers as the samples' positions
-            self.starts = [torch.cat([field(p).half() for p in v.position.split(PIECE)]) for v in self.views]
+            self.starts = [
+                torch.cat([field(p).half() for p in v.position.split(self.piece)]) for v in self.views
+            ]
         networks = list(field.colour_mlp.parameters())
         self.networks = torch.optim.Adam(networks, settings.style_network_rate, betas=(0.9, 0.99), eps=1e-12)
         self.tables = LatticeAdam([field.encoding])
 
-    def step(self, number: int, fraction: float) -> float:
+    def step(self, number: int, fraction: float) -> Tensor:
         """One view: all its regions; returns the style loss. The rates are fixed, as in the paper."""
         # A stride that shares no factor with the number of views jumps around the scene, so no side falls behind.
         index = number * _coprime(len(self.views)) % len(self.views)
         view, start = self.views[index], self.starts[index]
         with torch.no_grad():
-            colours = torch.cat([self.field(p) for p in view.position.split(PIECE)])
+            colours = torch.cat([self.field(p) for p in view.position.split(self.piece)])
         colours.requires_grad_()
         losses = []
         for region, target in self.targets.items():
@@ -121,12 +122,12 @@ class Stylization:
         loss = torch.stack(losses).sum()
         (gradient,) = torch.autograd.grad(loss, colours)
         self.networks.zero_grad(set_to_none=True)
-        for first in range(0, len(colours), PIECE):
-            piece = slice(first, first + PIECE)
+        for first in range(0, len(colours), self.piece):
+            piece = slice(first, first + self.piece)
             self.field(view.position[piece]).backward(gradient[piece])  # type: ignore[no-untyped-call]
         self.networks.step()
         self.tables.step([self.settings.style_feature_rate])
-        return float(loss.detach()) / len(losses)
+        return loss.detach() / len(losses)
 
     @staticmethod
     def _covers(view: StyledView, region: int) -> bool:
@@ -143,10 +144,10 @@ def stylization_cameras(scene: Scene, settings: StylizeSettings) -> Sequence[Cam
 def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress) -> list[StyledView]:
     """Samples, weights and regions of views; views in which nothing is visible are left out."""
     assert scene.palette is not None
-    views = []
+    views, piece = [], kernels_of(scene.device.type).SAMPLES
     for number, camera in enumerate(cameras):
         progress(number / len(cameras), "stylization views")
-        rays = RayCaster([camera], scene.occupancy.box).view(0)
+        rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
         sigma = scene.base.extinction(samples)
         _, _, weight = composite(samples, sigma, sigma[:, None])
@@ -154,7 +155,7 @@ def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress) ->
         if not bool(seen.any()):
             continue
         position, weight, ray = samples.position[seen], weight[seen], samples.ray[seen].long()
-        region = torch.cat([scene.palette.material(p)[1].argmax(1) for p in position.split(PIECE)])
+        region = torch.cat([scene.palette.material(p)[1].argmax(1) for p in position.split(piece)])
         row, column = ray // camera.width, ray % camera.width
         top, left = max(0, int(row.min()) - RIM), max(0, int(column.min()) - RIM)
         bottom = min(camera.height, int(row.max()) + RIM + 1)

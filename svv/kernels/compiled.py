@@ -1,0 +1,131 @@
+"""The kernels on the processor: numba, on the tensors' own memory. See :class:`svv.kernels.dispatch.Kernels`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.kernels import hashing, lattice, marching, rays
+from svv.kernels.dispatch import Lattice, Limits, Samples
+
+NAME = "numba"
+RAYS = 1 << 13
+"""Their activations stay in the processor's cache (1 << 16 took 1.2 times as long)."""
+SAMPLES = 1 << 14
+"""Their activations stay in the processor's cache."""
+
+
+def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
+    out = _empty(len(x), len(where.scales) * table.shape[1])
+    lattice.encode(x.numpy(), *_layout(where), table.detach().numpy(), out.numpy())
+    return out
+
+
+def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
+    lattice.encode_backward(x.numpy(), g.numpy(), *_layout(where), gradient.numpy(), used.numpy())
+
+
+def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
+    out = _empty(len(x), len(resolutions) * table.shape[1])
+    hashing.encode(x.numpy(), resolutions.numpy(), offsets.numpy(), table.detach().numpy(), out.numpy())
+    return out
+
+
+def hash_backward(
+    x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor
+) -> None:
+    hashing.encode_backward(
+        x.numpy(), g.numpy(), resolutions.numpy(), offsets.numpy(), gradient.numpy(), used.numpy()
+    )
+
+
+def adam(
+    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float,
+    constants: tuple[float, float, float], pull: float, finer: int,
+) -> None:  # fmt: skip
+    first, second = moments.numpy()
+    numbers = (np.float32(v) for v in (rate, *constants, pull))
+    lattice.adam(table.detach().numpy(), gradient.numpy(), used.numpy(), first, second, age.numpy(), *numbers, finer)
+
+
+def pixel_rays(
+    pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
+) -> tuple[Tensor, Tensor]:
+    origins, directions = _empty(len(pixels), 3), _empty(len(pixels), 3)
+    arrays = (camera.numpy() for camera in cameras)
+    rays.pixel_rays(pixels.numpy(), *arrays, width, height, origins.numpy(), directions.numpy())
+    return origins, directions
+
+
+def march(
+    origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
+    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+) -> tuple[Samples, int]:  # fmt: skip
+    """Every block of rays writes into a part of its own, which is then moved together."""
+    count, blocks = len(origins), -(-len(origins) // marching.BLOCK)
+    start, number = np.empty(count, np.int64), np.empty(count, np.int64)
+    tail = np.empty(count, np.float32)
+    while True:
+        # Room for the longest possible ray would be hundreds of times what is needed, so it is found by trying.
+        buffers = _sample_buffers(blocks * marching.BLOCK * room)
+        full = np.zeros(blocks, np.uint8)
+        marching.march(
+            origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
+            np.float32(limits.step), seed, *_layout(where), table.detach().numpy()[:, 0], np.float32(ceiling),
+            *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop)), limits.merge,
+            *buffers, start, number, tail, full,
+        )  # fmt: skip
+        if not full.any():
+            break
+        room *= 2
+    packed = _sample_buffers(int(number.sum()))
+    marching.gather(start, number, np.cumsum(number) - number, *buffers, *packed)
+    position, skipped, sigma, ray = packed
+    found = (torch.from_numpy(a) for a in (position, sigma, skipped, ray, start, number, tail))
+    return Samples(*found, limits.step), room  # type: ignore[arg-type, call-arg]
+
+
+def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
+    rays, channels = len(samples.start), values.shape[1]
+    out, transmittance, weights = _empty(rays, channels), _empty(rays), _empty(len(sigma))
+    marching.composite(
+        sigma.numpy(), samples.skipped.numpy(), values.numpy(), samples.start.numpy(), samples.count.numpy(),
+        samples.tail.numpy(), np.float32(samples.step), out.numpy(), transmittance.numpy(), weights.numpy(),
+    )  # fmt: skip
+    return out, transmittance, weights
+
+
+def composite_backward(
+    sigma: Tensor, values: Tensor, weights: Tensor, samples: Samples, out: Tensor, transmittance: Tensor,
+    g_out: Tensor, g_transmittance: Tensor,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    g_sigma, g_values = _empty(len(sigma)), _empty(*values.shape)
+    marching.composite_backward(
+        sigma.numpy(), samples.skipped.numpy(), values.numpy(), weights.numpy(), samples.start.numpy(),
+        samples.count.numpy(), np.float32(samples.step), out.numpy(), transmittance.numpy(), g_out.numpy(),
+        g_transmittance.numpy(), g_sigma.numpy(), g_values.numpy(),
+    )  # fmt: skip
+    return g_sigma, g_values
+
+
+def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:
+    return where.shapes.numpy(), where.scales.numpy(), where.bases.numpy(), where.index.numpy()
+
+
+def _sample_buffers(capacity: int) -> tuple[NDArray[Any], ...]:
+    """Position, skipped, sigma and ray of ``capacity`` samples (the system hands out only what is written)."""
+    return (
+        np.empty((capacity, 3), np.float32),
+        np.empty(capacity, np.float32),
+        np.empty(capacity, np.float32),
+        np.empty(capacity, np.int32),
+    )
+
+
+def _empty(*shape: int) -> Tensor:
+    return torch.from_numpy(np.empty(shape, np.float32))

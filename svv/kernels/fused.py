@@ -1,0 +1,144 @@
+"""The kernels on the GPU: Triton. See :class:`svv.kernels.dispatch.Kernels`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+import triton
+from torch import Tensor
+
+from svv.core.marching import NEVER
+from svv.kernels import fused_rays, fused_tables
+from svv.kernels.dispatch import Lattice, Limits, Samples
+
+NAME = "triton"
+RAYS = 1 << 17
+"""Enough to fill the GPU; the largest activations of their samples take some hundred megabytes."""
+SAMPLES = 1 << 18
+
+TABLE_BLOCK = 128
+"""Samples of a program that reads or writes tables."""
+RAY_BLOCK = 32
+"""Rays of a program: one warp, which is done when its longest ray is."""
+
+
+def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
+    levels, features = len(where.scales), table.shape[1]
+    out = torch.empty(len(x), levels * features, device=x.device)
+    if len(x):
+        fused_tables.lattice_encode[triton.cdiv(len(x), TABLE_BLOCK), levels](
+            x.contiguous(), where.shapes, where.scales, where.bases, where.index, table.detach(), out, len(x),
+            levels, features, triton.next_power_of_2(features), TABLE_BLOCK,
+        )  # fmt: skip
+    return out
+
+
+def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
+    levels, features = len(where.scales), gradient.shape[1]
+    if len(x):
+        fused_tables.lattice_backward[triton.cdiv(len(x), TABLE_BLOCK), levels](
+            x.contiguous(), g, where.shapes, where.scales, where.bases, where.index, gradient, used, len(x),
+            levels, features, triton.next_power_of_2(features), TABLE_BLOCK,
+        )  # fmt: skip
+
+
+def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
+    levels, features = len(resolutions), table.shape[1]
+    out = torch.empty(len(x), levels * features, device=x.device)
+    if len(x):
+        fused_tables.hash_encode[triton.cdiv(len(x), TABLE_BLOCK), levels](
+            x.contiguous(), resolutions, offsets, table.detach(), out, len(x),
+            levels, features, triton.next_power_of_2(features), TABLE_BLOCK,
+        )  # fmt: skip
+    return out
+
+
+def hash_backward(
+    x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor
+) -> None:
+    levels, features = len(resolutions), gradient.shape[1]
+    if len(x):
+        fused_tables.hash_backward[triton.cdiv(len(x), TABLE_BLOCK), levels](
+            x.contiguous(), g, resolutions, offsets, gradient, used, len(x),
+            levels, features, triton.next_power_of_2(features), TABLE_BLOCK,
+        )  # fmt: skip
+
+
+def adam(
+    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float,
+    constants: tuple[float, float, float], pull: float, finer: int,
+) -> None:  # fmt: skip
+    rows, features = table.shape
+    fused_tables.adam[(triton.cdiv(rows, TABLE_BLOCK),)](
+        table.detach(), gradient, used, moments[0], moments[1], age, rate, *constants, pull, finer, rows,
+        features, triton.next_power_of_2(features), TABLE_BLOCK,
+    )  # fmt: skip
+
+
+def pixel_rays(
+    pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
+) -> tuple[Tensor, Tensor]:
+    origins, directions = torch.empty(2, len(pixels), 3, device=pixels.device)
+    if len(pixels):
+        fused_rays.pixel_rays[(triton.cdiv(len(pixels), TABLE_BLOCK),)](
+            pixels, *cameras, width, height, origins, directions, len(pixels), TABLE_BLOCK
+        )
+    return origins, directions
+
+
+def march(
+    origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
+    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+) -> tuple[Samples, int]:  # fmt: skip
+    """Rays are marched twice: samples are counted, their sum says where each ray's begin, and they are written."""
+    device, rays = origins.device, len(origins)
+    count, tail = torch.zeros(rays, dtype=torch.int64, device=device), torch.zeros(rays, device=device)
+    position, sigma, skipped = (torch.empty(shape, device=device) for shape in ((0, 3), 0, 0))
+    ray, start = torch.empty(0, dtype=torch.int32, device=device), torch.zeros_like(count)
+
+    def pass_over(writes: bool) -> None:
+        fused_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
+            origins, directions, distance, *distance.shape, float(cells), *extent, limits.step, seed,
+            where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
+            limits.least_weight, limits.keep, limits.stop, rays, start, count, tail, position, skipped, sigma, ray,
+            len(where.scales), limits.stop < NEVER, limits.keep > 0, limits.merge, seed > 0, writes, RAY_BLOCK,
+            num_warps=1,
+        )  # fmt: skip
+
+    if rays:
+        pass_over(writes=False)
+        start = count.cumsum(0) - count
+        number = int(count.sum())
+        position, sigma, skipped = (torch.empty(shape, device=device) for shape in ((number, 3), number, number))
+        ray = torch.empty(number, dtype=torch.int32, device=device)
+        if number:
+            pass_over(writes=True)
+    return Samples(position, sigma, skipped, ray, start, count, tail, limits.step), room
+
+
+def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
+    rays, channels, device = len(samples.start), values.shape[1], sigma.device
+    out, transmittance = torch.empty(rays, channels, device=device), torch.empty(rays, device=device)
+    weights = torch.empty(len(sigma), device=device)
+    if rays:
+        fused_rays.composite[(triton.cdiv(rays, RAY_BLOCK),)](
+            sigma, samples.skipped, values, samples.start, samples.count, samples.tail, samples.step, out,
+            transmittance, weights, rays, channels, triton.next_power_of_2(channels), RAY_BLOCK, num_warps=1,
+        )  # fmt: skip
+    return out, transmittance, weights
+
+
+def composite_backward(
+    sigma: Tensor, values: Tensor, weights: Tensor, samples: Samples, out: Tensor, transmittance: Tensor,
+    g_out: Tensor, g_transmittance: Tensor,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    rays, channels = len(samples.start), values.shape[1]
+    g_sigma, g_values = torch.empty_like(sigma), torch.empty_like(values)
+    if rays:
+        fused_rays.composite_backward[(triton.cdiv(rays, RAY_BLOCK),)](
+            sigma, samples.skipped, values, weights, samples.start, samples.count, samples.step, out, transmittance,
+            g_out, g_transmittance, g_sigma, g_values, rays, channels, triton.next_power_of_2(channels), RAY_BLOCK,
+            num_warps=1,
+        )  # fmt: skip
+    return g_sigma, g_values

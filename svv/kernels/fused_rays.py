@@ -1,0 +1,235 @@
+"""Rays, marching and compositing in Triton: one thread a ray.
+
+Letters: R rays, S samples, C channels, L levels of the density lattice. ``WIDE`` is C, rounded up to a power of two,
+and ``BLOCK`` the rays of one program. What each function calculates is told in :mod:`svv.kernels.rays` and
+:mod:`svv.kernels.marching`.
+"""
+
+from __future__ import annotations
+
+import triton
+import triton.language as tl
+
+
+@triton.jit
+def pixel_rays(  # type: ignore[no-untyped-def]
+    pixels, rotations, positions, focal, width, height, origins, directions, rays, BLOCK: tl.constexpr
+):
+    """Origins and unit directions (R, 3) of rays through pixel centres."""
+    r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    there = r < rays
+    pixel = tl.load(pixels + r, mask=there, other=0)
+    view, rest = pixel // (width * height), (pixel % (width * height)).to(tl.int32)
+    f = tl.load(focal + view, mask=there, other=1.0)
+    u = ((rest % width).to(tl.float32) + 0.5 * (1 - width)) / f
+    v = -((rest // width).to(tl.float32) + 0.5 * (1 - height)) / f
+    norm = 1.0 / tl.sqrt(u * u + v * v + 1.0)
+    for k in tl.static_range(3):
+        m = rotations + view * 9 + 3 * k
+        x = tl.load(m, mask=there, other=0.0)
+        y = tl.load(m + 1, mask=there, other=0.0)
+        z = tl.load(m + 2, mask=there, other=0.0)
+        tl.store(directions + 3 * r + k, (x * u + y * v - z) * norm, mask=there)
+        tl.store(origins + 3 * r + k, tl.load(positions + view * 3 + k, mask=there, other=0.0), mask=there)
+
+
+@triton.jit
+def uniform(seed, a, b):  # type: ignore[no-untyped-def]
+    """A number in [0, 1) from three integers, as :func:`svv.core.marching.uniform`."""
+    h = seed.to(tl.uint64) * 0x9E3779B97F4A7C15 ^ a.to(tl.uint64) * 0xBF58476D1CE4E5B9
+    h ^= b.to(tl.uint64) * 0x94D049BB133111EB
+    h ^= h >> 31
+    h *= 0x9E3779B97F4A7C15
+    h ^= h >> 29
+    h *= 0xBF58476D1CE4E5B9
+    h ^= h >> 32
+    return (h >> 40).to(tl.float32) * (1.0 / 16777216.0)
+
+
+@triton.jit
+def slab(o, d, extent, near, far):  # type: ignore[no-untyped-def]
+    """What is left of a ray between the two planes of one axis."""
+    along = tl.abs(d) < 1e-9
+    inverse = 1.0 / tl.where(along, 1.0, d)
+    a, b = -o * inverse, (extent - o) * inverse
+    misses = along & ((o < 0.0) | (o > extent))
+    near = tl.where(along, near, tl.maximum(near, tl.minimum(a, b)))
+    far = tl.where(along, far, tl.minimum(far, tl.maximum(a, b)))
+    return near, tl.where(misses, -1.0, far), tl.where(along, 0.0, inverse)
+
+
+@triton.jit
+def leap(cell, empty, d, o, inverse, side):  # type: ignore[no-untyped-def]
+    """Where a ray leaves the slab of ``empty`` - 1 cells to either side of a cell, along one axis."""
+    plane = tl.where(d > 0, cell + empty, cell + 1 - empty).to(tl.float32) * side
+    return tl.where(inverse == 0.0, 1e30, (plane - o) * inverse)
+
+
+@triton.jit
+def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Sum over levels of the trilinear interpolation of a one-channel table."""
+    total = tl.zeros_like(x)
+    for level in tl.static_range(LEVELS):
+        scale = tl.load(scales + level)
+        nx = tl.load(shapes + 3 * level).to(tl.int32)
+        ny = tl.load(shapes + 3 * level + 1).to(tl.int32)
+        nz = tl.load(shapes + 3 * level + 2).to(tl.int32)
+        fx, fy, fz = x * scale, y * scale, z * scale
+        ix = tl.minimum(fx.to(tl.int32), nx - 2)
+        iy = tl.minimum(fy.to(tl.int32), ny - 2)
+        iz = tl.minimum(fz.to(tl.int32), nz - 2)
+        wx, wy, wz = fx - ix.to(tl.float32), fy - iy.to(tl.float32), fz - iz.to(tl.float32)
+        at = index + (tl.load(bases + level) + (ix.to(tl.int64) * ny + iy) * nz + iz)
+        for corner in tl.static_range(4):
+            # Vertices are numbered in raster order, so the neighbour in z is always the next number.
+            row = tl.load(at + (corner >> 1) * ny * nz + (corner & 1) * nz, mask=inside, other=0)
+            low = tl.load(table + row, mask=inside, other=0.0)
+            high = tl.load(table + row + 1, mask=inside, other=0.0)
+            w = (wx if corner & 2 else 1.0 - wx) * (wy if corner & 1 else 1.0 - wy)
+            total += w * ((1.0 - wz) * low + wz * high)
+    return total
+
+
+@triton.jit(do_not_specialize=["seed"])
+def march(  # type: ignore[no-untyped-def]
+    origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed,
+    shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, rays,
+    start, count, tail, position, skipped, sigma, ray,
+    LEVELS: tl.constexpr, STOPS: tl.constexpr, KEEPS: tl.constexpr, MERGE: tl.constexpr, JITTERS: tl.constexpr,
+    WRITES: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    """March a block of rays twice: first to count their samples, then (``WRITES``) to write them from ``start`` on."""
+    r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    there = r < rays
+    ox = tl.load(origins + 3 * r, mask=there, other=0.0)
+    oy = tl.load(origins + 3 * r + 1, mask=there, other=0.0)
+    oz = tl.load(origins + 3 * r + 2, mask=there, other=0.0)
+    dx = tl.load(directions + 3 * r, mask=there, other=1.0)
+    dy = tl.load(directions + 3 * r + 1, mask=there, other=1.0)
+    dz = tl.load(directions + 3 * r + 2, mask=there, other=1.0)
+    near, far = tl.zeros((BLOCK,), tl.float32), tl.full((BLOCK,), 1e30, tl.float32)
+    near, far, inverse_x = slab(ox, dx, extent_x, near, far)
+    near, far, inverse_y = slab(oy, dy, extent_y, near, far)
+    near, far, inverse_z = slab(oz, dz, extent_z, near, far)
+    hit = there & (near < far)
+    shift = tl.full((BLOCK,), 0.5, tl.float32)
+    if JITTERS:
+        shift = uniform(seed, r, tl.zeros_like(r))
+    i = tl.ceil(tl.where(hit, near, 0.0) / step - shift).to(tl.int32)
+    last = tl.floor(tl.where(hit, far, 0.0) / step - shift).to(tl.int32)
+    going = hit & (i <= last)
+    side = 1.0 / cells
+    rate = 1.0 / step
+    tau, depth = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
+    n = tl.zeros((BLOCK,), tl.int64)
+    if WRITES:
+        n = tl.load(start + r, mask=there, other=0)
+    while tl.max(going.to(tl.int32), axis=0) > 0:
+        t = (i.to(tl.float32) + shift) * step
+        x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+        cx = tl.minimum(tl.maximum((x * cells).to(tl.int32), 0), nx - 1)
+        cy = tl.minimum(tl.maximum((y * cells).to(tl.int32), 0), ny - 1)
+        cz = tl.minimum(tl.maximum((z * cells).to(tl.int32), 0), nz - 1)
+        empty = tl.load(distance + (cx.to(tl.int64) * ny + cy) * nz + cz, mask=going, other=0).to(tl.int32)
+        inside = going & (empty == 0)
+        # To the first sample behind the cube of empty cells around this one.
+        tx = leap(cx, empty, dx, ox, inverse_x, side)
+        ty = leap(cy, empty, dy, oy, inverse_y, side)
+        tz = leap(cz, empty, dz, oz, inverse_z, side)
+        behind = tl.ceil(tl.where(inside | (there == 0), 0.0, tl.minimum(tx, tl.minimum(ty, tz))) * rate - shift)
+        x = tl.minimum(tl.maximum(x, 0.0), extent_x)
+        y = tl.minimum(tl.maximum(y, 0.0), extent_y)
+        z = tl.minimum(tl.maximum(z, 0.0), extent_z)
+        raw = exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS)
+        s = tl.exp(tl.minimum(raw, ceiling))
+        thickness = tl.where(inside, s * step, 0.0)
+        before = tl.zeros_like(tau)
+        if MERGE:
+            before = tau
+        weight = 1.0 - tl.exp(-thickness - before)
+        if STOPS:
+            weight = tl.where(weight >= least_weight, weight * tl.exp(before - depth), weight)
+        kept = weight >= least_weight
+        if KEEPS:
+            kept = kept | (uniform(seed, r, i + 1) < keep)
+        kept = kept & inside
+        if WRITES:
+            tl.store(position + 3 * n, x, mask=kept)
+            tl.store(position + 3 * n + 1, y, mask=kept)
+            tl.store(position + 3 * n + 2, z, mask=kept)
+            tl.store(skipped + n, tau - before, mask=kept)
+            tl.store(sigma + n, s + before * rate, mask=kept)
+            tl.store(ray + n, r, mask=kept)
+        n += kept.to(tl.int64)
+        tau = tl.where(kept, 0.0, tau + thickness)
+        depth += thickness
+        i = tl.where(inside, i + 1, tl.maximum(i + 1, behind.to(tl.int32)))
+        going = going & (i <= last) & (depth <= stop)
+    if not WRITES:
+        tl.store(count + r, n, mask=there)
+        tl.store(tail + r, tau, mask=there)
+
+
+@triton.jit
+def composite(  # type: ignore[no-untyped-def]
+    sigma, skipped, values, start, count, tail, step, out, transmittance, weights, rays,
+    CHANNELS: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    """Composite ``values`` (S, C) of a block of rays front to back."""
+    r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    c = tl.arange(0, WIDE)
+    there = r < rays
+    first = tl.load(start + r, mask=there, other=0)
+    number = tl.load(count + r, mask=there, other=0)
+    t = tl.full((BLOCK,), 1.0, tl.float32)
+    total = tl.zeros((BLOCK, WIDE), tl.float32)
+    longest = tl.max(number, axis=0)
+    k = tl.zeros_like(longest)
+    while k < longest:
+        at, going = first + k, k < number
+        t *= tl.exp(-tl.load(skipped + at, mask=going, other=0.0))
+        e = tl.exp(-tl.load(sigma + at, mask=going, other=0.0) * step)
+        w = t * (1.0 - e)
+        tl.store(weights + at, w, mask=going)
+        both = going[:, None] & (c < CHANNELS)[None, :]
+        total += w[:, None] * tl.load(values + at[:, None] * CHANNELS + c[None, :], mask=both, other=0.0)
+        t *= e
+        k += 1
+    ends = there[:, None] & (c < CHANNELS)[None, :]
+    tl.store(out + r.to(tl.int64)[:, None] * CHANNELS + c[None, :], total, mask=ends)
+    tl.store(transmittance + r, t * tl.exp(-tl.load(tail + r, mask=there, other=0.0)), mask=there)
+
+
+@triton.jit
+def composite_backward(  # type: ignore[no-untyped-def]
+    sigma, skipped, values, weights, start, count, step, out, transmittance, g_out, g_transmittance,
+    g_sigma, g_values, rays,
+    CHANNELS: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    """Gradients of :func:`composite` with respect to extinction (S,) and values (S, C), a block of rays."""
+    r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    c = tl.arange(0, WIDE)
+    there = r < rays
+    ends = there[:, None] & (c < CHANNELS)[None, :]
+    row = r.to(tl.int64)[:, None] * CHANNELS + c[None, :]
+    first = tl.load(start + r, mask=there, other=0)
+    number = tl.load(count + r, mask=there, other=0)
+    g = tl.load(g_out + row, mask=ends, other=0.0)
+    left = tl.load(transmittance + r, mask=there, other=0.0) * tl.load(g_transmittance + r, mask=there, other=0.0)
+    behind = left + tl.sum(g * tl.load(out + row, mask=ends, other=0.0), axis=1)
+    t = tl.full((BLOCK,), 1.0, tl.float32)
+    longest = tl.max(number, axis=0)
+    k = tl.zeros_like(longest)
+    while k < longest:
+        at, going = first + k, k < number
+        both = going[:, None] & (c < CHANNELS)[None, :]
+        sample = at[:, None] * CHANNELS + c[None, :]
+        t *= tl.exp(-tl.load(skipped + at, mask=going, other=0.0))
+        e = tl.exp(-tl.load(sigma + at, mask=going, other=0.0) * step)
+        w = tl.load(weights + at, mask=going, other=0.0)
+        dot = tl.sum(g * tl.load(values + sample, mask=both, other=0.0), axis=1)
+        tl.store(g_values + sample, w[:, None] * g, mask=both)
+        behind -= w * dot
+        tl.store(g_sigma + at, step * (t * e * dot - behind), mask=going)
+        t *= e
+        k += 1

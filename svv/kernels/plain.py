@@ -1,0 +1,118 @@
+"""The kernels in torch alone, on any device. See :class:`svv.kernels.dispatch.Kernels`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from svv.core import marching
+from svv.core.compositing import composite_samples
+from svv.core.encodings import hash_corners, hash_features, lattice_corners, lattice_features
+from svv.kernels.dispatch import Lattice, Limits, Samples
+
+NAME = "torch"
+RAYS = 1 << 16
+SAMPLES = 1 << 16
+
+POINTS = 1 << 22
+"""Steps of rays that are looked at together."""
+
+
+def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
+    return lattice_features(x, where.shapes, where.scales, where.bases, where.index, table.detach())
+
+
+def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
+    parts = g.split(gradient.shape[1], dim=1)
+    for shape, scale, base, part in zip(where.shapes, where.scales, where.bases, parts, strict=True):
+        _scatter(*lattice_corners(x, shape, scale, base, where.index), part, gradient, used)
+
+
+def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
+    return hash_features(x, resolutions, offsets, table.detach())
+
+
+def hash_backward(
+    x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor
+) -> None:
+    parts, ends = g.split(gradient.shape[1], dim=1), offsets.tolist()
+    for resolution, first, end, part in zip(resolutions.tolist(), ends, ends[1:], parts):
+        _scatter(*hash_corners(x, resolution, first, end - first), part, gradient, used)
+
+
+def _scatter(rows: Tensor, weights: Tensor, g: Tensor, gradient: Tensor, used: Tensor) -> None:
+    """Add weighted gradients (S, F) to the rows (S, 8) that they come from."""
+    gradient.index_add_(0, rows.flatten(), (weights[:, :, None] * g[:, None, :]).flatten(0, 1))
+    used[rows.flatten()] = 1
+
+
+def adam(
+    table: Tensor, gradient: Tensor, used: Tensor, moments: Tensor, age: Tensor, rate: float,
+    constants: tuple[float, float, float], pull: float, finer: int,
+) -> None:  # fmt: skip
+    beta1, beta2, epsilon = constants
+    rows = used.nonzero()[:, 0]
+    age[rows] += 1
+    n = age[rows].clamp(max=10000).float()[:, None]
+    g = gradient[rows] + pull * (rows >= finer)[:, None] * table[rows]
+    first, second = moments[0, rows].lerp(g, 1.0 - beta1), moments[1, rows].lerp(g * g, 1.0 - beta2)
+    moments[0, rows], moments[1, rows] = first, second
+    right = second / (1.0 - torch.exp(n * math.log(beta2)))
+    table[rows] -= rate / (1.0 - torch.exp(n * math.log(beta1))) * first / (right.sqrt() + epsilon)
+    gradient[rows] = 0.0
+    used[rows] = 0
+
+
+def pixel_rays(
+    pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
+) -> tuple[Tensor, Tensor]:
+    rotations, positions, focal = cameras
+    view, rest = pixels // (width * height), pixels % (width * height)
+    u = ((rest % width).float() + 0.5 * (1 - width)) / focal[view]
+    v = -((rest // width).float() + 0.5 * (1 - height)) / focal[view]
+    local = torch.stack([u, v, -torch.ones_like(u)], dim=1)
+    local = local / (u * u + v * v + 1.0).sqrt()[:, None]
+    return positions[view], (rotations[view] * local[:, None]).sum(dim=2)
+
+
+def march(
+    origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
+    where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+) -> tuple[Samples, int]:  # fmt: skip
+    """Every step of every ray is looked at, without leaps."""
+    occupied = distance == 0
+
+    def extinction(x: Tensor) -> Tensor:
+        return torch.exp(lattice_encode(x, where, table).sum(dim=1).clamp(max=ceiling))
+
+    steps = math.ceil(math.sqrt(sum(e * e for e in extent)) / limits.step) + 1
+    chunk = max(1, POINTS // steps)
+    parts = [
+        marching.march(
+            origins[k : k + chunk], directions[k : k + chunk], occupied, cells, extent, limits.step, extinction,
+            limits.least_weight, limits.keep, limits.stop, limits.merge, seed, k,
+        )
+        for k in range(0, len(origins), chunk)
+    ]  # fmt: skip
+    position, sigma, skipped, ray, count, tail = (torch.cat(part) for part in zip(*parts, strict=True))
+    return Samples(position, sigma, skipped, ray, count.cumsum(0) - count, count, tail, limits.step), room
+
+
+def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
+    return composite_samples(
+        sigma, values, samples.skipped, samples.start, samples.count, samples.tail, samples.step
+    )
+
+
+def composite_backward(
+    sigma: Tensor, values: Tensor, weights: Tensor, samples: Samples, out: Tensor, transmittance: Tensor,
+    g_out: Tensor, g_transmittance: Tensor,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    with torch.enable_grad():
+        twins = sigma.detach().requires_grad_(), values.detach().requires_grad_()
+        again = composite(*twins, samples)[:2]
+        g_sigma, g_values = torch.autograd.grad(again, twins, (g_out, g_transmittance))
+    return g_sigma, g_values

@@ -18,6 +18,8 @@ from svv import __version__, cli_job, cli_paraview
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.options import (
+    Device,
+    DeviceOption,
     Json,
     Network,
     Out,
@@ -82,6 +84,7 @@ def train(
     preset: PresetOption = Preset.balanced,
     time_limit: TimeLimit = None,
     seed: Seed = 0,
+    device: DeviceOption = Device.auto,
     json: Json = None,
 ) -> None:
     """Train a scene on views.
@@ -89,16 +92,18 @@ def train(
     Stopped with Ctrl-C, the same command goes on where it was.
     """
     from svv.io.viewset import ViewSet
+    from svv.kernels.dispatch import device_named
     from svv.train.pipeline import train_scene
 
     _check_targets(out, json)
+    where = device_named(device.value)
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, "train", progress)
     if "assumed" in view_set.meta:
         print(view_set.meta["assumed"], file=sys.stderr)
     checkpoint = checkpoint_path(out)
     with shown("Training") as progress:
-        scene, report = train_scene(view_set, preset.value, time_limit, seed, progress, checkpoint)
+        scene, report = train_scene(view_set, preset.value, time_limit, seed, progress, checkpoint, where)
     _finish(scene, report, out, json, checkpoint)
 
 
@@ -145,6 +150,7 @@ def stylize(
     features: Annotated[
         str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
     ] = "auto",
+    device: DeviceOption = Device.auto,
     json: Json = None,
 ) -> None:
     """Paint the regions of a scene in the manner of pictures.
@@ -157,7 +163,7 @@ def stylize(
     pairs = None if mapping is None else parse_mapping(mapping)
     _check_targets(out, json)
     styles, names = [read_style(path) for path in style], [path.stem for path in style]
-    loaded = _load(scene)
+    loaded = _load(scene, device)
     checkpoint = checkpoint_path(out)
     with shown("Stylizing") as progress:
         styled, report = stylize_scene(
@@ -190,6 +196,7 @@ def render(
     ] = None,
     what: Annotated[What, typer.Option(help="A .vti always holds all three.")] = What.rgba,
     fps: Annotated[float, typer.Option(min=1, help="Frames a second of a movie.")] = 30.0,
+    device: DeviceOption = Device.auto,
 ) -> None:
     """Render a scene: an orbit as movie or frames, or one view."""
     from svv.io.camera_file import read_camera
@@ -204,7 +211,7 @@ def render(
         raise BadInput("An orbit has many views: give --out as a folder or an .mp4 file.")
     if out.suffix.lower() not in ("", ".png", ".vti", ".mp4") and out.suffix[1:].isalpha() and not out.is_dir():
         raise BadInput(f"Cannot tell what to write into {out}: name it .png or .vti (one view), .mp4, or a folder.")
-    loaded = _load(scene)
+    loaded = _load(scene, device)
     width, height = pixels or (800, 800)
     if camera is not None:
         cameras = [read_camera(camera, pixels, frame)]
@@ -229,6 +236,7 @@ def evaluate(
     views: Annotated[Path, typer.Option(metavar="VIEWS", help="Folder with views that were not trained on.")],
     split: Annotated[str, typer.Option(help="train, test or val.")] = "test",
     network: Annotated[Network | None, typer.Option(help="base or pcn; by default pcn.")] = None,
+    device: DeviceOption = Device.auto,
     json: Json = None,
 ) -> None:
     """Compare a scene with views of the volume: PSNR, SSIM, FLIP, LPIPS."""
@@ -237,7 +245,7 @@ def evaluate(
     from svv.train.pipeline import evaluate_scene
 
     _check_targets(json)
-    loaded = _load(scene)
+    loaded = _load(scene, device)
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, split, progress)
     with shown("Evaluating") as progress:
@@ -275,10 +283,12 @@ def _check_targets(*paths: Path | None) -> None:
             check_writable(path)
 
 
-def _load(path: Path) -> Scene:
+def _load(path: Path, device: Device = Device.cpu) -> Scene:
     from svv.fields.scene import Scene
+    from svv.kernels.dispatch import device_named
 
-    return Scene.load(path)
+    where = device_named(device.value)
+    return Scene.load(path).on(where)
 
 
 def _finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, checkpoint: Path) -> None:

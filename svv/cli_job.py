@@ -9,6 +9,8 @@ import typer
 
 from svv.options import (
     Array,
+    Device,
+    DeviceOption,
     Dims,
     Dtype,
     Mapper,
@@ -62,6 +64,7 @@ def demo(
     seed: Seed = 0,
     orbit: Orbit = 61,
     orbit_size: OrbitSize = 400,
+    device: DeviceOption = Device.auto,
 ) -> None:
     """The whole job on generated data: volume, views, training, edits, two styles, movies and a report.
 
@@ -71,7 +74,7 @@ def demo(
     from svv.report.job import JobSettings
 
     settings = JobSettings(
-        n, test, size, mapper.value, preset.value, time_limit, seed, orbit, orbit_size, recolour=True
+        n, test, size, mapper.value, preset.value, time_limit, seed, orbit, orbit_size, True, device.value
     )
     print(run_demo(out, settings, resolution, shown))
 
@@ -93,6 +96,7 @@ def run(
     seed: Seed = 0,
     orbit: Orbit = 61,
     orbit_size: OrbitSize = 400,
+    device: DeviceOption = Device.auto,
     array: Array = None,
     dims: Dims = None,
     dtype: Dtype = None,
@@ -111,7 +115,9 @@ def run(
         origin = ViewSource(source)
     else:
         origin = _volume(source, tf, array, dims, dtype, spacing)
-    settings = JobSettings(n, test, size, mapper.value, preset.value, time_limit, seed, orbit, orbit_size, recolour)
+    settings = JobSettings(
+        n, test, size, mapper.value, preset.value, time_limit, seed, orbit, orbit_size, recolour, device.value
+    )
     print(run_job(origin, style or [], out, settings, shown))
 
 

@@ -38,6 +38,14 @@ class Mapper(str, Enum):
     cpu = "cpu"
 
 
+class Device(str, Enum):
+    """What calculates."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
 class What(str, Enum):
     """What a picture shows."""
 
@@ -58,6 +66,7 @@ TransferFunction = Annotated[
 Views = Annotated[int, typer.Option("--n", min=3, help="Training views, evenly on a sphere (10T+2: geodesic).")]
 TestViews = Annotated[int, typer.Option("--test", min=0, help="Unseen views for scores, spread over the orbit.")]
 ViewSize = Annotated[int, typer.Option("--size", min=16, help="Width and height of the views in pixels.")]
+DeviceOption = Annotated[Device, typer.Option(help="What calculates; auto takes CUDA where torch finds a GPU.")]
 MapperOption = Annotated[Mapper, typer.Option(help="auto takes the GPU where OpenGL is hardware.")]
 Array = Annotated[str | None, typer.Option(help="Name of the array in the volume file, where it has several.")]
 Dims = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Raw files: number of voxels along each axis.")]

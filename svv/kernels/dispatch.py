@@ -14,6 +14,8 @@ from torch import Tensor
 
 from svv.errors import BadInput
 
+CPU = torch.device("cpu")
+
 
 @dataclass(frozen=True)
 class Lattice:
@@ -154,7 +156,7 @@ def device_named(name: str) -> torch.device:
     there = torch.cuda.is_available()
     if name == "cuda" and not there:
         why = "this torch was built without CUDA" if torch.version.cuda is None else "torch finds no GPU"
-        raise BadInput(f"CUDA cannot be used here, because {why}; choose --device cpu or auto.")
+        raise BadInput(f"CUDA cannot be used here, because {why}; choose the device cpu or auto.")
     return torch.device("cuda" if there and name != "cpu" else "cpu")
 
 

@@ -87,6 +87,13 @@ def training_properties(preset: str) -> list[Property]:
     ]  # fmt: skip
 
 
+def device() -> Property:
+    """What calculates."""
+    return choice("Device", ("auto", "cpu", "cuda"), "auto",
+                  "What learns and renders: auto takes CUDA where there is a GPU for it. A scene is not learned again "
+                  "because this was changed.", True)  # fmt: skip
+
+
 def image_properties(size: int) -> list[Property]:
     """Which image of a scene is made."""
     return [

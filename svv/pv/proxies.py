@@ -26,6 +26,7 @@ from svv.pv.panels import (
     PRESETS,
     REGIONS,
     TAKE_HELP,
+    device,
     image_properties,
     keep_input_visible,
     menu,
@@ -110,6 +111,7 @@ def _write(train: Any, test: Any, folder: str, progress: Any) -> bool:
 @keep_input_visible
 @panel(
     *training_properties("balanced"),
+    device(),
     button("TakeAsEdited", TAKE_HELP),
     file("SceneFile", "svv", "Scenes",
          "Where to keep the scene. A scene that was trained here from the same input is read from it, so that a saved "
@@ -180,6 +182,7 @@ class StyleRFEdit(Filter):
     number("Strength", 1.0, "0 shows the regions as they were, 1 as painted; no training.", 0.0, 1.0),
     choice("Preset", PRESETS, "balanced", "How long painting takes: draft for a first look."),
     integer("Seed", 0, "Same seed, same result.", 0, None, True),
+    device(),
     button("PaintAgain", "Paint again, from the start."),
     button("ResetStyle", "Go back to the scene before painting; Paint Again paints it."),
     file("SaveFile", "svv", "Scenes", "Where the button Save Scene writes the scene.", save=True),
@@ -244,7 +247,7 @@ class StyleRFStylize(Filter):
 @smproxy.filter(label="StyleRF Render", support_reload=False)
 @menu
 @keep_input_visible
-@panel(*image_properties(400), time_steps(), status())
+@panel(*image_properties(400), device(), time_steps(), status())
 @takes_scene
 class StyleRFRender(ImageOutput):
     """An image of a scene: RGBA, depth and regions. Without a camera of its own it goes round the scene, one of 181
@@ -268,6 +271,7 @@ class StyleRFRender(ImageOutput):
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Pictures in whose manner the volume is painted."),
     *training_properties("fast"),
+    device(),
     button("TakeAsEdited", TAKE_HELP),
     *image_properties(400),
     time_steps(),

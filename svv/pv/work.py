@@ -131,9 +131,10 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
     """
     from svv.fields.scene import Scene
     from svv.io.atomic import check_writable
+    from svv.kernels.dispatch import device_named
     from svv.train.pipeline import train_scene
 
-    views = views_of(data)
+    device, views = device_named(values["Device"]), views_of(data)
     file = Path(values["SceneFile"]) if values["SceneFile"] else None
     key = None
     if views is None:
@@ -149,7 +150,8 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
         views, _ = draw_views(volume_of(data), {**values, "TestViews": 0}, part(progress, 0.0, 0.15))
         learn = part(progress, 0.15, 1.0)
     checkpoint = None if file is None else file.with_name(file.name + ".checkpoint")
-    scene, _ = train_scene(views, values["Preset"], values["TimeLimit"] or None, values["Seed"], learn, checkpoint)
+    limit = values["TimeLimit"] or None
+    scene, _ = train_scene(views, values["Preset"], limit, values["Seed"], learn, checkpoint, device)
     scene = replace(scene, made={**scene.made, "key": key})
     if file is not None and checkpoint is not None:
         scene.save(file)
@@ -165,6 +167,7 @@ def stylize(scene: Scene, values: Values, progress: Progress) -> Scene:
         Cancelled: ``progress`` raised it.
     """
     from svv.io.images import read_style
+    from svv.kernels.dispatch import device_named
     from svv.train.pipeline import stylize_scene
 
     if not values["StyleFiles"]:
@@ -175,8 +178,8 @@ def stylize(scene: Scene, values: Values, progress: Progress) -> Scene:
         raise BadInput(f"Style of Regions names {len(chosen)} styles, but the scene has {len(scene.regions)} regions.")
     mapping = {region: style for region, style in enumerate(chosen) if style >= 0} if chosen else None
     styled, _ = stylize_scene(
-        scene, [read_style(file) for file in files], mapping, (), values["Preset"], values["Seed"], progress,
-        names=[file.stem for file in files],
+        scene.on(device_named(values["Device"])), [read_style(file) for file in files], mapping, (), values["Preset"],
+        values["Seed"], progress, names=[file.stem for file in files],
     )  # fmt: skip
     return styled
 
@@ -234,11 +237,12 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
     """RGBA (bytes), depth and regions of a scene from a camera.
 
     Raises:
-        BadInput: the scene does not hold the network that the panel asks for.
+        BadInput: the scene does not hold the network that the panel asks for, or the device is not there.
     """
     from svv.io.output import to_bytes
+    from svv.kernels.dispatch import device_named
 
     network = None if values["Network"] == "last" else values["Network"]
     background = values["BackgroundColour"] if values["Background"] else None
-    shown = scene.render(camera, network, background, progress)
+    shown = scene.on(device_named(values["Device"])).render(camera, network, background, progress)
     return {"RGBA": to_bytes(shown.rgba), "Depth": shown.depth, "Region": shown.region}

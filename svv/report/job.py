@@ -10,7 +10,7 @@ import colorsys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from svv.report.pictures import cropped, error_picture, fitted, over_white, read
 from svv.report.render import orbit, region_colours, write_frames
 from svv.report.source import Drawn, ViewSource
 from svv.report.stages import Stages, fingerprint
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
 
 HUE_TURN = 0.42
 """By how much of the colour circle the demo's recoloured orbit turns each region: far enough to be seen at once."""
@@ -57,6 +60,8 @@ class JobSettings:
     """Width and height of the orbit's frames in pixels."""
     recolour: bool = False
     """Whether to show a recoloured scene too."""
+    device: str = "auto"
+    """What trains and renders: auto, cpu or cuda. What is finished is not done again on another."""
 
 
 class Job:
@@ -76,6 +81,13 @@ class Job:
         self.scene = out / "scene.svv"
         self.variants: dict[str, tuple[str, Path | None]] = {}
         """Name of a column of the orbit -> its stage and its scene file; none for the volume renderings."""
+
+    def scene_at(self, path: Path) -> Scene:
+        """A scene on the device of the settings."""
+        from svv.fields.scene import Scene
+        from svv.kernels.dispatch import device_named
+
+        return Scene.load(path).on(device_named(self.settings.device))
 
     @property
     def has_unseen(self) -> bool:
@@ -102,15 +114,18 @@ class Job:
 
     def train(self) -> None:
         """Train the scene."""
+        from svv.kernels.dispatch import device_named
         from svv.train.pipeline import train_scene
 
         s = self.settings
+        device = device_named(s.device)
         chosen = {"preset": s.preset, "time_limit": s.time_limit, "seed": s.seed}
         checkpoint = self.out / "scene.svv.checkpoint"
 
         def work(progress: Progress) -> None:
             views = ViewSet.read(self.views, "train", part(progress, 0.0, 0.01))
-            scene, report = train_scene(views, s.preset, s.time_limit, s.seed, part(progress, 0.01, 1.0), checkpoint)
+            learning = part(progress, 0.01, 1.0)
+            scene, report = train_scene(views, s.preset, s.time_limit, s.seed, learning, checkpoint, device)
             scene.save(self.scene)
             write_json(self.out / "train.json", {**report, "scene_bytes": self.scene.stat().st_size})
             checkpoint.unlink(missing_ok=True)
@@ -119,7 +134,6 @@ class Job:
 
     def evaluate(self) -> None:
         """Score the base and the palette network on the unseen views, and show some of them beside the truth."""
-        from svv.fields.scene import Scene
         from svv.train.pipeline import evaluate_scene
 
         if not self.has_unseen:
@@ -127,7 +141,7 @@ class Job:
 
         def work(progress: Progress) -> None:
             views = ViewSet.read(self.views, "test", part(progress, 0.0, 0.05))
-            scene = Scene.load(self.scene)
+            scene = self.scene_at(self.scene)
             scores = {
                 "base": evaluate_scene(scene, views, "base", part(progress, 0.05, 0.45)),
                 "pcn": evaluate_scene(scene, views, "pcn", part(progress, 0.45, 0.85)),
@@ -140,10 +154,9 @@ class Job:
 
     def regions(self) -> None:
         """A picture of the region map and of each region alone."""
-        from svv.fields.scene import Scene
 
         def work(progress: Progress) -> None:
-            scene = Scene.load(self.scene)
+            scene = self.scene_at(self.scene)
             size = self.settings.orbit_size
             camera = orbit(scene, 181, size, size)[76]
             count = len(scene.regions)
@@ -179,7 +192,6 @@ class Job:
 
     def stylize(self) -> None:
         """Paint the regions in the manner of the styles."""
-        from svv.fields.scene import Scene
         from svv.train.pipeline import stylize_scene
 
         s, path = self.settings, self.out / "styled.svv"
@@ -190,7 +202,7 @@ class Job:
             styles = [read_style(style) for style in self.styles]
             names = [style.stem for style in self.styles]
             scene, report = stylize_scene(
-                Scene.load(self.scene), styles, None, set(), s.preset, s.seed, progress, checkpoint, names
+                self.scene_at(self.scene), styles, None, set(), s.preset, s.seed, progress, checkpoint, names
             )
             scene.save(path)
             shown = [fitted(style, s.orbit_size) for style in styles]
@@ -204,8 +216,6 @@ class Job:
 
     def orbits(self) -> None:
         """Render the orbit of every variant, frame by frame into a folder of its own."""
-        from svv.fields.scene import Scene
-
         source, s = self.source, self.settings
         chosen = {"frames": s.orbit, "size": s.orbit_size}
         columns: dict[str, tuple[str, Path | None]] = {"palette network": ("train", self.scene), **self.variants}
@@ -216,7 +226,7 @@ class Job:
             folder = self._frames(label)
 
             def work(progress: Progress, folder: Path = folder, path: Path | None = path) -> None:
-                scene = Scene.load(path or self.scene)
+                scene = self.scene_at(path or self.scene)
                 cameras = orbit(scene, s.orbit, s.orbit_size, s.orbit_size)
                 if path is not None:
                     write_frames(folder, scene, cameras, progress=progress)

@@ -116,7 +116,7 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
     facts.append(("Preset", s.preset if s.time_limit is None else f"{s.preset}, at most {duration(s.time_limit)}"))
     facts.append(("Seed", str(s.seed)))
     facts.append(("Parameters", f"{int(training['parameters']):,}"))
-    facts.append(("Device", str(training["device"])))
+    facts.append(("Device", training.get("gpu") or training["device"]))
     if styling:
         facts.append(("Stylization", duration(styling["seconds"]["total"])))
         facts.append(("Styles", ", ".join(style.name for style in job.styles)))

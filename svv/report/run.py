@@ -37,7 +37,10 @@ def run_job(
         BadInput: bad input anywhere, or a folder that cannot be written to.
         Cancelled: ``show``'s progress stopped the job; the same call goes on where it was.
     """
-    source.identity()  # what is missing is told before anything is made, and not after minutes of work
+    from svv.kernels.dispatch import device_named
+
+    device_named(settings.device)  # what is missing is told before anything is made, and not after minutes of work
+    source.identity()
     for style in styles:
         read_style(style)
     job = Job(source, styles, out, settings, stages or Stages(out, show))

@@ -18,7 +18,7 @@ from svv import __version__
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Region, Scene
 from svv.io.viewset import ViewSet
-from svv.kernels.dispatch import device_named, device_report, forget_gpu_peak
+from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
 from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field, preset
@@ -43,7 +43,7 @@ def train_scene(
     seed: int = 0,
     progress: Progress = silent,
     checkpoint: Path | None = None,
-    device: str = "cpu",
+    device: torch.device = CPU,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stages 1 and 2: base field, palette, palette colour network.
 
@@ -56,7 +56,7 @@ def train_scene(
         progress: Called several times a second; stops the training when it raises.
         checkpoint: File to save to now and then, and to go on from if it is there. The caller removes it once the
             scene is safe.
-        device: ``auto``, ``cpu`` or ``cuda``: where to train, and where the scene is then.
+        device: Where to train, and where the scene is then (:func:`svv.kernels.dispatch.device_named`).
 
     Returns:
         The scene, and a report: ``seconds`` a stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
@@ -64,9 +64,9 @@ def train_scene(
         (why the model has the size it has).
 
     Raises:
-        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset or device, no time.
+        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset, no time.
     """
-    chosen, where = preset(preset_name), device_named(device)
+    chosen = preset(preset_name)
     if len(views.cameras) < LEAST_VIEWS:
         raise BadInput(
             f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (92 are usual)."
@@ -74,15 +74,15 @@ def train_scene(
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
     saved = None if checkpoint is None else Checkpoint(checkpoint, _key(views, chosen, time_limit, seed))
-    forget_gpu_peak(where)
+    forget_gpu_peak(device)
     with measured() as cost:
-        scene, seconds, notes = _train(views, chosen, time_limit, seed, progress, saved, where)
+        scene, seconds, notes = _train(views, chosen, time_limit, seed, progress, saved, device)
     seconds["total"] = sum(seconds.values())
     report = {
         "seconds": seconds,
         "peak_rss_bytes": cost.peak_rss_bytes,
         "parameters": scene.info()["parameters"]["total"],
-        **device_report(where),
+        **device_report(device),
         "threads": torch.get_num_threads(),
         "seed": seed,
         "preset": chosen.name,

@@ -16,6 +16,7 @@ from svv.fields.networks import BaseField, FieldSettings, PaletteField, encode_d
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, composite, march
 from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import CPU
 from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import RecolourSettings
@@ -94,7 +95,7 @@ class Recolouring:
 
 def palette_of(views: ViewSet, occupancy: Occupancy, seed: int) -> Palette:
     """Palette of the views' visible pixels; raises BadInput if there is none."""
-    pool = RayPool(views, occupancy.box, seed, torch.device("cpu"))
+    pool = RayPool(views, occupancy.box, seed, CPU)
     return extract_palette(*pool.visible_colours(PALETTE_PIXELS), seed=seed)
 
 

@@ -17,12 +17,11 @@ from svv.fields.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.occupancy import Occupancy, carve
 from svv.fields.rendering import CEILING, Marching, composite, march
 from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import CPU
 from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, falling
-
-CPU = torch.device("cpu")
 
 
 class Reconstruction:

@@ -42,6 +42,7 @@ def train_scene(
     seed: int = 0,
     progress: Progress = silent,
     checkpoint: Path | None = None,
+    encoding: str | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stages 1 and 2: base field, palette, palette colour network.
 
@@ -53,15 +54,16 @@ def train_scene(
         progress: Called several times a second; stops the training when it raises.
         checkpoint: File to save to now and then, and to go on from if it is there. The caller removes it once the
             scene is safe.
+        encoding: ``lattice`` or ``hash``; by default the preset's own.
 
     Returns:
         The scene, and a report: ``seconds`` a stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
-        ``seed``, ``preset``, ``notes`` (why the model has the size it has).
+        ``seed``, ``preset``, ``encoding``, ``notes`` (why the model has the size it has).
 
     Raises:
-        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset, no time.
+        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset or encoding, no time.
     """
-    chosen = preset(preset_name)
+    chosen = preset(preset_name, encoding)
     if len(views.cameras) < LEAST_VIEWS:
         raise BadInput(
             f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (92 are usual)."
@@ -80,6 +82,7 @@ def train_scene(
         "threads": torch.get_num_threads(),
         "seed": seed,
         "preset": chosen.name,
+        "encoding": chosen.field.encoding,
         "notes": notes,
     }
     made = {

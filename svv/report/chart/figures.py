@@ -21,7 +21,12 @@ from svv.report.chart.table import Row, front
 
 COLOURS = {"lattice": "#0f5c8c", "hash": "#c2571a"}
 MARKERS = {"draft": "o", "fast": "s", "balanced": "D", "paper": "^"}
-DASHES: dict[str, Any] = {"draft": (0, (1, 1.2)), "fast": "-", "balanced": (0, (5, 1.5)), "paper": (0, (5, 1.5, 1, 1.5))}
+DASHES: dict[str, Any] = {
+    "draft": (0, (1, 1.2)),
+    "fast": "-",
+    "balanced": (0, (5, 1.5)),
+    "paper": (0, (5, 1.5, 1, 1.5)),
+}
 DVR = "#555555"
 DPI = 160
 PANEL = 4.0, 3.1
@@ -208,7 +213,7 @@ def _legend(rows: Sequence[Row], line: str, volume: bool = False, dashes: bool =
     for encoding in dict.fromkeys(row.encoding for row in rows):
         handles.append(Line2D([], [], color=COLOURS[encoding], linewidth=2.4, label=encoding))
     for preset in dict.fromkeys(row.preset for row in rows):
-        style = DASHES[preset] if dashes else "none"
+        style: Any = DASHES[preset] if dashes else "none"
         handles.append(Line2D([], [], color="#333333", marker=MARKERS[preset], linestyle=style, label=preset))
     handles.append(Line2D([], [], color="#333333", linewidth=1.4, label=f"line: {line}"))
     handles.append(

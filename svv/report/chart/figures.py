@@ -103,7 +103,7 @@ def trade_off(path: Path, rows: Sequence[Row], axis: Axis) -> None:
             best.sort(key=lambda k: x[k])
             axes.plot([x[k] for k in best], [y[k] for k in best], color=COLOURS[encoding], linewidth=1.4, zorder=2)
         _markers(axes, members, x, y)
-        _ring(axes, members, x, y, _labels(members))
+        _ring(axes, x, y, front(x, y), _labels(members))
         if axis is VIEW:
             _volume_rendering(axes, members)
 
@@ -130,7 +130,7 @@ def learning(path: Path, rows: Sequence[Row]) -> None:
                 color=COLOURS[encoding], linestyle=DASHES[preset], linewidth=1.4, zorder=2,
             )  # fmt: skip
         _markers(axes, members, x, y)
-        _ring(axes, members, x, y, None)
+        _ring(axes, x, y, front([row.training_cost for row in members], y), None)
 
     _write(path, rows, TRAINING, draw, _legend(rows, "one preset, other time limits", dashes=True))
 
@@ -144,12 +144,12 @@ def _markers(axes: Axes, members: list[Row], x: list[float], y: list[float]) -> 
         )  # fmt: skip
 
 
-def _ring(axes: Axes, members: list[Row], x: list[float], y: list[float], labels: list[str] | None) -> None:
-    for k, on in enumerate(front(x, y)):
+def _ring(axes: Axes, x: list[float], y: list[float], best: list[bool], labels: list[str] | None) -> None:
+    for k, on in enumerate(best):
         if on:
             axes.plot(x[k], y[k], marker="o", markersize=11, color="black", markerfacecolor="none", zorder=4)
             if labels:
-                axes.annotate(labels[k], (x[k], y[k]), (0, 8), textcoords="offset points", ha="center", fontsize=7.5)
+                axes.annotate(labels[k], (x[k], y[k]), (-9, 3), textcoords="offset points", ha="right", fontsize=7.5)
 
 
 def _labels(members: list[Row]) -> list[str]:
@@ -179,31 +179,31 @@ def _write(
 ) -> None:
     shown = list(panels(rows))
     with rc_context(STYLE):
-        figure = Figure((PANEL[0] * len(shown), PANEL[1] * len(METRICS) + 0.6), dpi=DPI, layout="constrained")
+        figure = Figure((PANEL[0] * len(shown), PANEL[1] * len(METRICS) + 0.8), dpi=DPI, layout="constrained")
         grid = figure.subplots(len(METRICS), len(shown), squeeze=False)
         for column, (title, members) in enumerate(shown):
             for line, (metric, name) in enumerate(METRICS.items()):
                 axes = grid[line][column]
+                axes.set_xscale("log")
+                axes.margins(x=0.2, y=0.14)
                 draw(axes, members, metric)
                 axes.set_ylabel(name)
-                _log_scale(axes, axis)
-                axes.margins(x=0.12, y=0.14)
+                _ticks(axes, axis)
                 axes.yaxis.set_major_locator(MaxNLocator(6))
                 if line == 0:
                     axes.set_title(title)
                 else:
                     axes.set_xlabel(axis.label)
-        figure.legend(handles=legend, loc="outside lower center", ncols=min(4, len(legend)))
+        figure.legend(handles=legend, loc="outside lower center", ncols=2 if len(shown) == 1 else 4)
         with atomic_path(path) as temporary:
             FigureCanvasAgg(figure).print_png(str(temporary))
 
 
-def _log_scale(axes: Axes, axis: Axis) -> None:
-    axes.set_xscale("log")
+def _ticks(axes: Axes, axis: Axis) -> None:
+    """Numbers along a logarithmic axis, more of them where it is short."""
     low, high = axes.get_xlim()
-    near = high / low < 30.0  # less than a decade or so: name more of its numbers
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if high / low < 6 else (1.0, 2.0, 5.0)
-                                            if near else (1.0,)))  # fmt: skip
+    choices = ((6.0, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)), (80.0, (1.0, 2.0, 5.0)), (math.inf, (1.0,)))
+    axes.xaxis.set_major_locator(LogLocator(subs=next(subs for most, subs in choices if high / low < most)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: axis.text(value)))
     axes.xaxis.set_minor_formatter(NullFormatter())
 

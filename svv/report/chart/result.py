@@ -91,7 +91,7 @@ def fronts_of(row: Row, members: Sequence[Row]) -> list[str]:
     costs = {
         "view": [m.view_seconds for m in members],
         "bytes": [float(m.scene_bytes) for m in members],
-        "training": [m.train_seconds for m in members],
+        "training": [m.training_cost for m in members],
     }
     at, gain = next(k for k, m in enumerate(members) if m is row), [m.psnr for m in members]
     return [name for name, cost in costs.items() if front(cost, gain)[at]]

@@ -12,6 +12,9 @@ from typing import Any
 
 from svv.io.atomic import atomic_path, write_json
 
+LIMIT_REACHED = 0.1
+"""A training that ends this near to its time limit, as a part of it, took the time that it was given."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -65,6 +68,13 @@ class Row:
     """Whether training was stopped and went on: its peak memory is then that of the last part."""
     run: str
     """Its folder."""
+
+    @property
+    def training_cost(self) -> float:
+        """Seconds of training by which runs are compared: the limit where it was reached, for the rest is chance."""
+        if self.time_limit is not None and abs(self.train_seconds / self.time_limit - 1.0) < LIMIT_REACHED:
+            return self.time_limit
+        return self.train_seconds
 
     @property
     def limit(self) -> str:

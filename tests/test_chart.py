@@ -196,6 +196,12 @@ def runner(monkeypatch: pytest.MonkeyPatch) -> Runner:
     return Runner(monkeypatch)
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing is most of the time of a chart whose runs are made up."""
+    monkeypatch.setattr(job, "write_result", lambda chart, rows: None)
+
+
 GRID = Grid(("draft",), ("lattice", "hash"), (2.0, None), render_sizes=(32, 16))
 SMALL = Measure(test=5)
 
@@ -216,6 +222,7 @@ def test_a_stopped_chart_goes_on_and_a_finished_one_does_nothing(tmp_path: Path,
     assert runner.asked == []
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_only_what_a_change_touches_is_done_again(tmp_path: Path, runner: Runner) -> None:
     views, out = write_views(tmp_path / "views", test=6), tmp_path / "out"
     grid = replace(GRID, limits=(2.0,), render_sizes=(None,))
@@ -237,6 +244,7 @@ def test_only_what_a_change_touches_is_done_again(tmp_path: Path, runner: Runner
     assert runner.asked == ["train", "render"] * 2
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_lost_scene_is_trained_and_measured_again(tmp_path: Path, runner: Runner) -> None:
     views, out = write_views(tmp_path / "views"), tmp_path / "out"
     grid = Grid(("draft",), ("lattice",), (2.0,))

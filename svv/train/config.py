@@ -153,17 +153,19 @@ HOMES = {"lattice": "balanced", "hash": "paper"}
 """Encoding -> the preset whose table and learning rates were found for it."""
 
 
-def preset(name: str, encoding: str | None = None) -> Preset:
+def preset(name: str | Preset, encoding: str | None = None) -> Preset:
     """The preset of that name.
 
     Args:
-        name: ``draft``, ``fast``, ``balanced`` or ``paper``.
+        name: ``draft``, ``fast``, ``balanced`` or ``paper``; settings of one's own are given back.
         encoding: ``lattice`` or ``hash``, to replace the preset's own: table and learning rates are then those of the
             encoding's home (:data:`HOMES`); schedule, widths and losses stay the preset's.
 
     Raises:
         BadInput: any other name or encoding.
     """
+    if isinstance(name, Preset):
+        return name
     if name not in PRESETS:
         raise BadInput(f"There is no preset '{name}'; choose one of {', '.join(PRESETS)}.")
     chosen = PRESETS[name]

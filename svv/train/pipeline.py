@@ -37,7 +37,7 @@ BASE_PART = 0.68
 
 def train_scene(
     views: ViewSet,
-    preset_name: str = "balanced",
+    preset_name: str | Preset = "balanced",
     time_limit: float | None = None,
     seed: int = 0,
     progress: Progress = silent,
@@ -48,7 +48,7 @@ def train_scene(
 
     Args:
         views: Training views.
-        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``.
+        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``, or settings of one's own.
         time_limit: Seconds for the whole training; longer schedules are shortened to fit.
         seed: The same views, preset, seed and number of threads give the same scene (without a time limit).
         progress: Called several times a second; stops the training when it raises.

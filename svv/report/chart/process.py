@@ -14,7 +14,7 @@ from typing import IO, Any
 
 from svv.errors import BadInput, Progress
 
-PATIENCE = 30.0
+PATIENCE = 10.0
 """Seconds that a stopped process has to leave its files in order."""
 
 LISTEN = 0.5

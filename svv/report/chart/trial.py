@@ -12,7 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from svv.core.cameras import Camera, sphere_cameras
 from svv.core.colour import over
 from svv.core.metrics import psnr, psnr_foreground, ssim
 from svv.ending import end_with
-from svv.errors import BadInput, Progress, part
+from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.io.viewset import ViewSet
@@ -33,6 +33,7 @@ from svv.measure import measured
 from svv.report.chart.scenes import shrunk, spread_over, unseen_cameras
 from svv.report.render import orbit
 from svv.report.source import VolumeSource, read_meta
+from svv.train.config import preset
 from svv.train.pipeline import train_scene
 
 WHITE = (1.0, 1.0, 1.0)
@@ -66,7 +67,9 @@ def warm_up(run: dict[str, Any]) -> None:
     images[:, np.hypot(x, y) < 9.0] = (200, 60, 40, 255)
     images[:, (np.hypot(x, y) < 9.0) & (x < 0)] = (40, 80, 200, 255)
     ball = ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(6)), {})
-    scene, _ = _train(ball, {**run, "preset": "draft"}, 0.2, lambda fraction, label: None, None)
+    draft = preset("draft", run["encoding"])
+    few_cells = replace(draft, reconstruct=replace(draft.reconstruct, cells=32))
+    scene, _ = _train(ball, {**run, "preset": few_cells}, 0.2, silent, None)
     scene.render(cameras[0])
 
 

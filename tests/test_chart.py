@@ -301,6 +301,20 @@ def test_charts_are_drawn_in_the_colours_of_their_encodings(draw: Callable[..., 
     draw(tmp_path / "one.png", some_rows()[:1])  # one point is a chart too
 
 
+def test_numbers_along_the_axes_are_short() -> None:
+    shown = {0.0071: "7.1 ms", 0.05: "50 ms", 0.2: "0.2 s", 1.5: "1.5 s", 60.0: "60 s", 300.0: "5 min", 9000.0: "2.5 h"}
+    assert {value: figures.seconds(value) for value in shown} == shown
+    assert figures.megabytes(2.2e6) == "2.2 MB"
+
+
+def test_runs_that_reached_one_limit_cost_the_same() -> None:
+    row = replace(some_rows()[0], time_limit=30.0)
+    reached = [replace(row, train_seconds=seconds).training_cost for seconds in (28.5, 30.0, 31.4)]
+    assert reached == [30.0] * 3
+    assert replace(row, train_seconds=17.0).training_cost == 17.0  # the whole schedule took less
+    assert replace(row, time_limit=None, train_seconds=90.0).training_cost == 90.0
+
+
 def test_rows_are_compared_where_they_may_be() -> None:
     rows = some_rows()
     rows.append(replace(rows[0], render_size=800))

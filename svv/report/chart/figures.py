@@ -60,11 +60,13 @@ class Axis:
 
 
 def seconds(value: float) -> str:
-    """0.25 s, 30 s, 5 min, 2 h."""
+    """50 ms, 0.25 s, 30 s, 5 min, 2 h."""
     for unit, length in (("h", 3600.0), ("min", 60.0)):
         if value >= 2 * length:
             return f"{value / length:.3g} {unit}"
-    return f"{value:.3g} s"
+    if value < 0.0995:
+        return f"{value * 1e3:.2g} ms"
+    return f"{value:.2g} s" if value < 9.95 else f"{value:.3g} s"
 
 
 def megabytes(value: float) -> str:
@@ -86,7 +88,7 @@ def panels(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
     order = {name: number for number, name in enumerate(dict.fromkeys(row.scene for row in rows))}
     for (scene, size), group in groupby(sorted(rows, key=lambda row: (order[row.scene], row.render_size)), key):
         members = list(group)
-        yield f"{scene}, {members[0].test_views} unseen views {size} px wide", members
+        yield f"{scene}, {members[0].test_views} unseen views, {size} px", members
 
 
 def trade_off(path: Path, rows: Sequence[Row], axis: Axis) -> None:

@@ -40,6 +40,8 @@ class Row:
     test_views: int
     train_seconds: float
     """Of all stages of training."""
+    train_cpu_seconds: float
+    """Processor seconds of all threads meanwhile: far below seconds x processors where others used the machine."""
     hull_seconds: float
     base_seconds: float
     palette_seconds: float
@@ -48,10 +50,13 @@ class Row:
     """Of a rendered view: median; least and most beside it."""
     view_seconds_least: float
     view_seconds_most: float
+    view_cpu_seconds: float
+    """Processor seconds of all threads, median."""
     dvr_seconds: float | None
     """Of the same view by volume rendering in the same run, right before: median; None without the volume."""
     dvr_seconds_least: float | None
     dvr_seconds_most: float | None
+    dvr_cpu_seconds: float | None
     dvr_ratio: float | None
     """Median over the views of view seconds / volume rendering's."""
     dvr_mapper: str | None
@@ -106,6 +111,7 @@ def read_row(training: Path, rendering: Path) -> Row:
         ssim=_number(shown["ssim"]),
         test_views=shown["test_views"],
         train_seconds=seconds["total"],
+        train_cpu_seconds=made["cpu_seconds"],
         hull_seconds=seconds["hull"],
         base_seconds=seconds["base"],
         palette_seconds=seconds["palette"],
@@ -113,9 +119,11 @@ def read_row(training: Path, rendering: Path) -> Row:
         view_seconds=view["median"],
         view_seconds_least=view["least"],
         view_seconds_most=view["most"],
+        view_cpu_seconds=view["cpu_median"],
         dvr_seconds=theirs.get("median"),
         dvr_seconds_least=theirs.get("least"),
         dvr_seconds_most=theirs.get("most"),
+        dvr_cpu_seconds=theirs.get("cpu_median"),
         dvr_ratio=dvr.get("ratio"),
         dvr_mapper=dvr.get("mapper"),
         scene_bytes=made["scene_bytes"],

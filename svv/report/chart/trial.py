@@ -45,12 +45,13 @@ def train(task: dict[str, Any], progress: Progress) -> None:
     warm_up(run)
     views = shrunk(ViewSet.read(task["views"], "train", part(progress, 0.0, 0.05)), run["size"])
     scene_file, checkpoint = folder / "scene.svv", folder / "scene.svv.checkpoint"
-    resumed, load = checkpoint.exists(), os.getloadavg()[0]
+    resumed, load, begin = checkpoint.exists(), os.getloadavg()[0], time.process_time()
     scene, report = _train(views, run, run["limit"], part(progress, 0.05, 1.0), checkpoint)
     scene.save(scene_file)
     extra = {
         "scene_bytes": scene_file.stat().st_size,
         "views": len(views),
+        "cpu_seconds": time.process_time() - begin,
         "resumed": resumed,
         "load_average": load,
         "svv": __version__,
@@ -143,24 +144,27 @@ class Dvr:
 
 @dataclass
 class Times:
-    """Seconds of a work, view after view."""
+    """Seconds of a work and the processor seconds of all its threads, view after view."""
 
     seconds: list[float]
+    cpu: list[float]
 
     def of(self, work: Callable[[], Any]) -> Any:
         """Do the work and note its seconds."""
-        begin = time.perf_counter()
+        begin, begin_cpu = time.perf_counter(), time.process_time()
         result = work()
         self.seconds.append(time.perf_counter() - begin)
+        self.cpu.append(time.process_time() - begin_cpu)
         return result
 
     def summary(self) -> dict[str, Any]:
-        """Median, least and most, and all of them."""
+        """Median, least and most, all of them, and the median of the processor seconds."""
         return {
             "median": float(np.median(self.seconds)),
             "least": min(self.seconds),
             "most": max(self.seconds),
             "all": self.seconds,
+            "cpu_median": float(np.median(self.cpu)),
         }
 
 
@@ -187,7 +191,7 @@ def race(
         ``seconds_per_view``, ``mapper`` and ``ratio``, the median over the views of network time / its time.
     """
     scores: dict[str, list[float]] = {"psnr": [], "psnr_foreground": [], "ssim": []}
-    ours, theirs = Times([]), Times([])
+    ours, theirs = Times([], []), Times([], [])
     for number, camera in enumerate(cameras):
         progress(number / len(cameras), "unseen views")
         drawn = None if dvr is None else theirs.of(partial(dvr.draw, camera))

@@ -70,8 +70,7 @@ def warm_up(run: dict[str, Any]) -> None:
     ball = ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(6)), {})
     draft = preset("draft", run["encoding"])
     few_cells = replace(draft, reconstruct=replace(draft.reconstruct, cells=32))
-    scene, _ = _train(ball, {**run, "preset": few_cells}, 0.2, silent, None)
-    scene.render(cameras[0])
+    _train(ball, {**run, "preset": few_cells}, 0.2, silent, None)
 
 
 def _train(

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from svv import __version__, cli_job, cli_paraview
+from svv import __version__, cli_chart, cli_job, cli_paraview
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.options import (
     Device,
     DeviceOption,
+    EncodingOption,
     Json,
     Network,
     Out,
@@ -85,6 +86,7 @@ def train(
     time_limit: TimeLimit = None,
     seed: Seed = 0,
     device: DeviceOption = Device.auto,
+    encoding: EncodingOption = None,
     json: Json = None,
 ) -> None:
     """Train a scene on views.
@@ -103,7 +105,8 @@ def train(
         print(view_set.meta["assumed"], file=sys.stderr)
     checkpoint = checkpoint_path(out)
     with shown("Training") as progress:
-        scene, report = train_scene(view_set, preset.value, time_limit, seed, progress, checkpoint, where)
+        name = None if encoding is None else encoding.value
+        scene, report = train_scene(view_set, preset.value, time_limit, seed, progress, checkpoint, where, name)
     _finish(scene, report, out, json, checkpoint)
 
 
@@ -337,6 +340,7 @@ def _text(value: object) -> str:
     return str(value)
 
 
+app.command(epilog=examples(*cli_chart.CHART))(cli_chart.chart)
 cli_paraview.add_to(app)  # last, as in the help
 
 

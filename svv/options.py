@@ -22,6 +22,19 @@ class Preset(str, Enum):
     paper = "paper"
 
 
+class Encoding(str, Enum):
+    """How positions become features."""
+
+    lattice = "lattice"
+    hash = "hash"
+
+
+class Device(str, Enum):
+    """What training runs on."""
+
+    cpu = "cpu"
+
+
 class Network(str, Enum):
     """Which colours are rendered: of the first stage, of the palette, or stylized."""
 
@@ -58,6 +71,9 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Where the result goes.")
 Json = Annotated[Path | None, typer.Option("--json", help="Write the figures to this JSON file too.")]
 Seed = Annotated[int, typer.Option(help="Same seed, same result.")]
 PresetOption = Annotated[Preset, typer.Option(help="draft: seconds; fast, balanced: minutes; paper: its large grid.")]
+EncodingOption = Annotated[
+    Encoding | None, typer.Option(help="lattice, or the paper's hash grid; by default the preset's own.")
+]
 TimeLimit = Annotated[float | None, typer.Option(metavar="SECONDS", min=1, help="Shorten training to this long.")]
 TransferFunction = Annotated[
     Path | None,
@@ -123,6 +139,50 @@ def parse_mapping(text: str) -> dict[int, int]:
     if len(mapping) < len(pairs):
         raise BadInput(f"'{text}' names a region twice.")
     return mapping
+
+
+def parse_choices(text: str, option: str, choices: type[Enum]) -> tuple[str, ...]:
+    """'draft,fast' as the values of ``choices`` that it names, each once.
+
+    Raises:
+        BadInput: another word.
+    """
+    known = [str(choice.value) for choice in choices]
+    words = [part.strip() for part in text.split(",")]
+    for word in words:
+        if word not in known:
+            raise BadInput(f"{option} has no '{word}'; choose of {', '.join(known)}, with commas between.")
+    return tuple(dict.fromkeys(words))
+
+
+def parse_whole(text: str, option: str, least: int = 0) -> tuple[int, ...]:
+    """'0,1,2' as whole numbers, each once.
+
+    Raises:
+        BadInput: anything else, or a number below ``least``.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isascii() and part.isdigit() and int(part) >= least for part in parts):
+        raise BadInput(f"{option} needs whole numbers of at least {least} with commas between, not '{text}'.")
+    return tuple(dict.fromkeys(int(part) for part in parts))
+
+
+def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
+    """'15,60,full' as seconds, each once; ``full`` is None, no limit.
+
+    Raises:
+        BadInput: anything else, or less than a second.
+    """
+    limits: list[float | None] = []
+    for part in (part.strip() for part in text.split(",")):
+        try:
+            limit = None if part == "full" else float(part)
+        except ValueError:
+            limit = math.nan
+        if limit is not None and not 1.0 <= limit < math.inf:
+            raise BadInput(f"{option} needs seconds (at least 1) or 'full' with commas between, not '{text}'.")
+        limits.append(limit)
+    return tuple(dict.fromkeys(limits))
 
 
 def parse_dims(text: str) -> tuple[int, int, int]:

@@ -16,7 +16,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.core.cameras import Camera, orbit_cameras, sphere_cameras
 from svv.dvr.grids import as_volume, index_to_world, to_array
 from svv.dvr.histogram import default_transfer_function
-from svv.dvr.mappers import Shading, choose_mapper
+from svv.dvr.mappers import CpuMapper, GpuMapper, Shading, choose_mapper
 from svv.dvr.stage import Stage, set_stage
 from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.volumes import read_volume
@@ -127,7 +127,7 @@ def make_views(
     # Narrower angles stand farther off, so that the volume takes the same part of the image.
     radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
     cameras = sphere_cameras(n, centre, radius, fov, size)
-    numbers = [int(i) for i in np.rint(np.linspace(0, ORBIT - 1, test))] if test > 1 else [ORBIT // 2] * test
+    numbers = unseen_numbers(test)
     path = orbit_cameras(ORBIT, centre, radius, fov, size)
     cameras += [path[i] for i in numbers]
     shading = shading or Shading()
@@ -151,6 +151,37 @@ def make_views(
     return train, ViewSet(tuple(cameras[n:]), images[n:], tuple(f"r_{i:04d}" for i in numbers), meta)
 
 
+def unseen_numbers(test: int) -> list[int]:
+    """Which views of the path of 181 are the ``test`` views: spread over it, first and last included."""
+    return [int(i) for i in np.rint(np.linspace(0, ORBIT - 1, test))] if test > 1 else [ORBIT // 2] * test
+
+
+def open_caster(
+    stage: Stage, mapper: str, shading: Shading, step: float | None = None
+) -> tuple[CpuMapper | GpuMapper, float]:
+    """A ray caster to draw one view after another with; close it at the end.
+
+    Args:
+        stage: What to render.
+        mapper: ``auto``, ``gpu`` or ``cpu``.
+        shading: How it is lit.
+        step: Sample distance in voxels, by default that of ``STEP``.
+
+    Returns:
+        The caster, and its sample distance in stage units.
+
+    Raises:
+        BadInput: Another mapper, a step that is no positive number, or no OpenGL where ``gpu`` is asked for.
+    """
+    make_caster = choose_mapper(mapper)
+    step = STEP[make_caster.name] if step is None else step
+    if not (np.isfinite(step) and step > 0):
+        raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
+    diagonal = float(np.linalg.norm(stage.scale * stage.visible_size))
+    distance = max(step * stage.voxel, diagonal / MAX_SAMPLES)
+    return make_caster(stage, shading, distance), distance
+
+
 def _check_options(n: int, size: int, test: int, fov: float, frame: str) -> None:
     if n < 3:
         raise BadInput(f"At least 3 views are needed, not {n}.")
@@ -170,13 +201,7 @@ def _render(
     """Images, name of the mapper, and sample distance in stage units."""
     if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
         raise BadInput("Views need at least one camera, and all cameras one image size.")
-    make_caster = choose_mapper(mapper)
-    step = STEP[make_caster.name] if step is None else step
-    if not (np.isfinite(step) and step > 0):
-        raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
-    diagonal = float(np.linalg.norm(stage.scale * stage.visible_size))
-    distance = max(step * stage.voxel, diagonal / MAX_SAMPLES)
-    caster = make_caster(stage, shading, distance)
+    caster, distance = open_caster(stage, mapper, shading, step)
     try:
         first = cameras[0]
         images = np.empty((len(cameras), first.height, first.width, 4), np.uint8)

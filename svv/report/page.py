@@ -20,11 +20,15 @@ JPEG_QUALITY = 90
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of the page with its heading and one sentence about it."""
+    """A picture of the page with its heading and one sentence about it.
+
+    A ``drawing``, with few colours and sharp edges, is kept as it is; other pictures are compressed.
+    """
 
     heading: str
     text: str
     file: Path
+    drawing: bool = False
 
 
 @dataclass(frozen=True)
@@ -111,12 +115,13 @@ def _movie(file: Path) -> str:
 
 def _picture(picture: Picture) -> str:
     buffer = io.BytesIO()
+    kind = "PNG" if picture.drawing else "JPEG"
     with Image.open(picture.file) as image:
-        image.convert("RGB").save(buffer, format="JPEG", quality=JPEG_QUALITY)
+        image.convert("RGB").save(buffer, format=kind, quality=JPEG_QUALITY)
     data = base64.b64encode(buffer.getvalue()).decode()
     return (
         f"<section><h2>{escape(picture.heading)}</h2><p>{escape(picture.text)}</p>"
-        f'<img alt="{escape(picture.heading)}" src="data:image/jpeg;base64,{data}"></section>'
+        f'<img alt="{escape(picture.heading)}" src="data:image/{kind.lower()};base64,{data}"></section>'
     )
 
 

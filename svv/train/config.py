@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -149,11 +149,40 @@ PRESETS = {
 }
 
 
-def preset(name: str) -> Preset:
-    """The preset of that name; raises BadInput for any other."""
+HOMES = {"lattice": "balanced", "hash": "paper"}
+"""Encoding -> the preset whose table and learning rates were found for it."""
+
+
+def preset(name: str | Preset, encoding: str | None = None) -> Preset:
+    """The preset of that name.
+
+    Args:
+        name: ``draft``, ``fast``, ``balanced`` or ``paper``; settings of one's own are given back.
+        encoding: ``lattice`` or ``hash``, to replace the preset's own: table and learning rates are then those of the
+            encoding's home (:data:`HOMES`); schedule, widths and losses stay the preset's.
+
+    Raises:
+        BadInput: any other name or encoding.
+    """
+    if isinstance(name, Preset):
+        return name
     if name not in PRESETS:
         raise BadInput(f"There is no preset '{name}'; choose one of {', '.join(PRESETS)}.")
-    return PRESETS[name]
+    chosen = PRESETS[name]
+    if encoding is None or encoding == chosen.field.encoding:
+        return chosen
+    if encoding not in HOMES:
+        raise BadInput(f"There is no encoding '{encoding}'; choose one of {', '.join(HOMES)}.")
+    home = PRESETS[HOMES[encoding]]
+    table = {name: getattr(home.field, name) for name in ("encoding", "resolutions", "features")}
+    rates = ("feature_rate", "network_rate", "decay")
+    return replace(
+        chosen,
+        field=replace(chosen.field, **table),
+        reconstruct=replace(chosen.reconstruct, **{name: getattr(home.reconstruct, name) for name in rates}),
+        recolour=replace(chosen.recolour, **{name: getattr(home.recolour, name) for name in rates}),
+        fitted=home.fitted,
+    )
 
 
 PIXELS_A_CELL = 2.5

@@ -38,18 +38,19 @@ BASE_PART = 0.68
 
 def train_scene(
     views: ViewSet,
-    preset_name: str = "balanced",
+    preset_name: str | Preset = "balanced",
     time_limit: float | None = None,
     seed: int = 0,
     progress: Progress = silent,
     checkpoint: Path | None = None,
     device: torch.device = CPU,
+    encoding: str | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stages 1 and 2: base field, palette, palette colour network.
 
     Args:
         views: Training views.
-        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``.
+        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``, or settings of one's own.
         time_limit: Seconds for the whole training; longer schedules are shortened to fit.
         seed: The same views, preset, seed and number of threads give the same scene on a CPU (without a time limit);
             a GPU adds up in another order each time.
@@ -57,16 +58,17 @@ def train_scene(
         checkpoint: File to save to now and then, and to go on from if it is there. The caller removes it once the
             scene is safe.
         device: Where to train, and where the scene is then (:func:`svv.kernels.dispatch.device_named`).
+        encoding: ``lattice`` or ``hash``; by default the preset's own.
 
     Returns:
         The scene, and a report: ``seconds`` a stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
-        ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (the last None on a CPU), ``seed``, ``preset``, ``notes``
-        (why the model has the size it has).
+        ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (the last None on a CPU), ``seed``, ``preset``,
+        ``encoding``, ``notes`` (why the model has the size it has).
 
     Raises:
-        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset, no time.
+        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset or encoding, no time.
     """
-    chosen = preset(preset_name)
+    chosen = preset(preset_name, encoding)
     if len(views.cameras) < LEAST_VIEWS:
         raise BadInput(
             f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (92 are usual)."
@@ -86,6 +88,7 @@ def train_scene(
         "threads": torch.get_num_threads(),
         "seed": seed,
         "preset": chosen.name,
+        "encoding": chosen.field.encoding,
         "notes": notes,
     }
     made = {

@@ -1,0 +1,177 @@
+"""The table of all runs: one row a run and rendered size, and which of them no other run beats."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from svv.io.atomic import atomic_path, write_json
+
+LIMIT_REACHED = 0.1
+"""A training that ends this near to its time limit, as a part of it, took the time that it was given."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A run at one rendered size; the names of the fields are the columns of the CSV file."""
+
+    scene: str
+    preset: str
+    encoding: str
+    train_size: int
+    """Width of the training views, pixels."""
+    render_size: int
+    """Width of the rendered views, pixels."""
+    time_limit: float | None
+    """Seconds that training was allowed; None for the preset's whole schedule."""
+    device: str
+    seed: int
+    network: str
+    psnr: float
+    """dB on white, mean over the unseen views."""
+    psnr_foreground: float
+    """dB over the pixels whose true alpha is above 0."""
+    ssim: float
+    test_views: int
+    train_seconds: float
+    """Of all stages of training."""
+    train_cpu_seconds: float
+    """Processor seconds of all threads meanwhile: far below seconds x processors where others used the machine."""
+    hull_seconds: float
+    base_seconds: float
+    palette_seconds: float
+    pcn_seconds: float
+    view_seconds: float
+    """Of a rendered view: median; least and most beside it."""
+    view_seconds_least: float
+    view_seconds_most: float
+    view_cpu_seconds: float
+    """Processor seconds of all threads, median."""
+    dvr_seconds: float | None
+    """Of the same view by volume rendering in the same run, right before: median; None without the volume."""
+    dvr_seconds_least: float | None
+    dvr_seconds_most: float | None
+    dvr_cpu_seconds: float | None
+    dvr_ratio: float | None
+    """Median over the views of view seconds / volume rendering's."""
+    dvr_mapper: str | None
+    scene_bytes: int
+    parameters: int
+    train_peak_bytes: int
+    """Peak resident memory of training."""
+    render_peak_bytes: int
+    """Peak resident memory of rendering a view."""
+    load_average: float
+    """Of the machine when training began: above 0, others used it."""
+    threads: int
+    resumed: bool
+    """Whether training was stopped and went on: its peak memory is then that of the last part."""
+    run: str
+    """Its folder."""
+
+    @property
+    def training_cost(self) -> float:
+        """Seconds of training by which runs are compared: the limit where it was reached, for the rest is chance."""
+        if self.time_limit is not None and abs(self.train_seconds / self.time_limit - 1.0) < LIMIT_REACHED:
+            return self.time_limit
+        return self.train_seconds
+
+    @property
+    def limit(self) -> str:
+        """The time limit as people read it."""
+        return "full" if self.time_limit is None else f"{self.time_limit:g} s"
+
+
+COLUMNS = tuple(field.name for field in fields(Row))
+
+
+def read_row(training: Path, rendering: Path) -> Row:
+    """The row of a run from its two JSON files."""
+    made, shown = (json.loads(path.read_text(encoding="utf-8")) for path in (training, rendering))
+    run, seconds, view = made["run"], made["seconds"], shown["seconds_per_view"]
+    dvr: dict[str, Any] = shown.get("dvr") or {}
+    theirs = dvr.get("seconds_per_view") or {}
+    return Row(
+        scene=run["scene"],
+        preset=run["preset"],
+        encoding=run["encoding"],
+        train_size=run["size"],
+        render_size=shown["size"][0],
+        time_limit=run["limit"],
+        device=made["device"],
+        seed=run["seed"],
+        network=shown["network"],
+        psnr=_number(shown["psnr"]),
+        psnr_foreground=_number(shown["psnr_foreground"]),
+        ssim=_number(shown["ssim"]),
+        test_views=shown["test_views"],
+        train_seconds=seconds["total"],
+        train_cpu_seconds=made["cpu_seconds"],
+        hull_seconds=seconds["hull"],
+        base_seconds=seconds["base"],
+        palette_seconds=seconds["palette"],
+        pcn_seconds=seconds["pcn"],
+        view_seconds=view["median"],
+        view_seconds_least=view["least"],
+        view_seconds_most=view["most"],
+        view_cpu_seconds=view["cpu_median"],
+        dvr_seconds=theirs.get("median"),
+        dvr_seconds_least=theirs.get("least"),
+        dvr_seconds_most=theirs.get("most"),
+        dvr_cpu_seconds=theirs.get("cpu_median"),
+        dvr_ratio=dvr.get("ratio"),
+        dvr_mapper=dvr.get("mapper"),
+        scene_bytes=made["scene_bytes"],
+        parameters=made["parameters"],
+        train_peak_bytes=made["peak_rss_bytes"],
+        render_peak_bytes=shown["render_peak_rss_bytes"],
+        load_average=made["load_average"],
+        threads=made["threads"],
+        resumed=made["resumed"],
+        run=training.parent.name,
+    )
+
+
+def _number(value: float | None) -> float:
+    """JSON has no infinities and no nan: what is null was one of them."""
+    return math.nan if value is None else float(value)
+
+
+def front(cost: Sequence[float], gain: Sequence[float]) -> list[bool]:
+    """Which points no other point beats: none costs at most as much and gains at least as much, and one of both better.
+
+    Args:
+        cost: Seconds or bytes; less is better.
+        gain: Accuracy; more is better. As many.
+
+    Returns:
+        For each point whether it is on the Pareto front. A point with nan is not.
+    """
+    best, on = -math.inf, [False] * len(cost)
+    known = [k for k in range(len(cost)) if not (math.isnan(cost[k]) or math.isnan(gain[k]))]
+    reached = math.inf
+    for k in sorted(known, key=lambda k: (cost[k], -gain[k])):
+        on[k] = gain[k] > best or (gain[k] == best and cost[k] == reached)
+        if on[k]:
+            best, reached = gain[k], cost[k]
+    return on
+
+
+def write_csv(path: Path, rows: Sequence[Row]) -> None:
+    """All rows as CSV, whole or not at all; what is unknown is empty."""
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        writer.writerows([[getattr(row, name) for name in COLUMNS] for row in rows])
+
+
+def write_all(folder: Path, rows: Sequence[Row], protocol: str) -> None:
+    """``runs.csv`` and ``runs.json``."""
+    write_csv(folder / "runs.csv", rows)
+    content = [{name: getattr(row, name) for name in COLUMNS} for row in rows]
+    write_json(folder / "runs.json", {"protocol": protocol, "runs": content})

@@ -12,6 +12,13 @@ from svv.report.source import Drawn, ViewSource
 from svv.report.stages import Show, Stages, unseen
 
 
+def check_device(name: str) -> None:
+    """Raise BadInput where there is no such device."""
+    from svv.kernels.dispatch import device_named
+
+    device_named(name)
+
+
 def run_job(
     source: Drawn | ViewSource,
     styles: Sequence[Path],
@@ -37,12 +44,10 @@ def run_job(
         BadInput: bad input anywhere, or a folder that cannot be written to.
         Cancelled: ``show``'s progress stopped the job; the same call goes on where it was.
     """
-    from svv.kernels.dispatch import device_named
-
-    device_named(settings.device)  # what is missing is told before anything is made, and not after minutes of work
-    source.identity()
+    source.identity()  # what is missing is told before anything is made, and not after minutes of work
     for style in styles:
         read_style(style)
+    check_device(settings.device)
     job = Job(source, styles, out, settings, stages or Stages(out, show))
     job.make_views()
     job.train()

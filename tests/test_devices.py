@@ -1,0 +1,138 @@
+"""Choosing a device: what is taken, what is refused, what is reported, and a GPU against the processor."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from svv import cli
+from svv.core.box import Box
+from svv.core.cameras import sphere_cameras
+from svv.errors import BadInput
+from svv.fields.networks import BaseField, FieldSettings
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Marching
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.kernels import dispatch
+from svv.kernels.dispatch import CPU, device_named, device_report, kernels_of
+from svv.train.pipeline import evaluate_scene, train_scene
+
+needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
+
+
+@pytest.fixture
+def no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+
+
+@pytest.fixture
+def fresh_choice() -> Iterator[None]:
+    """Kernels are chosen once for each kind of device; a test that changes what is installed leaves no trace."""
+    kernels_of.cache_clear()
+    yield
+    kernels_of.cache_clear()
+
+
+def small_scene() -> Scene:
+    box = Box((-0.5, -0.5, -0.5), 1.0, (1.0, 1.0, 1.0))
+    occupancy, settings = Occupancy.full(box, 4), FieldSettings(resolutions=(2, 4), features=2, width=16)
+    torch.manual_seed(0)
+    base = BaseField(settings, occupancy).requires_grad_(False)
+    base.encoding.randomize(1.0, torch.Generator().manual_seed(0))
+    return Scene(settings, occupancy, Marching(1 / 8), base)
+
+
+def test_auto_takes_what_there_is(no_gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert device_named("auto") == device_named("cpu") == CPU
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert device_named("auto").type == device_named("cuda").type == "cuda"
+    assert device_named("cpu") == CPU
+
+
+@pytest.mark.parametrize(("name", "words"), [("cuda", "CUDA cannot be used here"), ("tpu", "no device 'tpu'")])
+def test_devices_that_cannot_be(no_gpu: None, name: str, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        device_named(name)
+
+
+@pytest.mark.parametrize("command", ["train", "stylize", "render", "evaluate", "run", "demo"])
+def test_cuda_where_there_is_none_is_one_sentence(
+    command: str, no_gpu: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("svv.io.images.read_style", lambda path: None)
+    small_scene().save("s.svv")
+    Path("views").mkdir()
+    Path("views/transforms_train.json").write_text("{}")
+    rest = {
+        "train": ["views", "--out", "t.svv"],
+        "stylize": ["s.svv", "--style", "a.png", "--out", "t.svv"],
+        "render": ["s.svv", "--out", "a.png"],
+        "evaluate": ["s.svv", "--views", "views"],
+        "run": ["views", "--out", "out"],
+        "demo": ["--out", "out"],
+    }[command]
+    monkeypatch.setattr(sys, "argv", ["svv", command, *rest, "--device", "cuda"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert "CUDA cannot be used here" in said[0]
+
+
+def test_report_of_the_processor() -> None:
+    assert device_report(CPU) == {"device": "cpu", "gpu": None, "kernels": "numba", "peak_gpu_bytes": None}
+
+
+def test_a_gpu_without_triton_says_so_once(
+    fresh_choice: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "svv.kernels.fused", raising=False)
+    monkeypatch.setitem(sys.modules, "triton", None)  # an import of it fails from here on
+    monkeypatch.delitem(sys.modules, "svv.kernels.fused_rays", raising=False)
+    monkeypatch.delitem(sys.modules, "svv.kernels.fused_tables", raising=False)
+    assert [kernels_of("cuda").NAME, kernels_of("cuda").NAME] == ["torch", "torch"]
+    assert capsys.readouterr().err.count("\n") == 1
+    assert kernels_of("cpu").NAME == "numba"
+
+
+def test_a_scene_stays_where_it_is_and_moves_as_a_copy() -> None:
+    scene = small_scene()
+    assert scene.on(CPU) is scene
+    elsewhere = scene.on(torch.device("meta"))
+    assert elsewhere.device.type == "meta"
+    assert scene.device == CPU
+    assert all(b.device.type == "meta" for b in elsewhere.base.buffers())
+
+
+@pytest.mark.gpu
+@needs_gpu
+def test_a_gpu_renders_what_the_processor_does() -> None:
+    scene, camera = small_scene(), sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 64)[0]
+    here, there = scene.render(camera), scene.on(device_named("cuda")).render(camera)
+    np.testing.assert_allclose(there.rgba, here.rgba, atol=5e-3)
+    assert dispatch.device_report(torch.device("cuda"))["peak_gpu_bytes"] > 0
+
+
+@pytest.mark.gpu
+@needs_gpu
+def test_a_gpu_learns_as_well_as_the_processor() -> None:
+    """The same seed gives the same batches; what is left is the order of sums."""
+    cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, 0.35, 48)
+    images = np.zeros((12, 48, 48, 4), np.uint8)
+    row, column = np.mgrid[:48, :48] - 23.5
+    images[:, row**2 + column**2 < 15**2] = (200, 60, 30, 255)
+    views = ViewSet(tuple(cameras), images, tuple(map(str, range(12))), {})
+    scores = []
+    for name in ("cpu", "cuda"):
+        scene, report = train_scene(views, "draft", device=device_named(name))
+        assert report["device"] == name
+        scores.append(evaluate_scene(scene, views, "base")["psnr"])
+    assert abs(scores[0] - scores[1]) < 0.3

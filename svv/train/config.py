@@ -149,8 +149,10 @@ PRESETS = {
 }
 
 
-def preset(name: str) -> Preset:
-    """The preset of that name; raises BadInput for any other."""
+def preset(name: str | Preset) -> Preset:
+    """The preset of that name, or the one given (a changed one, for a measurement); raises BadInput for other names."""
+    if isinstance(name, Preset):
+        return name
     if name not in PRESETS:
         raise BadInput(f"There is no preset '{name}'; choose one of {', '.join(PRESETS)}.")
     return PRESETS[name]

@@ -20,7 +20,7 @@ from svv.errors import BadInput, Cancelled
 from svv.io.camera_file import read_camera
 from svv.options import parse_colour, parse_mapping, parse_numbers, parse_size
 
-COMMANDS = ["demo", "run", "views", "train", "edit", "stylize", "render", "evaluate", "info"]
+COMMANDS = ["demo", "run", "views", "train", "edit", "stylize", "render", "evaluate", "info", "stability"]
 
 
 def run(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:

@@ -18,7 +18,6 @@ from svv import cli
 from svv.core.cameras import orbit_cameras
 from svv.dvr.grids import index_to_world, to_array
 from svv.errors import BadInput, Cancelled
-from svv.report import stability
 from svv.report.stability import Matrix, run_stability
 from svv.report.stability_cases import CASES, EASIEST, Bench, BenchSettings, Case, Measures, barely_masked, tiny
 from svv.report.stability_measures import (
@@ -206,9 +205,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, str]]:
                 "ranges": 2}  # fmt: skip
 
     cases = {"easy": Case("first", measure), "wires": Case("second", measure)}
-    CASES_BEFORE = dict(CASES)
-    monkeypatch.setattr(stability, "CASES", CASES)
-    for name in CASES_BEFORE:
+    for name in tuple(CASES):
         monkeypatch.delitem(CASES, name)
     for name, case in cases.items():
         monkeypatch.setitem(CASES, name, case)

@@ -172,18 +172,22 @@ def _cells(row: Row | None) -> list[str]:
     ]
 
 
-Column = tuple[str, Callable[[Row], float | None], Callable[[Row], float], str]
+Column = tuple[str, Callable[[Row], float | None], Callable[[Row], float | None], str]
 
 COLUMNS: tuple[Column, ...] = (
-    ("dB below\nthe easy case", lambda row: row.drop, lambda row: FOREGROUND_DROP, "{:.1f}"),
-    ("regions\n1 - IoU", lambda row: None if row.overlap is None else 1 - row.overlap,
-     lambda row: 1 - LEAST_OVERLAP, "{:.2f}"),
+    ("foreground\nPSNR, dB", lambda row: row.foreground, lambda row: _part(row.drop, FOREGROUND_DROP), "{:.1f}"),
+    ("spread\ndB", lambda row: row.spread, lambda row: _part(row.spread, MOST_SPREAD), "{:.1f}"),
+    ("regions\nIoU", lambda row: row.overlap,
+     lambda row: None if row.overlap is None else (1 - row.overlap) / (1 - LEAST_OVERLAP), "{:.2f}"),
     ("colours\nCIEDE2000", lambda row: row.shown_colour,
-     lambda row: MOST_COLOUR if row.style is None else MOST_STYLE, "{:.1f}"),
-    ("spread\ndB", lambda row: row.spread, lambda row: MOST_SPREAD, "{:.1f}"),
-    ("failed\nruns", lambda row: row.failed_runs / row.runs, lambda row: 1.0, "{:.0%}"),
+     lambda row: _part(row.shown_colour, MOST_COLOUR if row.style is None else MOST_STYLE), "{:.1f}"),
+    ("failed\nruns", lambda row: row.failed_runs / row.runs, lambda row: row.failed_runs / row.runs, "{:.0%}"),
 )  # fmt: skip
-"""Heading, value, value at which it is a failure (the darkest colour), format."""
+"""Heading, number shown, how far it is on the way to a failure (1 and more: the darkest colour), format."""
+
+
+def _part(value: float | None, worst: float) -> float | None:
+    return None if value is None else value / worst
 
 
 def heat_map(path: Path, rows: Sequence[Row]) -> None:
@@ -206,13 +210,16 @@ def heat_map(path: Path, rows: Sequence[Row]) -> None:
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for y, case in enumerate(cases):
-        for x, (name, (_, value_of, worst, form)) in enumerate(columns):
+        for x, (name, (_, number_of, badness_of, form)) in enumerate(columns):
             row = found.get((case, name))
-            value = None if row is None else value_of(row)
-            if row is not None and value is not None:
-                cells[y, x] = np.clip(value / worst(row), 0.0, 1.0)
-                ink = "white" if cells[y, x] > 0.7 else "black"
-                axes.text(x, y, form.format(value + 0.0), ha="center", va="center", color=ink, fontsize=8)
+            number = None if row is None else number_of(row)
+            if row is None or number is None:
+                continue
+            badness = badness_of(row)
+            if badness is not None:
+                cells[y, x] = np.clip(badness, 0.0, 1.0)
+            ink = "white" if cells[y, x] > 0.7 else "black"
+            axes.text(x, y, form.format(number), ha="center", va="center", color=ink, fontsize=8)
     axes.imshow(np.ma.masked_invalid(cells), cmap="YlOrRd", vmin=0.0, vmax=1.0, aspect="auto")
     axes.set_facecolor("0.93")
     axes.set_xticks(range(len(columns)), [heading for _, (heading, *_) in columns], fontsize=7)

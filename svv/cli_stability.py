@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from svv.errors import BadInput
 from svv.options import Preset
 from svv.progress import shown
 
@@ -14,6 +15,7 @@ STABILITY = (
     "svv stability",
     "svv stability --case nested --case wires --seeds 2",
     "svv stability --preset draft --preset fast --preset paper --size 400 --time-limit 60 --out stable",
+    "svv stability --steps draft=300+150 --steps paper=60+40 --samples 8192",
     "svv stability --list",
 )
 
@@ -35,6 +37,11 @@ def stability(
     time_limit: Annotated[
         float, typer.Option(metavar="SECONDS", min=1, help="Training time of a run, the same for each preset.")
     ] = 15.0,
+    steps: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PRESET=A+B", help="Steps of the two stages instead of a time limit: draft=300+150."),
+    ] = None,
+    samples: Annotated[int | None, typer.Option(min=512, help="Visible samples a step at most.")] = None,
     listed: Annotated[bool, typer.Option("--list", help="Print the cases and stop.")] = False,
 ) -> None:
     """Train on generated scenes of which all is known, where methods of this kind fail, and say what failed.
@@ -52,7 +59,7 @@ def stability(
         return
     names = [p.value for p in dict.fromkeys(preset or (Preset.draft, Preset.paper))]
     matrix = Matrix(tuple(case or CASES), names, seeds)
-    settings = BenchSettings(n, test, size, resolution, time_limit)
+    settings = BenchSettings(n, test, size, resolution, time_limit, tuple(map(parse_steps, steps or ())), samples)
     with shown("Stability") as progress:
         records = run_stability(out, matrix, settings, progress)
     rows = write_summary(out, records)
@@ -61,3 +68,16 @@ def stability(
             what = ", ".join(f"{word} ({count}/{row.runs})" for word, count in row.failed.items())
             print(f"{CASES[row.case].title}, {row.preset}: {what}")
     print(f"{len(records)} runs: {', '.join(str(out / name) for name in FILES)}")
+
+
+def parse_steps(text: str) -> tuple[str, int, int]:
+    """'draft=300+150' as (preset, steps of stage 1, of stage 2).
+
+    Raises:
+        BadInput: anything else.
+    """
+    name, _, numbers = text.partition("=")
+    parts = numbers.split("+")
+    if name in Preset.__members__ and len(parts) == 2 and all(p.isascii() and p.isdigit() and int(p) for p in parts):
+        return name, int(parts[0]), int(parts[1])
+    raise BadInput(f"'{text}' are no steps; write PRESET=A+B, for example --steps draft=300+150.")

@@ -151,6 +151,7 @@ def test_more_than_three_classes_are_told_apart() -> None:
 # --- cases -------------------------------------------------------------------------------------------------------
 
 SMALL = BenchSettings(n=12, test=2, size=64, resolution=24, time_limit=1.0)
+QUICK = replace(SMALL, steps=(("draft", 12, 6),), samples=1024)
 
 
 def test_a_transparent_function_is_refused_in_a_sentence() -> None:
@@ -169,6 +170,19 @@ def test_what_a_case_changes() -> None:
     assert CASES[EASIEST].change(draft) == draft
 
 
+def test_steps_stand_in_for_the_time_limit() -> None:
+    settings = replace(SMALL, steps=(("draft", 30, 20),), samples=1024)
+    draft, limit = settings.applied(CASES["lambda-1"].change(preset("draft")))
+    assert limit is None
+    assert (draft.reconstruct.iterations, draft.recolour.iterations) == (30, 20)
+    assert (draft.reconstruct.samples, draft.recolour.rays) == (1024, 128)
+    assert draft.recolour.offset_weight == 1.0  # the case's own change stays
+    paper, limit = settings.applied(preset("paper"))
+    assert limit == SMALL.time_limit
+    assert paper.reconstruct.iterations == preset("paper").reconstruct.iterations
+    assert SMALL.applied(preset("paper")) == (preset("paper"), SMALL.time_limit)
+
+
 def test_style_pictures_are_what_they_say() -> None:
     assert tiny().shape == (16, 16, 3)
     assert 0.98 < (barely_masked() == 1.0).all(axis=2).mean() < 1.0
@@ -176,7 +190,7 @@ def test_style_pictures_are_what_they_say() -> None:
 
 def test_a_run_measures_what_it_promises(tmp_path: Path) -> None:
     matrix = Matrix(("easy", "half-precision", "camera-far", "camera-inside"), ("draft",), 1)
-    records = run_stability(tmp_path, matrix, SMALL)
+    records = run_stability(tmp_path, matrix, QUICK)
     assert [r["case"] for r in records] == ["easy", "half-precision", "camera-inside", "camera-far"]
     for r in records:
         measures = r["measures"]
@@ -187,6 +201,8 @@ def test_a_run_measures_what_it_promises(tmp_path: Path) -> None:
         assert measures["ranges"] == 2
         assert len(measures["colours"]) == measures["regions"]
     assert abs(records[1]["measures"]["lost"]) < 0.5
+    again = run_stability(tmp_path / "again", Matrix(("easy",), ("draft",), 1), QUICK)
+    assert again[0]["measures"] == records[0]["measures"]  # the same seed and steps, the same figures
 
 
 # --- running -----------------------------------------------------------------------------------------------------
@@ -277,6 +293,9 @@ def test_unsteady_seeds_are_a_failure(counted: list[tuple[int, str]], tmp_path: 
         (["--seeds", "0"], "seeds"),
         (["--time-limit", "0"], "time-limit"),
         (["--n", "2"], "--n"),
+        (["--steps", "draft=300"], "are no steps"),
+        (["--steps", "best=300+20"], "are no steps"),
+        (["--steps", "draft=0+20"], "are no steps"),
         (["--case", "transparent", "--seeds", "1", "--out", "/dev/null/x"], "/dev/null/x"),
     ],
 )

@@ -62,6 +62,23 @@ class BenchSettings:
     """Voxels along each side of a volume."""
     time_limit: float = 15.0
     """Seconds that the training of a run may take, the same for each preset."""
+    steps: tuple[tuple[str, int, int], ...] = ()
+    """(preset, steps of stage 1, of stage 2) instead of a time limit, for a machine that does other work too: then the
+    same seed gives the same figures."""
+    samples: int | None = None
+    """Visible samples a step at most, and an eighth as many rays; None: as many as the preset draws."""
+
+    def applied(self, preset: Preset) -> tuple[Preset, float | None]:
+        """The preset with these settings, and its time limit in seconds if it has one."""
+        base, palette = preset.reconstruct, preset.recolour
+        if self.samples is not None:
+            fewer = {"samples": self.samples, "rays": max(1, self.samples // 8)}
+            base, palette = replace(base, **fewer), replace(palette, **fewer)
+        for name, first, second in self.steps:
+            if name == preset.name:
+                base, palette = replace(base, iterations=first), replace(palette, iterations=second)
+                return replace(preset, reconstruct=base, recolour=palette), None
+        return replace(preset, reconstruct=base, recolour=palette), self.time_limit
 
 
 @dataclass(frozen=True)
@@ -103,7 +120,8 @@ class Bench:
         key = case.scene, views, changed, seed
         if self._trained is None or self._trained[0] != key:
             self._trained = None
-            scene, _ = train_scene(drawn.train, changed, self.settings.time_limit, seed, part(progress, 0.1, 0.9))
+            applied, limit = self.settings.applied(changed)
+            scene, _ = train_scene(drawn.train, applied, limit, seed, part(progress, 0.1, 0.9))
             self._trained = key, scene
         return drawn, self._trained[1]
 

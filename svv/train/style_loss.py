@@ -33,8 +33,8 @@ WHOLE, LEAST_CELLS = 0.95, 16
 """Share of foreground from which on a cell counts for the energy, and how many it takes: outlines would spoil it."""
 
 LEAST_DETAIL = 0.01
-"""A style's detail is taken to be this part of its mean feature at least, squares of both; paintings have 0.15 and more.
-Without it a style of one colour gave losses of 1e8 to 1e10, beside which its colour counted for nothing."""
+"""A style's detail is taken to be this part of its mean feature at least, squares of both; paintings have 0.15 and
+more. Without it a style of one colour gave losses of 1e8 to 1e10, beside which its colour counted for nothing."""
 
 FAINTEST = 0.02
 """Opacity from which on a pixel belongs to a region."""

@@ -42,6 +42,8 @@ class Matrix:
             preset(name)
         if self.seeds < 1:
             raise BadInput(f"At least one seed is needed, not {self.seeds}.")
+        if not self.runs:
+            raise BadInput("None of these cases concerns any of these presets: add a case or a preset.")
 
     @property
     def runs(self) -> list[tuple[str, str, int]]:
@@ -81,10 +83,9 @@ def run_stability(out: Path, matrix: Matrix, settings: BenchSettings, progress: 
         label = f"{CASES[case].title}, {name}, seed {seed}"
         each = part(progress, number / len(left), (number + 1) / len(left))
         each(0.0, label)
-        record = _run(bench, case, preset(name), seed, _labelled(each, label))
-        record["key"] = _key(*run, settings)
+        record = {**_run(bench, case, preset(name), seed, _labelled(each, label)), "key": _key(*run, settings)}
         write_json(_path(runs, *run), record)
-        found[run] = record
+        found[run] = json.loads(to_json(record))  # as it is read again: plain values, None for what is not finite
     progress(1.0, f"{len(left)} runs")
     return [record for record in found.values() if record is not None]
 

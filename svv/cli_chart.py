@@ -9,13 +9,13 @@ from typing import Annotated
 import typer
 
 from svv.options import (
-    Device,
     Encoding,
     Mapper,
     MapperOption,
     Network,
     Out,
     Preset,
+    Processor,
     Views,
     parse_choices,
     parse_limits,
@@ -52,7 +52,7 @@ def chart(
     render_sizes: Annotated[
         str | None, typer.Option(metavar="N,...", help="Widths of rendered views; by default the training views'.")
     ] = None,
-    devices: Annotated[str, typer.Option(metavar="A,B", help=f"Of {', '.join(d.value for d in Device)}.")] = "cpu",
+    devices: Annotated[str, typer.Option(metavar="A,B", help=f"Of {', '.join(d.value for d in Processor)}.")] = "cpu",
     seeds: Annotated[str, typer.Option(metavar="N,...", help="A run for each.")] = "0",
     network: Annotated[Network, typer.Option(help="Whose colours are scored: base or pcn.")] = Network.pcn,
     test: Annotated[int, typer.Option(min=5, help="Unseen views that are scored and timed.")] = 8,
@@ -74,7 +74,7 @@ def chart(
         parse_limits(time_limits, "--time-limits"),
         (None,) if sizes is None else parse_whole(sizes, "--sizes", 16),
         (None,) if render_sizes is None else parse_whole(render_sizes, "--render-sizes", 16),
-        parse_choices(devices, "--devices", Device),
+        parse_choices(devices, "--devices", Processor),
         parse_whole(seeds, "--seeds"),
     )
     plan = Chart(sources, tf or [], out, grid, Measure(test, network.value, n, mapper.value))

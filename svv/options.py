@@ -29,10 +29,11 @@ class Encoding(str, Enum):
     hash = "hash"
 
 
-class Device(str, Enum):
-    """What training runs on."""
+class Processor(str, Enum):
+    """What a measured run calculates on; by name, for ``auto`` would be another on another machine."""
 
     cpu = "cpu"
+    cuda = "cuda"
 
 
 class Network(str, Enum):

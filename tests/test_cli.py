@@ -20,7 +20,9 @@ from svv.errors import BadInput, Cancelled
 from svv.io.camera_file import read_camera
 from svv.options import parse_colour, parse_mapping, parse_numbers, parse_size
 
-COMMANDS = ["demo", "run", "views", "train", "edit", "stylize", "render", "evaluate", "info", "chart"]
+COMMANDS = [
+    "demo", "run", "views", "train", "edit", "stylize", "render", "evaluate", "info", "chart", "stability",
+]  # fmt: skip
 
 
 def run(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:

@@ -219,3 +219,11 @@ def test_a_translucent_region_is_seen_as_its_own_colour() -> None:
     torch.testing.assert_close(seen[:, :, 10:], torch.full((3, 20, 10), background))
     torch.testing.assert_close(solid(colour, torch.ones(20, 20), background)[0], colour)
     torch.testing.assert_close(solid(colour, torch.zeros(20, 20), background)[0], colour)
+
+
+def test_a_style_of_one_colour_is_no_measure_of_detail() -> None:
+    """Its own is nought, and what a render has of it, divided by that, would be all that the loss is about."""
+    style = torch.tensor([0.2, 0.55, 0.5])[:, None, None].expand(3, 64, 64)
+    render = 0.4 + 0.02 * torch.rand(3, 48, 48, generator=torch.Generator().manual_seed(0))
+    target = StyleTarget(load_features("embedded"), style, SMALL)
+    assert target.loss(render, torch.ones(48, 48)) < 100

@@ -102,6 +102,9 @@ def test_energy_is_nought_for_equal_spectra_and_one_for_a_blur() -> None:
     assert energy_loss(torch.cat([style, 9 * style]), style, weights).item() == pytest.approx(0, abs=1e-12)
     half = (style[:9] / 2).requires_grad_()
     assert torch.autograd.gradcheck(lambda x: energy_loss(x, style), (half,))
+    blank = energy_loss(style, 0 * style, floor=2.0)  # no detail is not the measure of any
+    assert blank.item() == pytest.approx(style.square().mean(0).sum().item() / 2)
+    assert energy_loss(2 * style, style, floor=1e-3).item() == pytest.approx(1)
 
 
 def test_cells_weigh_their_share_of_foreground() -> None:

@@ -113,11 +113,19 @@ def test_camera_noise() -> None:
 
 
 def test_hue_wraps_and_the_colour_with_more_pixels_stays() -> None:
-    # hues 0.98 and 0.03 are neighbours across red, whatever their difference says
-    rose, vermilion = (1.0, 0.1, 0.21), (1.0, 0.26, 0.1)
+    # hues 0.99 and 0.02 are neighbours across red, whatever their difference says
+    rose, vermilion = (1.0, 0.1, 0.154), (1.0, 0.208, 0.1)
     for shares, kept in (([0.7, 0.3], rose), ([0.3, 0.7], vermilion)):
         palette = extract_palette(*scene([rose, vermilion], shares=shares, mixed=0.0))
         assert_hues(palette, [kept], within=0.02)
+
+
+def test_orange_and_amber_are_two_regions() -> None:
+    """Hues 0.07 and 0.12, which the paper's threshold of 0.1 joins."""
+    orange, amber = (0.95, 0.45, 0.1), (0.95, 0.72, 0.1)
+    pixels, alpha = scene([orange, amber], shares=[0.3, 0.7])
+    assert_hues(extract_palette(pixels, alpha), [orange, amber], within=0.02)
+    assert len(extract_palette(pixels, alpha, PaletteSettings(hue_distance=0.1)).colours) == 1
 
 
 @pytest.mark.parametrize("colour", [WHITE, IVORY, (0.4, 0.4, 0.4), (0.05, 0.05, 0.05), (0.0, 0.0, 0.0)], ids=str)

@@ -73,10 +73,10 @@ def nnfm_loss(
     return (distance * weights).sum() / weights.sum().clamp_min(torch.finfo(weights.dtype).eps)
 
 
-def energy_loss(features: Tensor, style: Tensor, weights: Tensor | None = None) -> Tensor:
+def energy_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, floor: float = 0.0) -> Tensor:
     """How much stronger or weaker each feature is in the render than in the style.
 
-    L = sum_c (r_c - s_c)^2 / sum_c s_c^2,  r_c and s_c the root mean squares over render and style
+    L = sum_c (r_c - s_c)^2 / max(sum_c s_c^2, floor),  r_c and s_c the root mean squares over render and style
 
     A cosine does not see the length of vectors: a render may fade to a blur while every direction is right. With a
     frequency basis this is a comparison of power spectra.
@@ -85,6 +85,7 @@ def energy_loss(features: Tensor, style: Tensor, weights: Tensor | None = None) 
         features: Centred vectors of the render, (N, C).
         style: Centred vectors of the style, (M, C).
         weights: >= 0, (N,); equal if not given.
+        floor: A style of one colour has no detail to compare with: its share of the loss would know no bounds.
 
     Returns:
         A scalar >= 0; 1 for a render without any detail.
@@ -93,7 +94,7 @@ def energy_loss(features: Tensor, style: Tensor, weights: Tensor | None = None) 
     eps = torch.finfo(features.dtype).eps
     mean_square = (share @ features.square()) / share.sum().clamp_min(eps)
     wanted = style.square().mean(0).sqrt()
-    return ((mean_square + eps).sqrt() - wanted).square().sum() / wanted.square().sum().clamp_min(eps)
+    return ((mean_square + eps).sqrt() - wanted).square().sum() / wanted.square().sum().clamp_min(max(floor, eps))
 
 
 def cell_weights(mask: Tensor, stride: int = 4) -> Tensor:

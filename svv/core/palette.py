@@ -37,8 +37,9 @@ class PaletteSettings:
 
     max_colours: int = 8
     """Upper bound of the number of colours; those with most pixels behind them stay."""
-    hue_distance: float = 0.1
-    """Colours closer in hue become one (T_h of the paper); 1 is the full circle."""
+    hue_distance: float = 0.05
+    """Colours closer in hue become one (T_h of the paper, 0.1 there: orange and amber became one region); 1 is the full
+    circle."""
     grey_saturation: float = 0.2
     """Colours of less saturation are grey: light rather than a range (T_b of the paper, on brightness there)."""
     grey_share: float = 0.06

@@ -161,7 +161,7 @@ def stylize_scene(
     styles: Sequence[NDArray[np.floating]],
     mapping: dict[int, int] | None = None,
     keep: Collection[int] = (),
-    preset_name: str = "balanced",
+    preset_name: str | Preset = "balanced",
     seed: int = 0,
     progress: Progress = silent,
     checkpoint: Path | None = None,
@@ -177,7 +177,7 @@ def stylize_scene(
         mapping: Style of each region to be styled; other regions stay as they are. None gives every region that is
             not kept a style, in turn.
         keep: Regions that stay as they are.
-        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``.
+        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``, or settings of your own.
         seed: The same input gives the same scene.
         progress: Called several times a second; stops the work when it raises.
         checkpoint: File to save to now and then, and to go on from if it is there.

@@ -32,6 +32,10 @@ LEAST_SHARE = 0.3
 WHOLE, LEAST_CELLS = 0.95, 16
 """Share of foreground from which on a cell counts for the energy, and how many it takes: outlines would spoil it."""
 
+LEAST_DETAIL = 0.01
+"""A style's detail is taken to be this part of its mean feature at least, squares of both; paintings have 0.15.
+Without it a style of one colour gave losses of 1e8 to 1e10, beside which its colour counted for nothing."""
+
 FAINTEST = 0.02
 """Opacity from which on a pixel belongs to a region."""
 
@@ -130,7 +134,8 @@ class StyleTarget:
         loss = nnfm_loss(features, vectors, weights, self.settings.balance)
         whole = weights > WHOLE
         if self.settings.energy and int(whole.sum()) >= LEAST_CELLS:
-            loss = loss + self.settings.energy * energy_loss(features[whole], vectors)
+            floor = LEAST_DETAIL * float(mean.square().sum())
+            loss = loss + self.settings.energy * energy_loss(features[whole], vectors, floor=floor)
         return loss
 
     def solid_texture(self, position: Tensor, normal: Tensor, pixel: float) -> Tensor:

@@ -111,6 +111,7 @@ class Chart:
                 "size": step.rendering.size,
                 "test": self.measure.test,
                 "network": self.measure.network,
+                "device": run.device,
                 "volume": scene.as_task(),
             }
         run_apart(task, progress)

@@ -29,6 +29,7 @@ from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import device_named
 from svv.measure import measured
 from svv.report.chart.scenes import shrunk, spread_over, unseen_cameras
 from svv.report.render import orbit
@@ -83,14 +84,15 @@ def _train(
         run["seed"],
         progress,
         checkpoint,
-        encoding=run["encoding"],
+        device_named(run["device"]),
+        run["encoding"],
     )
 
 
 def render(task: dict[str, Any], progress: Progress) -> None:
     """Render unseen views of a trained scene, where the volume is at hand beside its DVR, and write the figures."""
     folder, size, network = Path(task["folder"]), int(task["size"]), str(task["network"])
-    scene = Scene.load(folder / "scene.svv")
+    scene = Scene.load(folder / "scene.svv").on(device_named(task["device"]))
     first = orbit(scene, 2, size, size)[0]
     with measured() as cost:  # before views and volume are in memory; the warm-up too
         scene.render(first, network, WHITE)

@@ -1,0 +1,194 @@
+"""Generated scenes of which everything is known: the volume, the transfer function, and so the class of every value.
+
+They are the cases of which radiance fields are said to fail, each as small and as plain as it can be: few shapes in
+the cube [-1, 1]^3, visible ranges of values with one colour each, nothing read from anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.core.cameras import Camera
+from svv.dvr.grids import from_array
+from svv.dvr.mappers import Shading
+from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.views import render_views
+
+Array = NDArray[np.float64]
+RGB = tuple[float, float, float]
+
+SOFT = 0.05
+"""Values over which a range's opacity rises from 0 and falls to it."""
+
+EDGE = 0.05
+"""Width of the way from a shape's value to that of its surroundings; 1 is half a side of the volume."""
+
+LEAST_ALPHA = 0.1
+"""Opacity from which on a pixel belongs to a class; what is fainter belongs to none and is left out of the scores."""
+
+BLUE, GOLD, RED, GREEN = (0.1, 0.35, 0.95), (1.0, 0.7, 0.1), (0.9, 0.12, 0.15), (0.2, 0.8, 0.3)
+ORANGE, AMBER = (0.95, 0.45, 0.1), (0.95, 0.72, 0.1)
+WHITE, GREY = (0.95, 0.95, 0.95), (0.4, 0.4, 0.4)
+
+
+@dataclass(frozen=True)
+class Range:
+    """A visible range of values: the class of what lies between ``low`` and ``high``."""
+
+    low: float
+    high: float
+    opacity: float
+    """In a slab of one opacity unit distance (a voxel's diagonal)."""
+    colour: RGB
+
+
+@dataclass(frozen=True)
+class KnownScene:
+    """A volume and its transfer function.
+
+    Args:
+        field: Values at points (3: x, y, z; ...) of the cube [-1, 1]^3.
+        ranges: The visible ranges in ascending order; what lies between them is empty.
+        noise: Standard deviation of normal noise that is added to every voxel.
+        spacing: Size of a voxel in world units; None: the volume is 2 units wide.
+        stretch: How many times longer a voxel is along z; as many times fewer there are.
+        shift: Where the volume's middle is, in sides of the volume.
+    """
+
+    field: Callable[[Array], Array]
+    ranges: tuple[Range, ...]
+    noise: float = 0.0
+    spacing: float | None = None
+    stretch: int = 1
+    shift: RGB = (0.0, 0.0, 0.0)
+
+    def volume(self, resolution: int) -> vtkImageData:
+        """The volume with ``resolution`` voxels along x and y, float32."""
+        counts = np.array([resolution, resolution, (resolution - 1) // self.stretch + 1])
+        axes = [np.linspace(-1.0, 1.0, n) for n in counts]
+        z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
+        values = self.field(np.stack([x, y, z]))
+        values = values + self.noise * np.random.default_rng(0).standard_normal(values.shape)
+        side = 2.0 if self.spacing is None else self.spacing * (resolution - 1)
+        origin = side * (np.array(self.shift) - 0.5)
+        return from_array(values.astype(np.float32), list(side / (counts - 1)), list(origin), "value")
+
+    def transfer_function(self, colours: Sequence[RGB] | None = None) -> TransferFunction:
+        """Trapezoids of opacity, each in one colour: its own, or those given."""
+        points: list[tuple[float, ...]] = []
+        paints: list[tuple[float, ...]] = []
+        for number, r in enumerate(self.ranges):
+            for value, opacity in ((r.low, 0.0), (r.low + SOFT, r.opacity), (r.high - SOFT, r.opacity), (r.high, 0.0)):
+                points.append((value, opacity, 0.5, 0.0))
+            colour = r.colour if colours is None else colours[number]
+            paints += [(r.low, *colour), (r.high, *colour)]
+        return TransferFunction(tuple(paints), tuple(points), name="known")
+
+    def classes(self, values: NDArray[np.floating]) -> NDArray[np.int16]:
+        """Class of each value: the number of its range, -1 where it is invisible. Of the values' shape."""
+        found = np.full(np.shape(values), -1, np.int16)
+        for number, r in enumerate(self.ranges):
+            found[(values > r.low) & (values < r.high)] = number
+        return found
+
+    def class_maps(self, volume: vtkImageData, cameras: Sequence[Camera]) -> NDArray[np.int16]:
+        """The class of each pixel: the range with the largest share of what is seen there.
+
+        The volume is drawn without light and with up to three ranges in pure red, green and blue, the others black:
+        the colour of a pixel is then the share of each.
+
+        Args:
+            volume: What :meth:`volume` made.
+            cameras: All of one size.
+
+        Returns:
+            (n, height, width): the range, -1 where nothing is visible, -2 where the alpha is below ``LEAST_ALPHA``.
+        """
+        shares = []
+        for first in range(0, len(self.ranges), 3):
+            pure = [(0.0, 0.0, 0.0)] * len(self.ranges)
+            for channel, number in enumerate(range(first, min(first + 3, len(self.ranges)))):
+                pure[number] = tuple(np.eye(3)[channel])
+            drawn = render_views(volume, self.transfer_function(pure), cameras, "cpu", Shading(on=False))
+            shares.append(drawn[..., :3])
+        alpha = drawn[..., 3]
+        largest = np.concatenate(shares, axis=-1).argmax(axis=-1).astype(np.int16)
+        return np.where(alpha == 0, -1, np.where(alpha < 255 * LEAST_ALPHA, -2, largest)).astype(np.int16)
+
+
+def _shape(distance: Array) -> Array:
+    """1 inside of a shape, 0 outside, half on its surface (distance 0, negative inside)."""
+    return 0.5 - 0.5 * np.tanh(2.0 * distance / EDGE)
+
+
+def _ball(point: Array, centre: RGB, radius: float) -> Array:
+    return np.asarray(np.sqrt(sum((p - c) ** 2 for p, c in zip(point, centre)))) - radius
+
+
+def _ring(point: Array) -> Array:
+    x, y, z = point
+    return np.hypot(np.hypot(x, y) - 0.6, z) - 0.2
+
+
+def ring_and_balls(point: Array) -> Array:
+    """A ring (values near 1) and three balls (near 0) in 0.5, so that neither has a skin of the other's values."""
+    balls = np.min([_ball(point, (0.0, 0.0, h), 0.22) for h in (-0.65, 0.0, 0.65)], axis=0)
+    return np.asarray(0.5 + 0.5 * _shape(_ring(point)) - 0.5 * _shape(balls))
+
+
+def ring(point: Array) -> Array:
+    """The ring alone."""
+    return 0.5 + 0.5 * _shape(_ring(point))
+
+
+def shells(point: Array) -> Array:
+    """A field that falls from 1 in the middle to 0 at the sides, in dented shells."""
+    x, y, z = point
+    radius = np.sqrt(x * x + y * y + z * z)
+    dents = 1.0 + 0.1 * np.sin(4.0 * x + 1.0) * np.sin(4.0 * y) * np.cos(3.0 * z)
+    return np.asarray(1.0 - radius * dents / 0.95)
+
+
+def wires(point: Array) -> Array:
+    """A stent: twelve wires, six a way, wound around a tube; a wire is 0.06 thick."""
+    x, y, z = point
+    across, angle = np.hypot(x, y), np.arctan2(y, x)
+    distance = np.full(across.shape, np.inf)
+    for way in (-1.0, 1.0):
+        turn = np.mod((angle - way * 1.6 * z) * 6.0 / (2.0 * np.pi), 1.0) - 0.5
+        along = turn * 2.0 * np.pi / 6.0 * across * np.cos(np.arctan(1.6 * 0.55))
+        distance = np.minimum(distance, np.hypot(across - 0.55, along))
+    return 0.5 + 0.5 * _shape(np.maximum(distance - 0.03, np.abs(z) - 0.9))
+
+
+def _pair(below: RGB, above: RGB) -> tuple[Range, ...]:
+    return Range(-0.5, 0.3, 0.9, below), Range(0.7, 1.5, 0.9, above)
+
+
+EASY = KnownScene(ring_and_balls, _pair(BLUE, GOLD))
+NESTED = KnownScene(
+    shells, (Range(0.1, 0.24, 0.12, BLUE), Range(0.38, 0.52, 0.25, GREEN), Range(0.66, 1.5, 0.9, RED))
+)
+SCENES: dict[str, KnownScene] = {
+    "easy": EASY,
+    "nested": NESTED,
+    "similar-hues": KnownScene(ring_and_balls, _pair(ORANGE, AMBER)),
+    "white": KnownScene(ring_and_balls, _pair(WHITE, RED)),
+    "greys": KnownScene(ring_and_balls, _pair(GREY, WHITE)),
+    "one-region": KnownScene(ring, (Range(0.7, 1.5, 0.9, GOLD),)),
+    "wires": KnownScene(wires, (Range(0.7, 1.5, 0.9, GOLD),)),
+    "noise": replace(EASY, noise=0.08),
+    "anisotropic": replace(EASY, stretch=3),
+    "off-centre": replace(EASY, shift=(1000.0, -500.0, 200.0)),
+    "tiny-spacing": replace(EASY, spacing=1e-9),
+    "huge-spacing": replace(EASY, spacing=1e6),
+}
+"""Name -> scene."""
+
+TRANSPARENT = replace(EASY, ranges=tuple(replace(r, opacity=0.0) for r in EASY.ranges))
+"""A transfer function that shows nothing, which has to be refused."""

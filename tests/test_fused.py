@@ -45,7 +45,7 @@ DEVICE = torch.device("cuda" if GPU else "cpu")
 OTHERS = [plain, fused]
 TOLERANCE = {"value": 1e-5, "gradient": 2e-5, "sigma": 2e-5, "loss": 1e-4, "picture": 2e-3}
 """``value``, ``gradient`` and ``loss`` absolute, ``sigma`` relative; ``picture`` the mean error in [0, 1]."""
-FEW = settings(deadline=None, max_examples=6)
+FEW = settings(deadline=None, max_examples=3)
 """Examples where each runs in the interpreter."""
 
 

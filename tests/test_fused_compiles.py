@@ -1,4 +1,4 @@
-"""The Triton kernels become machine code for a GPU, which takes no GPU: what the interpreter lets pass is found here."""
+"""The Triton kernels become machine code for a GPU, which takes none: what the interpreter lets pass is found here."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 TYPES = {
-    "*fp32": "x g_out scales table out gradient first second rotations positions focal origins directions tail position "
-    "skipped sigma values transmittance weights g_transmittance g_sigma g_values",
+    "*fp32": "x g_out scales table out gradient first second rotations positions focal origins directions tail "
+    "position skipped sigma values transmittance weights g_transmittance g_sigma g_values",
     "*i64": "shapes bases resolutions offsets pixels start count",
     "*i32": "index age ray",
     "*u8": "used distance",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, Protocol, cast
 
 import torch
 from torch import Tensor
@@ -17,7 +17,8 @@ from svv.errors import BadInput
 CPU = torch.device("cpu")
 
 
-class Lattice(NamedTuple):
+@dataclass(frozen=True)
+class Lattice:
     """Where a sparse lattice keeps its features; L levels, on the device of its table."""
 
     shapes: Tensor

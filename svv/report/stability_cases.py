@@ -18,7 +18,7 @@ from svv.core.colour import over
 from svv.core.metrics import psnr, psnr_foreground
 from svv.dvr.views import make_views, render_views
 from svv.errors import BadInput, Progress, part
-from svv.fields.rendering import RayCaster
+from svv.fields.rendering import RayCaster, march
 from svv.fields.scene import Scene
 from svv.io.images import read_style
 from svv.io.viewset import ViewSet
@@ -250,7 +250,9 @@ def painted_like(picture: Callable[[], NDArray[np.float32]]) -> Callable[..., Me
         for region in range(len(styled.regions)):
             styled = styled.edited(region, lighting=0.0)  # the paint itself
         camera = drawn.test.cameras[len(drawn.test.cameras) // 2]
-        colour = styled.shade(RayCaster([camera], styled.occupancy.box).view(0), "styled")[1].numpy()
+        rays = RayCaster([camera], styled.occupancy.box, styled.device).view(0)
+        samples = march(rays, styled.occupancy, styled.base.density, styled.marching_for_images)
+        colour = styled.shade(samples, rays, "styled")[0].numpy()
         rgba = styled.render(camera).rgba
         mean = rgba[rgba[..., 3] > 0.5][:, :3].mean(axis=0, keepdims=True)
         return {

@@ -353,7 +353,7 @@ def test_lists_on_the_command_line() -> None:
         (["empty"], "holds no views"),
         (["views", "--tf", "a.json"], "0 volumes and 1 transfer functions"),
         (["views", "--test", "6"], "has 5 test views"),
-        (["views", "--test", "2"], "not in the range"),
+        (["views", "--test", "2"], "greater than or equal to 5"),
         (["views", "--sizes", "20"], "shrunk by whole factors"),
         (["views", "--sizes", "64"], "not to 64"),
         (["views", "--presets", "wild"], "--presets has no 'wild'"),

@@ -96,7 +96,7 @@ def read_scenes(sources: Sequence[Path], tfs: Sequence[Path], measure: Measure) 
     if not sources:
         raise BadInput("Give at least one folder of views, or a volume.")
     volumes = [path for path in sources if not path.is_dir()]
-    if len(tfs) not in (0, 1, len(volumes)):
+    if len(tfs) not in (0, 1, len(volumes)) or (tfs and not volumes):
         raise BadInput(f"There are {len(volumes)} volumes and {len(tfs)} transfer functions; give one each, or one.")
     scenes: list[ChartScene] = []
     for path in sources:

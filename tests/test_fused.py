@@ -359,6 +359,8 @@ def test_training_begins_the_same_way_in_the_interpreter(monkeypatch: pytest.Mon
     for kernels in (compiled, fused):
         work = reconstruction(kernels, 16, monkeypatch)
         losses = [float(work.step(k, 0.0)) for k in range(2)]
-        ends.append([*losses, *work.field.density.table.detach().cpu().flatten().tolist()])
+        density = work.field.density
+        assert density is not None
+        ends.append([*losses, *density.table.detach().cpu().flatten().tolist()])
     np.testing.assert_allclose(ends[0], ends[1], atol=TOLERANCE["loss"], rtol=0)
     assert ends[0][0] != ends[0][1]

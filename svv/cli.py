@@ -85,7 +85,7 @@ def train(
     preset: PresetOption = Preset.balanced,
     time_limit: TimeLimit = None,
     seed: Seed = 0,
-    device: DeviceOption = Device.auto,
+    device: DeviceOption = Device.cpu,
     encoding: EncodingOption = None,
     json: Json = None,
 ) -> None:
@@ -153,7 +153,7 @@ def stylize(
     features: Annotated[
         str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
     ] = "auto",
-    device: DeviceOption = Device.auto,
+    device: DeviceOption = Device.cpu,
     json: Json = None,
 ) -> None:
     """Paint the regions of a scene in the manner of pictures.
@@ -199,7 +199,7 @@ def render(
     ] = None,
     what: Annotated[What, typer.Option(help="A .vti always holds all three.")] = What.rgba,
     fps: Annotated[float, typer.Option(min=1, help="Frames a second of a movie.")] = 30.0,
-    device: DeviceOption = Device.auto,
+    device: DeviceOption = Device.cpu,
 ) -> None:
     """Render a scene: an orbit as movie or frames, or one view."""
     from svv.io.camera_file import read_camera
@@ -239,7 +239,7 @@ def evaluate(
     views: Annotated[Path, typer.Option(metavar="VIEWS", help="Folder with views that were not trained on.")],
     split: Annotated[str, typer.Option(help="train, test or val.")] = "test",
     network: Annotated[Network | None, typer.Option(help="base or pcn; by default pcn.")] = None,
-    device: DeviceOption = Device.auto,
+    device: DeviceOption = Device.cpu,
     json: Json = None,
 ) -> None:
     """Compare a scene with views of the volume: PSNR, SSIM, FLIP, LPIPS."""

@@ -64,7 +64,7 @@ def demo(
     seed: Seed = 0,
     orbit: Orbit = 61,
     orbit_size: OrbitSize = 400,
-    device: DeviceOption = Device.auto,
+    device: DeviceOption = Device.cpu,
 ) -> None:
     """The whole job on generated data: volume, views, training, edits, two styles, movies and a report.
 
@@ -96,7 +96,7 @@ def run(
     seed: Seed = 0,
     orbit: Orbit = 61,
     orbit_size: OrbitSize = 400,
-    device: DeviceOption = Device.auto,
+    device: DeviceOption = Device.cpu,
     array: Array = None,
     dims: Dims = None,
     dtype: Dtype = None,

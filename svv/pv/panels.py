@@ -89,7 +89,7 @@ def training_properties(preset: str) -> list[Property]:
 
 def device() -> Property:
     """What calculates."""
-    return choice("Device", ("auto", "cpu", "cuda"), "auto",
+    return choice("Device", ("cpu", "cuda", "auto"), "cpu",
                   "What learns and renders: auto takes CUDA where there is a GPU for it. A scene is not learned again "
                   "because this was changed.", True)  # fmt: skip
 

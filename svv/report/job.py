@@ -60,7 +60,7 @@ class JobSettings:
     """Width and height of the orbit's frames in pixels."""
     recolour: bool = False
     """Whether to show a recoloured scene too."""
-    device: str = "auto"
+    device: str = "cpu"
     """What trains and renders: auto, cpu or cuda. What is finished is not done again on another."""
 
 

@@ -43,6 +43,7 @@ def main() -> None:
     parser.add_argument("--volumes", **many, default=[128, 256, 512, 1024], help="voxels along a side")
     parser.add_argument("--images", **many, default=[400, 800, 1200], help="pixels along a side")
     parser.add_argument("--preset", default="fast", choices=("draft", "fast", "balanced", "paper"))
+    parser.add_argument("--time-limit", type=float, metavar="SECONDS", help="shorten each training to so long")
     parser.add_argument("--views", type=int, default=92, metavar="N", help="training views of 800 x 800 pixels (92)")
     parser.add_argument("--ray-caster", default="auto", choices=("auto", "gpu", "cpu"), help="of DVR (auto)")
     parser.add_argument("--seed", type=int, default=0)
@@ -63,7 +64,8 @@ def compare(chosen) -> None:
         folder = chosen.out / str(volume)
         folder.mkdir(exist_ok=True)
         settings = {"volume": volume, "seed": chosen.seed}
-        trained = {"preset": chosen.preset, "views": chosen.views, "ray_caster": chosen.ray_caster}
+        trained = {"preset": chosen.preset, "time_limit": chosen.time_limit, "views": chosen.views,
+                   "ray_caster": chosen.ray_caster}  # fmt: skip
         for step, more, files, after in (
             ("generate", {}, ["volume.vti"], ()),
             ("train", trained, ["scene.svv"], ("generate",)),
@@ -87,6 +89,7 @@ def in_a_process(chosen, step: str, volume: int) -> None:
         scripts.interpreter(), __file__, "--step", step, "--out", chosen.out / str(volume), "--volumes", volume,
         "--images", *chosen.images, "--preset", chosen.preset, "--views", chosen.views,
         "--ray-caster", chosen.ray_caster, "--seed", chosen.seed,
+        *(["--time-limit", chosen.time_limit] if chosen.time_limit else []),
     ]  # fmt: skip
     code = subprocess.run([str(part) for part in command], check=False).returncode
     if code == 130:
@@ -127,7 +130,7 @@ def train(chosen) -> None:
             chosen.out / "volume.vti", function(), chosen.views, mapper=chosen.ray_caster, rescale=False,
             progress=part(progress, 0.0, 0.2),
         )  # fmt: skip
-        scene, _ = train_scene(views, chosen.preset, None, chosen.seed, part(progress, 0.2, 1.0))
+        scene, _ = train_scene(views, chosen.preset, chosen.time_limit, chosen.seed, part(progress, 0.2, 1.0))
     scene.save(chosen.out / "scene.svv")
 
 

@@ -129,7 +129,7 @@ def test_many_styles_over_one_scene(made: Path, pvpython, tmp_path: Path) -> Non
 def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> None:
     done = pvpython(
         SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, 32, "--images", 48, 64, "--preset", "draft", "--views", 12,
-        "--out", tmp_path,
+        "--time-limit", 5, "--out", tmp_path,
     )  # fmt: skip
     rows = list(csv.DictReader((tmp_path / "compare.csv").open()))
     assert [(r["side"], r["volume"], r["image"]) for r in rows] == [
@@ -147,7 +147,7 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
     stamp = (tmp_path / "32" / "pcn.json").stat().st_mtime_ns
     pvpython(
         SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, 32, "--images", 48, 64, "--preset", "draft", "--views", 12,
-        "--out", tmp_path,
+        "--time-limit", 5, "--out", tmp_path,
     )  # fmt: skip
     assert (tmp_path / "32" / "pcn.json").stat().st_mtime_ns == stamp
 

@@ -1,6 +1,6 @@
 """Rays to pixels of a palette scene on the processor: what :meth:`Scene.shade` says, with fused kernels, no gradients.
 
-Half of the time of an image went into passes over memory between the networks' products; here each is one pass.
+A sixth of the time of an image went into passes over memory between the networks' products; here each is one pass.
 """
 
 from __future__ import annotations

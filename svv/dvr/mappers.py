@@ -95,11 +95,10 @@ class CpuMapper:
         mapper.SetInputData(stage.image)
         mapper.SetAutoAdjustSampleDistances(0)
         mapper.LockSampleDistanceToInputSpacingOff()
-        mapper.SetSampleDistance(step)
-        mapper.SetInteractiveSampleDistance(step)
         mapper.IntermixIntersectingGeometryOff()
         mapper.SetNumberOfThreads(processors())
         self._mapper, self._volume = mapper, _volume(mapper, stage, shading)
+        self.set_step(step)
         # This kind of window never makes a context of its own; the ray caster only asks it for its size.
         self._window = opengl.vtkGenericOpenGLRenderWindow()
         self._renderer = _renderer(self._window, self._volume)
@@ -158,6 +157,11 @@ class CpuMapper:
         cast.AllocateZBuffer()
         _memory(cast.GetZBuffer(), ctypes.c_float, depths.size)[:] = depths.ravel()
 
+    def set_step(self, step: float) -> None:
+        """Another sample distance, stage units."""
+        self._mapper.SetSampleDistance(step)
+        self._mapper.SetInteractiveSampleDistance(step)
+
     def close(self) -> None:
         """Nothing to give back."""
 
@@ -183,7 +187,8 @@ class GpuMapper:
         mapper.SetAutoAdjustSampleDistances(0)
         mapper.SetLockSampleDistanceToInputSpacing(0)
         mapper.SetUseJittering(0)
-        mapper.SetSampleDistance(step)
+        self._mapper = mapper
+        self.set_step(step)
         self._window = off_screen_window()
         self._renderer = _renderer(self._window, _volume(mapper, stage, shading))
 
@@ -211,6 +216,10 @@ class GpuMapper:
         read = vtkUnsignedCharArray()
         self._window.GetPixelData(0, 0, camera.width - 1, camera.height - 1, 0, read, 0)
         return vtk_to_numpy(read).reshape(camera.height, camera.width, 3).astype(np.float32)
+
+    def set_step(self, step: float) -> None:
+        """Another sample distance, stage units."""
+        self._mapper.SetSampleDistance(step)
 
     def close(self) -> None:
         """Give the OpenGL context back."""

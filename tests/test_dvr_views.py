@@ -189,12 +189,13 @@ def test_leaving_out_what_is_empty_changes_next_to_nothing(monkeypatch: pytest.M
     assert error < 0.1 * price
 
 
-def test_the_sample_distance_is_as_long_as_the_volume_allows(demo: vtkImageData) -> None:
-    """Longer than half a voxel only where the pictures stay within 50 dB of an eighth's, which a thin shell's do not."""
+def test_the_sample_distance_is_as_long_as_the_volume_allows() -> None:
+    """Longer than half a voxel only where pictures stay within 50 dB of an eighth's, which a thin shell's do not."""
     z, y, x = np.ogrid[0:48, 0:48, 0:48]
     smooth = from_array(np.rint(200 * np.exp(-((z - 24) ** 2 + (y - 24) ** 2 + (x - 24) ** 2) / 200)).astype(np.uint8))
-    thin = TransferFunction(((0, 1, 0, 0), (200, 0, 0, 1)), ((90, 0, 0.5, 0), (100, 0.9, 0.5, 0), (110, 0, 0.5, 0)), 1.0)
-    faint = TransferFunction(((0, 1, 0, 0), (200, 0, 0, 1)), ((40, 0, 0.5, 0), (200, 0.1, 0.5, 0)), 1.0)
+    colours = ((0, 1, 0, 0), (200, 0, 0, 1))
+    thin = TransferFunction(colours, ((90, 0, 0.5, 0), (100, 0.9, 0.5, 0), (110, 0, 0.5, 0)), 1.0)
+    faint = TransferFunction(colours, ((40, 0, 0.5, 0), (200, 0.1, 0.5, 0)), 1.0)
     steps = {}
     for name, tf in (("thin", thin), ("faint", faint)):
         views, _ = make_views(smooth, tf, n=3, size=64, mapper="cpu")

@@ -24,7 +24,7 @@ from svv.errors import silent
 from svv.fields.encodings import HashGrid, SparseLattice
 from svv.fields.networks import FieldSettings
 from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import NO_STOP, Marching, RayCaster
+from svv.fields.rendering import Marching, RayCaster
 from svv.fields.scene import Region, Scene
 from svv.io.viewset import ViewSet
 from svv.kernels import compiled, dispatch, plain
@@ -184,12 +184,13 @@ def test_random_numbers_are_the_same_everywhere(seed: int, a: int, b: int) -> No
 
 
 HOW = [
-    (Limits(1 / 8, 1e-3, 0.1, 3.0, False), 7),
-    (Limits(1 / 8, 0.05, 0.0, 7.0, True), 0),
-    (Limits(1 / 8, 0.05, 0.0, NO_STOP, True), 0),
-    (Limits(1 / 8, -1.0, 0.0, NO_STOP, False), 3),
+    (Limits(1 / 8, 1e-3, 0.1, 3.0, 1.0, False), 7),
+    (Limits(1 / 8, 0.05, 0.0, 7.0, 1.0, True), 0),
+    (Limits(1 / 8, 0.05, 0.0, 3.0, 0.4, True), 0),
+    (Limits(1 / 8, 0.05, 0.0, 3.0, 0.0, True), 0),
+    (Limits(1 / 8, -1.0, 0.0, 0.0, 0.0, False), 3),
 ]
-"""Training, images, images of an edited scene, and a march that keeps everything."""
+"""Training, images, images of a scene with fainter and with hidden regions, and a march that keeps everything."""
 
 
 def rays_through(count: int, seed: int) -> tuple[torch.Tensor, torch.Tensor]:

@@ -14,15 +14,15 @@ TYPES = {
     "*i64": "shapes bases resolutions offsets pixels start count",
     "*i32": "index age ray",
     "*u8": "used distance",
-    "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop",
+    "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade",
     "i32": "samples rows finer width height rays nx ny nz seed",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}
 TABLE = {"LEVELS": 4, "FEATURES": 3, "WIDE": 4, "BLOCK": 128}
 RAYS = {"CHANNELS": 6, "WIDE": 8, "BLOCK": 32}
-FULL = {"LEVELS": 2, "STOPS": True, "KEEPS": True, "MERGE": False, "JITTERS": True, "BLOCK": 32}
-IMAGE = {"LEVELS": 1, "STOPS": False, "KEEPS": False, "MERGE": True, "JITTERS": False, "BLOCK": 32}
+FULL = {"LEVELS": 2, "KEEPS": True, "MERGE": False, "JITTERS": True, "BLOCK": 32}
+IMAGE = {"LEVELS": 1, "KEEPS": False, "MERGE": True, "JITTERS": False, "BLOCK": 32}
 KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("lattice_encode", TABLE),
     ("lattice_backward", TABLE),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -14,7 +16,7 @@ from svv.core.encodings import hash_features, lattice_features, spherical_harmon
 from svv.errors import BadInput
 from svv.fields.encodings import HashGrid, LatticeAdam, SparseLattice
 from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import NO_STOP, Extinction, Marching, Rays, composite, march
+from svv.fields.rendering import Extinction, Marching, Rays, composite, march
 
 TOLERANCE = {"value": 2e-5, "gradient": 2e-4}
 UNIT = Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0))
@@ -193,17 +195,21 @@ def test_joined_samples_are_fewer_and_lose_nothing() -> None:
     assert float((x - y).abs().max()) < 0.05
 
 
-def test_marching_without_stop_keeps_what_is_hidden() -> None:
+@pytest.mark.parametrize("fade", [1.0, 0.3, 0.05])
+def test_rays_go_on_for_extinctions_that_will_be_scaled(fade: float) -> None:
+    """Scaled by ``fade``, what a ray meets is the same as on a ray that never ends, for fewer samples."""
     occupied = np.ones((4, 4, 4), np.uint8)
     occupancy = Occupancy(UNIT, 4, occupied)
     density = SparseLattice(occupied, 4, (4,), 1)
     with torch.no_grad():
         density.table.fill_(6.0)
-    rays = Rays(torch.tensor([[-1.0, 0.5, 0.5]]), torch.tensor([[1.0, 0.0, 0.0]]))
-    ended = march(rays, occupancy, density, Marching(1 / 32, 1e-3, 0.0, 7.0))
-    through = march(rays, occupancy, density, Marching(1 / 32, 1e-3, 0.0, NO_STOP))
-    assert len(ended) < 8
-    assert len(through) == 32
+    rays, how = diagonal_rays(64), Marching(1 / 64, 1e-4, merge=True)
+    endless, ended = (march(rays, occupancy, density, replace(how, fade=f)) for f in (0.0, fade))
+    assert len(ended) < len(endless)
+    x, left, _ = composite(endless, fade * endless.sigma, endless.position)
+    y, also, _ = composite(ended, fade * ended.sigma, ended.position)
+    assert float((left - also).abs().max()) < 1e-3
+    assert float((x - y).abs().max()) < 2e-3
 
 
 @settings(deadline=None, max_examples=25)

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-NEVER = 1e30
-"""Optical depth that is never reached."""
+FAR = 1e30
+"""Farther than any box."""
 
 PARALLEL = 1e-9
 """Part of a direction along an axis from which on a ray counts as parallel to the axis' planes."""
@@ -40,13 +40,13 @@ def box_span(origins: Tensor, directions: Tensor, extent: Tensor) -> tuple[Tenso
     a, b = -origins * inverse, (extent - origins) * inverse
     outside = (origins < 0) | (origins > extent)
     near = torch.where(along, 0.0, torch.minimum(a, b)).amax(1).clamp(min=0.0)
-    far = torch.where(along, torch.where(outside, -1.0, NEVER), torch.maximum(a, b)).amin(1)
+    far = torch.where(along, torch.where(outside, -1.0, FAR), torch.maximum(a, b)).amin(1)
     return near, far
 
 
 def march(
     origins: Tensor, directions: Tensor, occupied: Tensor, cells: int, extent: Sequence[float], step: float,
-    extinction: Callable[[Tensor], Tensor], least_weight: float, keep: float, stop: float, merge: bool,
+    extinction: Callable[[Tensor], Tensor], least_weight: float, keep: float, stop: float, fade: float, merge: bool,
     seed: int = 0, first_ray: int = 0,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
     """Sample rays at a fixed step where cells are occupied; keep the samples that matter.
@@ -60,7 +60,7 @@ def march(
         extent: Sides of the box.
         step: Sample spacing.
         extinction: At positions (P, 3), in 1 / box unit. (P,)
-        least_weight, keep, stop, merge: Which samples are kept; see :class:`svv.fields.rendering.Marching`.
+        least_weight, keep, stop, fade, merge: Which samples are kept; see :class:`svv.fields.rendering.Marching`.
         seed: > 0 shifts each ray's samples by a random part of the step; 0 by half of it.
         first_ray: Number of the first ray, for its random numbers.
 
@@ -89,8 +89,7 @@ def march(
         thickness = torch.where(here, sigma[:, k] * step, 0.0)
         before = tau if merge else torch.zeros_like(tau)
         weight = 1.0 - torch.exp(-thickness - before)
-        if stop < NEVER:
-            weight = torch.where(weight >= least_weight, weight * torch.exp(before - depth), weight)
+        weight = torch.where(weight >= least_weight, weight * torch.exp(fade * (before - depth)), weight)
         chosen = weight >= least_weight
         if keep > 0:
             chosen |= uniform(seed, ray, number[:, k] + 1) < keep
@@ -99,6 +98,6 @@ def march(
         sigma[:, k] += before / step
         tau = torch.where(kept[:, k], 0.0, tau + thickness)
         depth = depth + thickness
-        going = going & ~(depth > stop)
+        going = going & ~(fade * depth > stop)
     rays = (ray[:, None].expand(kept.shape)[kept]).int()
     return x[kept], sigma[kept], skipped[kept], rays, kept.sum(1), tau

@@ -19,10 +19,6 @@ from svv.core.cameras import Camera
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.kernels.dispatch import Limits, Samples, kernels_for
-from svv.kernels.marching import NO_STOP as NEVER
-
-NO_STOP = float(NEVER)
-"""Optical depth that is never reached."""
 
 CEILING = 9.0
 """Largest exponent of the extinction (a clipped exponential): e^9 in 1 / box unit is opaque within any step."""
@@ -75,6 +71,8 @@ class Marching:
     """Share of the samples below ``least_weight`` that is kept all the same (so that they can learn)."""
     stop: float = 7.0
     """Optical depth at which a ray ends: exp(-7) is below what 8 bits can show."""
+    fade: float = 1.0
+    """Smallest factor by which extinctions will be scaled afterwards: so much longer does a ray go on."""
     merge: bool = False
     """Whether samples that weigh less are joined to the next (for images) instead of being left out (for training)."""
 
@@ -93,7 +91,7 @@ def march(
         seed: > 0 shifts each ray's samples at random; 0 puts them in the middle of their steps.
     """
     lattice = density if density is not None else _constant(rays.origins.device)
-    limits = (how.least_weight, how.keep, how.stop) if density is not None else (-1.0, 0.0, NO_STOP)
+    limits = (how.least_weight, how.keep, how.stop, how.fade) if density is not None else (-1.0, 0.0, 0.0, 0.0)
     samples, occupancy.samples_a_ray = kernels_for(rays.origins).march(
         rays.origins, rays.directions, occupancy.distance_on(rays.origins.device), occupancy.cells,
         occupancy.box.extent, lattice.layout, lattice.table, CEILING, Limits(how.step, *limits, how.merge), seed,

@@ -27,7 +27,7 @@ from svv.fields.networks import (
     encode_directions,
 )
 from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import NO_STOP, Marching, RayCaster, Rays, Samples, composite, march
+from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.dispatch import kernels_of
 
@@ -286,10 +286,8 @@ class Scene:
         return replace(self.marching, least_weight=JOINED, merge=True)
 
     def _marching_as_edited(self) -> Marching:
-        """A region made more transparent shows what lies behind it, so rays may no longer end at their old depth."""
-        if all(r.opacity == 1.0 for r in self.regions):
-            return self.marching_for_images
-        return replace(self.marching_for_images, stop=NO_STOP)
+        """A region made more transparent shows what lies behind it, so rays no longer end at their old depth."""
+        return replace(self.marching_for_images, fade=min((r.opacity for r in self.regions), default=1.0))
 
     # --- files -----------------------------------------------------------------------------------------------------
 

@@ -77,7 +77,7 @@ def march(
         marching.march(
             origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
             np.float32(limits.step), seed, *_layout(where), table.detach().numpy()[:, 0], np.float32(ceiling),
-            *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop)), limits.merge,
+            *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
             *buffers, start, number, tail, full,
         )  # fmt: skip
         if not full.any():

@@ -39,6 +39,7 @@ class Limits:
     least_weight: float
     keep: float
     stop: float
+    fade: float
     merge: bool
 
 

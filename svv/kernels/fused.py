@@ -8,7 +8,6 @@ import torch
 import triton
 from torch import Tensor
 
-from svv.core.marching import NEVER
 from svv.kernels import fused_rays, fused_tables
 from svv.kernels.dispatch import Lattice, Limits, Samples
 
@@ -101,8 +100,9 @@ def march(
         fused_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
             origins, directions, distance, *distance.shape, float(cells), *extent, limits.step, seed,
             where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
-            limits.least_weight, limits.keep, limits.stop, rays, start, count, tail, position, skipped, sigma, ray,
-            len(where.scales), limits.stop < NEVER, limits.keep > 0, limits.merge, seed > 0, writes, RAY_BLOCK,
+            limits.least_weight, limits.keep, limits.stop, limits.fade, rays,
+            start, count, tail, position, skipped, sigma, ray,
+            len(where.scales), limits.keep > 0, limits.merge, seed > 0, writes, RAY_BLOCK,
             num_warps=1,
         )  # fmt: skip
 

@@ -93,9 +93,9 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
 @triton.jit(do_not_specialize=["seed"])
 def march(  # type: ignore[no-untyped-def]
     origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed,
-    shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, rays,
+    shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, fade, rays,
     start, count, tail, position, skipped, sigma, ray,
-    LEVELS: tl.constexpr, STOPS: tl.constexpr, KEEPS: tl.constexpr, MERGE: tl.constexpr, JITTERS: tl.constexpr,
+    LEVELS: tl.constexpr, KEEPS: tl.constexpr, MERGE: tl.constexpr, JITTERS: tl.constexpr,
     WRITES: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """March a block of rays twice: first to count their samples, then (``WRITES``) to write them from ``start`` on."""
@@ -147,8 +147,7 @@ def march(  # type: ignore[no-untyped-def]
         if MERGE:
             before = tau
         weight = 1.0 - tl.exp(-thickness - before)
-        if STOPS:
-            weight = tl.where(weight >= least_weight, weight * tl.exp(before - depth), weight)
+        weight = tl.where(weight >= least_weight, weight * tl.exp(fade * (before - depth)), weight)
         kept = weight >= least_weight
         if KEEPS:
             kept = kept | (uniform(seed, r, i + 1) < keep)
@@ -164,7 +163,7 @@ def march(  # type: ignore[no-untyped-def]
         tau = tl.where(kept, 0.0, tau + thickness)
         depth += thickness
         i = tl.where(inside, i + 1, tl.maximum(i + 1, behind.to(tl.int32)))
-        going = going & (i <= last) & (depth <= stop)
+        going = going & (i <= last) & (fade * depth <= stop)
     if not WRITES:
         tl.store(count + r, n, mask=there)
         tl.store(tail + r, tau, mask=there)

@@ -17,10 +17,6 @@ from numba import njit, prange
 BLOCK = 64
 """Rays that one thread marches in a row; a block's samples are written contiguously."""
 
-NO_STOP = np.float32(1e30)
-"""Optical depth that is never reached (infinity is not safe with fast maths)."""
-
-
 @njit(fastmath=True, inline="always")
 def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
     """Sum over levels of the trilinear interpolation of a one-channel table."""
@@ -75,7 +71,7 @@ def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
 def march(  # type: ignore[no-untyped-def]
     origins, directions, distance, cells, extent, step, jitter_seed,
     shapes, scales, bases, index, table, ceiling,
-    least_weight, keep, stop, merge,
+    least_weight, keep, stop, fade, merge,
     position, skipped, sigma, ray, start, count, tail, full,
 ):
     """March rays through the occupied cells and keep the samples that matter.
@@ -86,8 +82,8 @@ def march(  # type: ignore[no-untyped-def]
     depth of the samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so
     transmittance stays exact. With ``merge`` what was left out becomes part of the next sample instead, as soon as
     the two weigh enough together: few samples, and nothing of the pixel is lost. A ray ends where its optical depth
-    exceeds ``stop``; with NO_STOP it never ends and what lies in front counts for nothing, so that the extinction may
-    be edited afterwards.
+    times ``fade`` exceeds ``stop``, and what lies in front of a sample dims it by that much: extinctions may be scaled
+    afterwards by factors from ``fade`` on. With 0 no ray ends.
 
     The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``. A
     block that would need more marks itself in ``full`` (blocks,) and stops.
@@ -144,8 +140,8 @@ def march(  # type: ignore[no-untyped-def]
                     thickness = s * step
                     before = tau if merge else np.float32(0.0)
                     weight = np.float32(1.0) - np.exp(-thickness - before)
-                    if weight >= least_weight and stop < NO_STOP:
-                        weight *= np.exp(before - depth)
+                    if weight >= least_weight:
+                        weight *= np.exp(fade * (before - depth))
                     if n == end:
                         full[block] = 1
                         break
@@ -159,7 +155,7 @@ def march(  # type: ignore[no-untyped-def]
                     else:
                         tau += thickness
                     depth += thickness
-                    if depth > stop:
+                    if fade * depth > stop:
                         break
                     i += 1
             count[r] = n - start[r]

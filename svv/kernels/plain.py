@@ -93,7 +93,7 @@ def march(
     parts = [
         marching.march(
             origins[k : k + chunk], directions[k : k + chunk], occupied, cells, extent, limits.step, extinction,
-            limits.least_weight, limits.keep, limits.stop, limits.merge, seed, k,
+            limits.least_weight, limits.keep, limits.stop, limits.fade, limits.merge, seed, k,
         )
         for k in range(0, len(origins), chunk)
     ]  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -210,6 +212,18 @@ def test_rays_go_on_for_extinctions_that_will_be_scaled(fade: float) -> None:
     y, also, _ = composite(ended, fade * ended.sigma, ended.position)
     assert float((left - also).abs().max()) < 1e-3
     assert float((x - y).abs().max()) < 2e-3
+
+
+def test_a_step_of_training_leaves_no_samples_in_memory() -> None:
+    occupancy = Occupancy(UNIT, 4, np.ones((4, 4, 4), np.uint8))
+    samples = march(diagonal_rays(4), occupancy, None, Marching(1 / 8))
+    sigma = torch.rand(len(samples), requires_grad=True)
+    out, transmittance, _ = composite(samples, sigma, samples.position)
+    (out.sum() + transmittance.sum()).backward()
+    alive = weakref.ref(samples)
+    del samples, out, transmittance, _
+    gc.collect()
+    assert alive() is None
 
 
 @settings(deadline=None, max_examples=25)

@@ -115,15 +115,16 @@ class _Composite(torch.autograd.Function):
     def forward(ctx: Any, sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
         s, v = sigma.detach(), values.detach().contiguous()
         out, transmittance, weights = kernels_for(s).composite(s, v, samples)
-        ctx.saved = (s, v, weights, samples, out, transmittance)
+        ctx.save_for_backward(s, v, weights, out, transmittance)  # an output kept by hand would never be freed
+        ctx.samples = samples
         ctx.mark_non_differentiable(weights)
         return out, transmittance, weights
 
     @staticmethod
     def backward(ctx: Any, g_out: Tensor, g_transmittance: Tensor, _: Tensor) -> tuple[Any, Any, None]:  # type: ignore[override]
-        s, v, weights, samples, out, transmittance = ctx.saved
+        s, v, weights, out, transmittance = ctx.saved_tensors
         upstream = g_out.contiguous(), g_transmittance.contiguous()
-        gradients = kernels_for(s).composite_backward(s, v, weights, samples, out, transmittance, *upstream)
+        gradients = kernels_for(s).composite_backward(s, v, weights, ctx.samples, out, transmittance, *upstream)
         return *gradients, None
 
 

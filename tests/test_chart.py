@@ -163,7 +163,8 @@ def made_up(task: dict[str, Any], progress: Progress) -> None:
     folder = Path(task["folder"])
     if task["work"] == "train":
         run = task["run"]
-        seconds = {"hull": 1.0, "base": 0.6 * (run["limit"] or 99.0), "palette": 1.0, "pcn": 0.3, "total": 9.0}
+        seconds = {"hull": 1.0, "base": 0.6 * (run["limit"] or 99.0), "palette": 1.0, "pcn": 0.3, "sampling": 0.1}
+        seconds["total"] = 9.0
         (folder / "scene.svv").write_bytes(b"x" * 5000)
         report = {"seconds": seconds, "peak_rss_bytes": 1, "parameters": 2, "device": run["device"], "threads": 2,
                   "run": run, "scene_bytes": 5000, "cpu_seconds": 12.0, "resumed": False,
@@ -279,8 +280,8 @@ def test_the_tables_hold_every_run_with_its_settings(tmp_path: Path, runner: Run
 def some_rows() -> list[Row]:
     """Runs of two scenes, one of them with volume rendering's time, on two devices."""
     base = Row("head", "draft", "lattice", 200, 200, 15.0, "cpu", 0, "pcn", 30.0, 22.0, 0.9, 8, 14.0, 25.0, 1.0, 9.0,
-               1.0, 3.0, 0.5, 0.4, 0.6, 0.9, 0.08, 0.07, 0.09, 0.15, 6.2, "cpu", 2_000_000, 10, 10, 10, 0.3, 2, False,
-               "a")  # fmt: skip
+               1.0, 3.0, 0.1, 0.5, 0.4, 0.6, 0.9, 0.08, 0.07, 0.09, 0.15, 6.2, "cpu", 2_000_000, 10, 10, 10, 0.3, 2,
+               False, "a")  # fmt: skip
     slow = replace(base, preset="fast", encoding="hash", psnr=31.0, view_seconds=2.0, train_seconds=60.0, seed=1)
     alone = replace(base, scene="vortex", dvr_seconds=None, dvr_ratio=None, psnr_foreground=math.nan, time_limit=None)
     return [base, slow, alone, replace(base, train_size=400, device="cuda", preset="paper")]
@@ -444,7 +445,7 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
     assert min(run["train_cpu_seconds"], run["view_cpu_seconds"], run["dvr_cpu_seconds"]) > 0
     assert min(run["train_peak_bytes"], run["render_peak_bytes"]) > 50e6
     assert run["train_seconds"] == pytest.approx(
-        sum(run[f"{stage}_seconds"] for stage in ("hull", "base", "palette", "pcn"))
+        sum(run[f"{stage}_seconds"] for stage in ("hull", "base", "palette", "pcn", "sampling"))
     )
     sources = Sources()
     sources.feed((out / "chart.html").read_text())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from svv.train import pipeline
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings, fitted_field
 from svv.train.pipeline import style_pairs, stylize_scene, train_scene
+from svv.train.sampling import with_longest_stride
 from svv.train.stylize import StyledView, visible_from
 
 SIZE = 64
@@ -94,6 +96,27 @@ def test_hull_holds_the_balls_and_little_else(views: ViewSet) -> None:
         assert hull.occupied[tuple(cell.T)].all()
     balls = 2 * 4 / 3 * np.pi * RADIUS**3
     assert hull.occupied.sum() * (hull.box.size / hull.cells) ** 3 < 2.5 * balls
+
+
+def test_images_are_sampled_as_far_apart_as_they_allow(
+    trained: tuple[Scene, dict[str, object]], views: ViewSet, unseen: ViewSet
+) -> None:
+    """Fog needs few samples, a surface all of training's; either way unseen images stay what they were."""
+    opaque = trained[0]
+    fog = replace(opaque, base=copy.deepcopy(opaque.base))
+    assert fog.base.density is not None
+    with torch.no_grad():
+        fog.base.density.table.fill_(-2.0)
+    for scene in (opaque, fog):
+        found, reason = with_longest_stride(scene, views.cameras)
+        assert f"{found.stride:g} steps" in reason or found.stride == 1.0
+        camera = unseen.cameras[0].resized(200, 200)
+        images = [replace(scene, stride=stride).render(camera).rgba for stride in (1.0, found.stride)]
+        error = np.square(images[0][..., :3] * images[0][..., 3:] - images[1][..., :3] * images[1][..., 3:]).mean()
+        assert error < 2e-5
+    assert found.stride == 2.0, reason
+    again = Scene.from_bytes(found.to_bytes())
+    assert again.stride == 2.0
 
 
 def test_hull_of_nothing_is_refused(views: ViewSet) -> None:

@@ -6,6 +6,7 @@ A sixth of the time of an image went into passes over memory between the network
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
@@ -42,7 +43,7 @@ def shade(scene: Scene, samples: Samples, rays: Rays, network: str) -> tuple[Ten
     kernels.features(
         *_arrays(samples.position, samples.ray, harmonics),
         *_arrays(layout.shapes, layout.scales, layout.bases, layout.index),
-        *_arrays(geometry.table, palette.encoding.table, lit, plain),
+        *_arrays(_both_tables(geometry.table, palette.encoding)), (0.0,) * geometry.features, *_arrays(lit, plain),
     )  # fmt: skip
     light, material = palette.lighting_mlp(lit), palette.palette_mlp(plain)
     region = torch.empty(count, dtype=torch.int64)
@@ -57,6 +58,18 @@ def shade(scene: Scene, samples: Samples, rays: Rays, network: str) -> tuple[Ten
     factors = torch.tensor([r.lighting for r in scene.regions])
     kernels.light(*_arrays(light, factors, region), np.float32(SPECULAR_SHIFT), *_arrays(diffuse))
     return diffuse, region
+
+
+_BOTH: WeakKeyDictionary[SparseLattice, tuple[Tensor, Tensor]] = WeakKeyDictionary()
+
+
+def _both_tables(geometry: Tensor, material: SparseLattice) -> Tensor:
+    """Features of geometry and material side by side (V, 2 F), kept for the next image unless they are learning."""
+    known, both = _BOTH.get(material, (None, None))
+    if both is None or known is not geometry or geometry.requires_grad or material.table.requires_grad:
+        both = torch.cat([geometry.detach(), material.table.detach()], dim=1)
+        _BOTH[material] = geometry, both
+    return both
 
 
 def _recoloured(scene: Scene, material: Tensor) -> Tensor:

@@ -87,6 +87,8 @@ class Scene:
     regions: tuple[Region, ...] = ()
     camera_rig: dict[str, Any] = field(default_factory=dict)
     made: dict[str, Any] = field(default_factory=dict)
+    stride: float = 1.0
+    """Sample distance of images in steps of the training's (:mod:`svv.train.sampling`)."""
 
     @property
     def networks(self) -> tuple[str, ...]:
@@ -283,7 +285,7 @@ class Scene:
     @property
     def marching_for_images(self) -> Marching:
         """How rays are sampled for images of the scene without its edits."""
-        return replace(self.marching, least_weight=JOINED, merge=True)
+        return replace(self.marching, step=self.stride * self.marching.step, least_weight=JOINED, merge=True)
 
     def _marching_as_edited(self) -> Marching:
         """A region made more transparent shows what lies behind it, so rays no longer end at their old depth."""
@@ -326,6 +328,7 @@ class Scene:
             "shape": self.occupancy.occupied.shape,
             "settings": self.settings.to_json(),
             "marching": {k: getattr(self.marching, k) for k in ("step", "least_weight", "stop")},
+            "stride": self.stride,
             "density_resolutions": None if self.base.density is None else self.base.density.resolutions,
             "networks": self.networks,
             "regions": [vars(r) for r in self.regions],
@@ -364,7 +367,8 @@ class Scene:
                 network.requires_grad_(False)
         m = header["marching"]
         marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
-        return cls(settings, occupancy, marching, base, palette, styled, regions, header["camera_rig"], header["made"])
+        rig, made, stride = header["camera_rig"], header["made"], float(header.get("stride", 1.0))
+        return cls(settings, occupancy, marching, base, palette, styled, regions, rig, made, stride)
 
     def info(self) -> dict[str, Any]:
         """What the scene is and how it was made, as plain values."""
@@ -377,6 +381,7 @@ class Scene:
             "resolutions": self.settings.resolutions,
             "finest_world_units": self.occupancy.box.size / self.settings.resolutions[-1],
             "occupied_fraction": self.occupancy.fraction,
+            "image_step_world_units": self.stride * self.marching.step * self.occupancy.box.size,
             "bounds": self.occupancy.box.bounds.tolist(),
             "regions": [vars(r) for r in self.regions],
             "camera_rig": self.camera_rig,

@@ -22,12 +22,13 @@ SAMPLES = 1 << 14
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
     out = _empty(len(x), len(where.scales) * table.shape[1])
-    lattice.encode(x.numpy(), *_layout(where), table.detach().numpy(), out.numpy())
+    lattice.encode(x.numpy(), *_layout(where), table.detach().numpy(), (0.0,) * table.shape[1], out.numpy())
     return out
 
 
 def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
-    lattice.encode_backward(x.numpy(), g.numpy(), *_layout(where), gradient.numpy(), used.numpy())
+    width = (0.0,) * gradient.shape[1]
+    lattice.encode_backward(x.numpy(), g.numpy(), *_layout(where), width, gradient.numpy(), used.numpy())
 
 
 def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:

@@ -12,8 +12,7 @@ import numpy as np
 from numba import njit, prange
 
 from svv.kernels.marching import BLOCK
-
-ONE = np.float32(1.0)
+from svv.kernels.trilinear import ONE, cell_at, mean_of, weights_of
 
 
 @njit(fastmath=True, inline="always")
@@ -23,38 +22,26 @@ def softplus(x):  # type: ignore[no-untyped-def]
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def features(x, ray, harmonics, shapes, scales, bases, index, geometry, material, lit, plain):  # type: ignore[no-untyped-def]
+def features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit, plain):  # type: ignore[no-untyped-def]
     """Inputs of the lighting MLP, ``lit`` (S, L F + H), and of the palette MLP, ``plain`` (S, L F).
 
-    The tables ``geometry`` and ``material`` (V, F) have one layout, so the vertices of a sample are found once.
+    ``tables`` (V, 2 F) holds the geometry's features and the material's, so each vertex is fetched once. ``width``: see
+    :func:`svv.kernels.lattice.encode`.
     """
-    levels, width, count = shapes.shape[0], geometry.shape[1], harmonics.shape[1]
+    levels, own, count = shapes.shape[0], len(width), harmonics.shape[1]
     for i in prange(x.shape[0]):
+        px, py, pz = x[i, 0], x[i, 1], x[i, 2]
         for level in range(levels):
-            s = scales[level]
-            fx, fy, fz = x[i, 0] * s, x[i, 1] * s, x[i, 2] * s
-            ix = min(int(fx), shapes[level, 0] - 2)
-            iy = min(int(fy), shapes[level, 1] - 2)
-            iz = min(int(fz), shapes[level, 2] - 2)
-            wx, wy, wz = fx - ix, fy - iy, fz - iz
-            ny, nz = shapes[level, 1], shapes[level, 2]
-            at = bases[level] + (ix * ny + iy) * nz + iz
-            a, b = index[at], index[at + nz]
-            c, d = index[at + ny * nz], index[at + ny * nz + nz]
-            ux, uy, uz = ONE - wx, ONE - wy, ONE - wz
-            w0, w1, w2, w3 = ux * uy * uz, ux * uy * wz, ux * wy * uz, ux * wy * wz
-            w4, w5, w6, w7 = wx * uy * uz, wx * uy * wz, wx * wy * uz, wx * wy * wz
-            for f in range(width):
-                lit[i, level * width + f] = (
-                    w0 * geometry[a, f] + w1 * geometry[a + 1, f] + w2 * geometry[b, f] + w3 * geometry[b + 1, f]
-                    + w4 * geometry[c, f] + w5 * geometry[c + 1, f] + w6 * geometry[d, f] + w7 * geometry[d + 1, f]
-                )
-                plain[i, level * width + f] = (
-                    w0 * material[a, f] + w1 * material[a + 1, f] + w2 * material[b, f] + w3 * material[b + 1, f]
-                    + w4 * material[c, f] + w5 * material[c + 1, f] + w6 * material[d, f] + w7 * material[d + 1, f]
-                )
+            a, b, c, d, wx, wy, wz = cell_at(px, py, pz, level, shapes, scales, bases, index)
+            w = weights_of(wx, wy, wz)
+            for f in range(own):
+                g, m = np.uint64(f), np.uint64(own + f)
+                one, other = mean_of(tables, a, b, c, d, w, g), mean_of(tables, a, b, c, d, w, m)
+                lit[i, level * own + f] = one
+                plain[i, level * own + f] = other
+        r = ray[i]
         for k in range(count):
-            lit[i, levels * width + k] = harmonics[ray[i], k]
+            lit[i, levels * own + k] = harmonics[r, k]
 
 
 @njit(parallel=True, fastmath=True, cache=True)

@@ -8,65 +8,41 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from svv.kernels.trilinear import NEXT, cell_at, mean_of, weights_of
+
 
 @njit(parallel=True, fastmath=True, cache=True)
-def encode(x, shapes, scales, bases, index, table, out):  # type: ignore[no-untyped-def]
-    """Trilinear features of all levels, side by side: x (S, 3) -> out (S, L * F)."""
-    levels, features = shapes.shape[0], table.shape[1]
+def encode(x, shapes, scales, bases, index, table, width, out):  # type: ignore[no-untyped-def]
+    """Trilinear features of all levels, side by side: x (S, 3) -> out (S, L * F).
+
+    ``width`` is a tuple of F numbers: a loop whose length is known when it is compiled takes half the time.
+    """
+    levels, features = shapes.shape[0], len(width)
     for i in prange(x.shape[0]):
+        px, py, pz = x[i, 0], x[i, 1], x[i, 2]
         for level in range(levels):
-            s = scales[level]
-            fx, fy, fz = x[i, 0] * s, x[i, 1] * s, x[i, 2] * s
-            ix = min(int(fx), shapes[level, 0] - 2)
-            iy = min(int(fy), shapes[level, 1] - 2)
-            iz = min(int(fz), shapes[level, 2] - 2)
-            wx, wy, wz = fx - ix, fy - iy, fz - iz
-            ny, nz = shapes[level, 1], shapes[level, 2]
-            at = bases[level] + (ix * ny + iy) * nz + iz
-            a, b = index[at], index[at + nz]
-            c, d = index[at + ny * nz], index[at + ny * nz + nz]
-            ux, uy, uz = np.float32(1.0) - wx, np.float32(1.0) - wy, np.float32(1.0) - wz
-            w0, w1, w2, w3 = ux * uy * uz, ux * uy * wz, ux * wy * uz, ux * wy * wz
-            w4, w5, w6, w7 = wx * uy * uz, wx * uy * wz, wx * wy * uz, wx * wy * wz
+            a, b, c, d, wx, wy, wz = cell_at(px, py, pz, level, shapes, scales, bases, index)
+            w = weights_of(wx, wy, wz)
             for f in range(features):
-                out[i, level * features + f] = (
-                    w0 * table[a, f] + w1 * table[a + 1, f] + w2 * table[b, f] + w3 * table[b + 1, f]
-                    + w4 * table[c, f] + w5 * table[c + 1, f] + w6 * table[d, f] + w7 * table[d + 1, f]
-                )
+                out[i, level * features + f] = mean_of(table, a, b, c, d, w, np.uint64(f))
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def encode_backward(x, g_out, shapes, scales, bases, index, g_table, used):  # type: ignore[no-untyped-def]
+def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used):  # type: ignore[no-untyped-def]
     """Gradient of :func:`encode` with respect to the table, added to ``g_table`` (V, F); marks ``used`` (V,).
 
     Threads share no level, so no two write the same vertex and the sum has a fixed order.
     """
-    levels, features = shapes.shape[0], g_table.shape[1]
+    levels, features = shapes.shape[0], len(width)
     for level in prange(levels):
-        s = scales[level]
-        ny, nz = shapes[level, 1], shapes[level, 2]
         for i in range(x.shape[0]):
-            fx, fy, fz = x[i, 0] * s, x[i, 1] * s, x[i, 2] * s
-            ix = min(int(fx), shapes[level, 0] - 2)
-            iy = min(int(fy), shapes[level, 1] - 2)
-            iz = min(int(fz), shapes[level, 2] - 2)
-            wx, wy, wz = fx - ix, fy - iy, fz - iz
-            at = bases[level] + (ix * ny + iy) * nz + iz
-            a, b = index[at], index[at + nz]
-            c, d = index[at + ny * nz], index[at + ny * nz + nz]
-            ux, uy, uz = np.float32(1.0) - wx, np.float32(1.0) - wy, np.float32(1.0) - wz
-            used[a] = used[a + 1] = used[b] = used[b + 1] = 1
-            used[c] = used[c + 1] = used[d] = used[d + 1] = 1
-            for f in range(features):
-                g = g_out[i, level * features + f]
-                g_table[a, f] += ux * uy * uz * g
-                g_table[a + 1, f] += ux * uy * wz * g
-                g_table[b, f] += ux * wy * uz * g
-                g_table[b + 1, f] += ux * wy * wz * g
-                g_table[c, f] += wx * uy * uz * g
-                g_table[c + 1, f] += wx * uy * wz * g
-                g_table[d, f] += wx * wy * uz * g
-                g_table[d + 1, f] += wx * wy * wz * g
+            a, b, c, d, wx, wy, wz = cell_at(x[i, 0], x[i, 1], x[i, 2], level, shapes, scales, bases, index)
+            w = weights_of(wx, wy, wz)
+            rows = (a, a + NEXT, b, b + NEXT, c, c + NEXT, d, d + NEXT)
+            for k in range(8):
+                used[rows[k]] = 1
+                for f in range(features):
+                    g_table[rows[k], np.uint64(f)] += w[k] * g_out[i, level * features + f]
 
 
 @njit(parallel=True, fastmath=True, cache=True)

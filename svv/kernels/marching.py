@@ -14,29 +14,21 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from svv.kernels.trilinear import NEXT, ONE, cell_at
+
 BLOCK = 64
 """Rays that one thread marches in a row; a block's samples are written contiguously."""
 
-@njit(fastmath=True, inline="always")
+@njit(fastmath=True)
 def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
     """Sum over levels of the trilinear interpolation of a one-channel table."""
     total = np.float32(0.0)
     for level in range(shapes.shape[0]):
-        s = scales[level]
-        fx, fy, fz = x * s, y * s, z * s
-        ix = min(int(fx), shapes[level, 0] - 2)
-        iy = min(int(fy), shapes[level, 1] - 2)
-        iz = min(int(fz), shapes[level, 2] - 2)
-        wx, wy, wz = fx - ix, fy - iy, fz - iz
-        ny, nz = shapes[level, 1], shapes[level, 2]
-        at = bases[level] + (ix * ny + iy) * nz + iz
-        # Vertices are numbered in raster order, so the neighbour in z is always the next number.
-        a, b = index[at], index[at + nz]
-        c, d = index[at + ny * nz], index[at + ny * nz + nz]
-        uz = np.float32(1.0) - wz
-        near = (np.float32(1.0) - wy) * (uz * table[a] + wz * table[a + 1]) + wy * (uz * table[b] + wz * table[b + 1])
-        far = (np.float32(1.0) - wy) * (uz * table[c] + wz * table[c + 1]) + wy * (uz * table[d] + wz * table[d + 1])
-        total += (np.float32(1.0) - wx) * near + wx * far
+        a, b, c, d, wx, wy, wz = cell_at(x, y, z, level, shapes, scales, bases, index)
+        ux, uy, uz = ONE - wx, ONE - wy, ONE - wz
+        near = uy * (uz * table[a] + wz * table[a + NEXT]) + wy * (uz * table[b] + wz * table[b + NEXT])
+        far = uy * (uz * table[c] + wz * table[c + NEXT]) + wy * (uz * table[d] + wz * table[d + NEXT])
+        total += ux * near + wx * far
     return total
 
 
@@ -111,6 +103,7 @@ def march(  # type: ignore[no-untyped-def]
                     near, far = max(near, min(a, b)), min(far, max(a, b))
             tau = np.float32(0.0)
             depth = np.float32(0.0)
+            front = ONE  # at least the transmittance in front of the next sample
             if near < far:
                 ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)
                 shift = np.float32(0.5)
@@ -139,9 +132,10 @@ def march(  # type: ignore[no-untyped-def]
                     s = np.exp(min(raw, ceiling))
                     thickness = s * step
                     before = tau if merge else np.float32(0.0)
-                    weight = np.float32(1.0) - np.exp(-thickness - before)
+                    weight = (thickness + before) * front  # it cannot weigh more, which spares most exponentials
                     if weight >= least_weight:
-                        weight *= np.exp(fade * (before - depth))
+                        front = np.exp(fade * (before - depth))
+                        weight = front * (ONE - np.exp(-thickness - before))
                     if n == end:
                         full[block] = 1
                         break

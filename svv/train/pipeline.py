@@ -28,6 +28,7 @@ from svv.train.features import load_features
 from svv.train.loop import Loop
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import hull, reconstruct
+from svv.train.sampling import with_longest_stride
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
 
@@ -153,7 +154,9 @@ def _train(
         Region(tuple(colour), float(share))
         for colour, share in zip(network.colours.tolist(), shares, strict=True)
     )
-    return replace(scene, palette=network, regions=regions), seconds, notes
+    with _timed(seconds, "sampling"):
+        scene, reason = with_longest_stride(replace(scene, palette=network, regions=regions), views.cameras)
+    return scene, seconds, [*notes, reason]
 
 
 def stylize_scene(

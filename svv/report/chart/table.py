@@ -46,6 +46,7 @@ class Row:
     base_seconds: float
     palette_seconds: float
     pcn_seconds: float
+    sampling_seconds: float
     view_seconds: float
     """Of a rendered view: median; least and most beside it."""
     view_seconds_least: float
@@ -116,6 +117,7 @@ def read_row(training: Path, rendering: Path) -> Row:
         base_seconds=seconds["base"],
         palette_seconds=seconds["palette"],
         pcn_seconds=seconds["pcn"],
+        sampling_seconds=seconds["sampling"],
         view_seconds=view["median"],
         view_seconds_least=view["least"],
         view_seconds_most=view["most"],

@@ -1,0 +1,50 @@
+"""Where a position lies among the vertices of a lattice, and the mean of what they hold, compiled with numba.
+
+All is in single precision and with unsigned rows: an integer beside a float would make numba calculate in double, and a
+signed row would have it ask whether it counts from the end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+ONE = np.float32(1.0)
+NEXT = np.uint64(1)
+
+
+@njit(fastmath=True)
+def cell_at(x, y, z, level, shapes, scales, bases, index):  # type: ignore[no-untyped-def]
+    """Rows of the vertices at the corners (0, 0, 0), (0, 1, 0), (1, 0, 0) and (1, 1, 0) of a position's cell, and how
+    far it lies from the first of them along each axis, in cells.
+
+    Vertices are numbered in raster order, so the neighbour in z is always the next row.
+    """
+    s = scales[level]
+    fx, fy, fz = x * s, y * s, z * s
+    ny, nz = shapes[level, 1], shapes[level, 2]
+    ix = min(int(fx), shapes[level, 0] - 2)
+    iy = min(int(fy), ny - 2)
+    iz = min(int(fz), nz - 2)
+    at = np.uint64(bases[level] + (ix * ny + iy) * nz + iz)
+    right, behind = np.uint64(nz), np.uint64(ny * nz)
+    a, b = np.uint64(index[at]), np.uint64(index[at + right])
+    c, d = np.uint64(index[at + behind]), np.uint64(index[at + behind + right])
+    return a, b, c, d, fx - np.float32(ix), fy - np.float32(iy), fz - np.float32(iz)
+
+
+@njit(fastmath=True)
+def weights_of(wx, wy, wz):  # type: ignore[no-untyped-def]
+    """Weights of the eight corners, the neighbours in z side by side."""
+    ux, uy, uz = ONE - wx, ONE - wy, ONE - wz
+    uu, uw, wu, ww = ux * uy, ux * wy, wx * uy, wx * wy
+    return uu * uz, uu * wz, uw * uz, uw * wz, wu * uz, wu * wz, ww * uz, ww * wz
+
+
+@njit(fastmath=True)
+def mean_of(table, a, b, c, d, w, f):  # type: ignore[no-untyped-def]
+    """Column ``f`` of the rows of a cell (see :func:`cell_at`), weighted by ``w`` (see :func:`weights_of`)."""
+    return (
+        w[0] * table[a, f] + w[1] * table[a + NEXT, f] + w[2] * table[b, f] + w[3] * table[b + NEXT, f]
+        + w[4] * table[c, f] + w[5] * table[c + NEXT, f] + w[6] * table[d, f] + w[7] * table[d + NEXT, f]
+    )

@@ -23,7 +23,7 @@ BELOW["progress"] = BELOW["measure"] = BELOW["ending"] = BOTTOM
 BELOW["fields"] |= {"io"}
 BELOW["train"] |= {"io", "measure"}
 BELOW["report"] |= {"io", "dvr", "progress", "measure", "ending"}
-BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending"}
+BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending", "measure"}
 BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "ending", "pv"}
 FACES = {"cli", "cli_chart", "cli_job", "cli_paraview", "cli_stability", "options", "__main__"}
 """Modules of the command line, one layer."""

@@ -88,7 +88,9 @@ class Scene:
     camera_rig: dict[str, Any] = field(default_factory=dict)
     made: dict[str, Any] = field(default_factory=dict)
     stride: float = 1.0
-    """Sample distance of images in steps of the training's (:mod:`svv.train.sampling`)."""
+    """Sample distance of images in steps of the training's, and"""
+    joined: float = JOINED
+    """the weight in a pixel until which samples are joined: both as :mod:`svv.train.sampling` chose them."""
 
     @property
     def networks(self) -> tuple[str, ...]:
@@ -285,7 +287,7 @@ class Scene:
     @property
     def marching_for_images(self) -> Marching:
         """How rays are sampled for images of the scene without its edits."""
-        return replace(self.marching, step=self.stride * self.marching.step, least_weight=JOINED, merge=True)
+        return replace(self.marching, step=self.stride * self.marching.step, least_weight=self.joined, merge=True)
 
     def _marching_as_edited(self) -> Marching:
         """A region made more transparent shows what lies behind it, so rays no longer end at their old depth."""
@@ -328,7 +330,7 @@ class Scene:
             "shape": self.occupancy.occupied.shape,
             "settings": self.settings.to_json(),
             "marching": {k: getattr(self.marching, k) for k in ("step", "least_weight", "stop")},
-            "stride": self.stride,
+            "images": {"stride": self.stride, "joined": self.joined},
             "density_resolutions": None if self.base.density is None else self.base.density.resolutions,
             "networks": self.networks,
             "regions": [vars(r) for r in self.regions],
@@ -367,8 +369,9 @@ class Scene:
                 network.requires_grad_(False)
         m = header["marching"]
         marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
-        rig, made, stride = header["camera_rig"], header["made"], float(header.get("stride", 1.0))
-        return cls(settings, occupancy, marching, base, palette, styled, regions, rig, made, stride)
+        images = {name: float(value) for name, value in header.get("images", {}).items()}
+        rig, made = header["camera_rig"], header["made"]
+        return cls(settings, occupancy, marching, base, palette, styled, regions, rig, made, **images)
 
     def info(self) -> dict[str, Any]:
         """What the scene is and how it was made, as plain values."""

@@ -89,6 +89,11 @@ def _keep(key: str, scene: Scene) -> None:
         _scenes.popitem(last=False)
 
 
+def forget_scenes() -> None:
+    """Let go of the unpacked scenes."""
+    _scenes.clear()
+
+
 def _digest(content: bytes) -> str:
     return hashlib.blake2b(content, digest_size=16).hexdigest()
 

@@ -17,6 +17,8 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
 from svv.errors import BadInput, Cancelled, Progress
+from svv.measure import give_memory_back
+from svv.pv.data import forget_scenes
 
 Result = TypeVar("Result")
 
@@ -27,6 +29,9 @@ NOT_INSTALLED = (
     "{name} is missing in ParaView's Python, and StyleRF needs it: start ParaView with `svv paraview` (a server with "
     "`svv pvserver`), which brings it along."
 )
+
+_alive: list[dict[str, tuple[Any, Any]]] = []
+"""What the filters keep that are there."""
 
 _working: list[str] = []
 """Name of the filter that is training: ParaView handles events meanwhile, so another one could be asked to begin."""
@@ -45,6 +50,8 @@ class Filter(VTKPythonAlgorithmBase):
         self.values = dict(self.defaults)
         self._status = ""
         self._kept: dict[str, tuple[Any, Any]] = {}
+        _alive.append(self._kept)
+        self.AddObserver("DeleteEvent", _forgetter(self._kept))
 
     # --- the pipeline's requests --------------------------------------------------------------------------------------
 
@@ -134,6 +141,7 @@ class Filter(VTKPythonAlgorithmBase):
             yield self.progress
         finally:
             _working.clear()
+            give_memory_back()
 
     def kept(self, name: str, key: Any, make: Callable[[], Result]) -> Result:
         """The result of ``make`` under this key, made only if the last one was of another key."""
@@ -165,6 +173,19 @@ class Filter(VTKPythonAlgorithmBase):
     def TakeAsEdited(self) -> None:
         """Look at the transfer function again."""
         self.Modified()
+
+
+def _forgetter(kept: dict[str, tuple[Any, Any]]) -> Callable[[Any, str], None]:
+    """What to do when a filter is deleted. VTK may hold on to its Python attributes long after."""
+
+    def forget(_: Any, event: str) -> None:
+        kept.clear()
+        _alive[:] = [other for other in _alive if other is not kept]
+        if not _alive:
+            forget_scenes()
+        give_memory_back()
+
+    return forget
 
 
 def set_image_information(filter: Filter, out_info: Any, width: int, height: int, port: int = 0) -> None:

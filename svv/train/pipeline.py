@@ -28,7 +28,7 @@ from svv.train.features import load_features
 from svv.train.loop import Loop
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import hull, reconstruct
-from svv.train.sampling import with_longest_stride
+from svv.train.sampling import with_fewest_samples
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
 
@@ -155,7 +155,7 @@ def _train(
         for colour, share in zip(network.colours.tolist(), shares, strict=True)
     )
     with _timed(seconds, "sampling"):
-        scene, reason = with_longest_stride(replace(scene, palette=network, regions=regions), views.cameras)
+        scene, reason = with_fewest_samples(replace(scene, palette=network, regions=regions), views.cameras)
     return scene, seconds, [*notes, reason]
 
 

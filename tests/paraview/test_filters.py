@@ -296,6 +296,30 @@ print("SAID image:", status(image))
     assert "Traceback" not in result.stderr
 
 
+def test_what_filters_kept_goes_with_them(trained: Path, pvpython) -> None:
+    pvpython(
+        VOLUME
+        + """
+import gc, weakref
+from svv.fields.scene import Scene
+def scenes():
+    return [weakref.ref(o) for o in gc.get_objects() if type(o) is Scene]
+reader = StyleRFScene(FileName=sys.argv[1] + "/scene.svv")
+render = StyleRFRender(Input=reader, ImageSize=[40, 40])
+edit = StyleRFEdit(Input=reader)
+for filter in (render, edit):
+    filter.UpdatePipeline()
+alive = scenes()
+assert alive and all(ref() for ref in alive)
+for filter in (edit, render, reader):
+    Delete(filter)
+del filter, edit, render, reader
+assert not any(ref() for ref in alive)
+""",
+        trained,
+    )
+
+
 def test_without_torch_a_filter_says_what_to_do(pvpython, tmp_path) -> None:
     (tmp_path / "torch.py").write_text("raise ImportError('no torch here', name='torch')")
     result = pvpython(

@@ -30,8 +30,8 @@ NOT_INSTALLED = (
     "`svv pvserver`), which brings it along."
 )
 
-_alive: list[dict[str, tuple[Any, Any]]] = []
-"""What the filters keep that are there."""
+_forgetters: list[Callable[[Any, str], None]] = []
+"""One for each filter that is there. They must not be the filters' alone: Python would collect what is observed yet."""
 
 _working: list[str] = []
 """Name of the filter that is training: ParaView handles events meanwhile, so another one could be asked to begin."""
@@ -50,7 +50,6 @@ class Filter(VTKPythonAlgorithmBase):
         self.values = dict(self.defaults)
         self._status = ""
         self._kept: dict[str, tuple[Any, Any]] = {}
-        _alive.append(self._kept)
         self.AddObserver("DeleteEvent", _forgetter(self._kept))
 
     # --- the pipeline's requests --------------------------------------------------------------------------------------
@@ -180,11 +179,12 @@ def _forgetter(kept: dict[str, tuple[Any, Any]]) -> Callable[[Any, str], None]:
 
     def forget(_: Any, event: str) -> None:
         kept.clear()
-        _alive[:] = [other for other in _alive if other is not kept]
-        if not _alive:
+        _forgetters.remove(forget)
+        if not _forgetters:
             forget_scenes()
         give_memory_back()
 
+    _forgetters.append(forget)
     return forget
 
 

@@ -94,6 +94,12 @@ def test_orbit_follows_the_published_formula() -> None:
         assert is_rotation(camera.camera_to_world[:3, :3])
 
 
+def test_frames_of_the_orbit_are_those_of_the_whole() -> None:
+    whole, frames = orbit_cameras(7, size=8), orbit_cameras(7, size=8, frames=[6, 2])
+    for camera, frame in zip(frames, (6, 2), strict=True):
+        assert np.array_equal(camera.camera_to_world, whole[frame].camera_to_world)
+
+
 def test_orbit_starts_like_the_published_one() -> None:
     """First frame of the published test path: right is z, up is -x, back is -y (0.01 degree off)."""
     rotation = orbit_cameras()[0].camera_to_world[:3, :3]

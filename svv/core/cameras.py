@@ -7,6 +7,7 @@ radians.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -215,6 +216,7 @@ def orbit_cameras(
     radius: float = 4.0311,
     fov_x: float = np.pi / 6,
     size: int = 800,
+    frames: Sequence[int] | None = None,
 ) -> list[Camera]:
     """The path on which results are shown and tested: from the south to the north pole in one whole turn.
 
@@ -228,6 +230,7 @@ def orbit_cameras(
         radius: World units, > 0.
         fov_x: Full horizontal angle in radians.
         size: Width and height of the square images, pixels.
+        frames: Which of the n views, 0 to n - 1; by default all.
 
     Raises:
         BadInput: Fewer than 2 views, or a radius, an angle or a size out of range.
@@ -235,6 +238,8 @@ def orbit_cameras(
     if n < 2:
         raise BadInput(f"An orbit needs at least 2 views, not {n}.")
     phi = np.linspace(-0.5 * np.pi, 0.5 * np.pi, n)
+    if frames is not None:
+        phi = phi[list(frames)]
     theta = 2.0 * phi
     phi = np.clip(phi, -POLE_LIMIT, POLE_LIMIT)
     directions = np.stack([np.cos(phi) * np.cos(theta), np.sin(phi), -np.cos(phi) * np.sin(theta)], axis=1)

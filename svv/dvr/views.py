@@ -134,8 +134,7 @@ def make_views(
     radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
     cameras = sphere_cameras(n, centre, radius, fov, size)
     numbers = unseen_numbers(test)
-    path = orbit_cameras(ORBIT, centre, radius, fov, size)
-    cameras += [path[i] for i in numbers]
+    cameras += orbit_cameras(ORBIT, centre, radius, fov, size, numbers)
     shading = shading or Shading()
     images, mapper_name, distance = _render(stage, cameras, mapper, shading, step, part(progress, 0.02, 1.0))
     meta = {

@@ -221,7 +221,7 @@ def camera_for(scene: Scene, values: Values, step: int) -> Camera:
     from svv.core.cameras import orbit_cameras
 
     rig = scene.camera_rig
-    camera = orbit_cameras(ORBIT, rig["centre"], rig["radius"], rig["fov_x"], width)[step]
+    (camera,) = orbit_cameras(ORBIT, rig["centre"], rig["radius"], rig["fov_x"], width, [step])
     return camera.resized(width, height)
 
 

@@ -59,7 +59,7 @@ after = rss()
 seconds = []
 for step in range(10, 150, 20):  # another camera each time
     start = time.perf_counter()
-    scripts.update(filter, float(step))
+    filter.UpdatePipeline(float(step))
     seconds.append(time.perf_counter() - start)
 simple.Delete(filter)
 del filter

@@ -46,4 +46,4 @@ def with_fewest_samples(scene: Scene, cameras: Sequence[Camera]) -> tuple[Scene,
         found = f"a sample every {stride:g} steps, joined up to 1/{1 / joined:g} of a pixel"
         if psnr >= GOOD_ENOUGH:
             return coarse, f"images take {found}: that stays within {psnr:.1f} dB of those with all samples"
-    return finest, f"images take all samples: {found} would change them by {psnr:.1f} dB"
+    return finest, f"images take all samples: {found} would stay within {psnr:.1f} dB of them only"

@@ -197,6 +197,19 @@ def test_joined_samples_are_fewer_and_lose_nothing() -> None:
     assert float((x - y).abs().max()) < 0.05
 
 
+def test_marching_without_stop_keeps_what_is_hidden() -> None:
+    occupied = np.ones((4, 4, 4), np.uint8)
+    occupancy = Occupancy(UNIT, 4, occupied)
+    density = SparseLattice(occupied, 4, (4,), 1)
+    with torch.no_grad():
+        density.table.fill_(6.0)
+    rays = Rays(torch.tensor([[-1.0, 0.5, 0.5]]), torch.tensor([[1.0, 0.0, 0.0]]))
+    ended = march(rays, occupancy, density, Marching(1 / 32, 1e-3, 0.0, 7.0))
+    through = march(rays, occupancy, density, Marching(1 / 32, 1e-3, 0.0, 7.0, fade=0.0))
+    assert len(ended) < 8
+    assert len(through) == 32
+
+
 @pytest.mark.parametrize("fade", [1.0, 0.3, 0.05])
 def test_rays_go_on_for_extinctions_that_will_be_scaled(fade: float) -> None:
     """Scaled by ``fade``, what a ray meets is the same as on a ray that never ends, for fewer samples."""

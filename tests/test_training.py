@@ -118,6 +118,21 @@ def test_images_take_as_few_samples_as_they_allow(
     assert (again.stride, again.joined) == (2.0, 1 / 32)
 
 
+def test_an_image_shows_what_was_learned_since_the_last(
+    trained: tuple[Scene, dict[str, object]], unseen: ViewSet
+) -> None:
+    """Tables that were drawn while they learned are not kept for the images of the scene once it is frozen."""
+    scene = replace(trained[0], palette=copy.deepcopy(trained[0].palette))
+    assert scene.palette is not None
+    table = scene.palette.encoding.table
+    table.requires_grad_(True)
+    before = scene.render(unseen.cameras[0], "pcn").rgba
+    with torch.no_grad():
+        table.zero_()
+    table.requires_grad_(False)
+    assert np.abs(scene.render(unseen.cameras[0], "pcn").rgba - before).max() > 0.01
+
+
 def test_hull_of_nothing_is_refused(views: ViewSet) -> None:
     with pytest.raises(BadInput, match="Nothing is visible"):
         carve(np.zeros(views.images.shape[:3], bool), views.cameras, 32)

@@ -66,9 +66,11 @@ _BOTH: WeakKeyDictionary[SparseLattice, tuple[Tensor, Tensor]] = WeakKeyDictiona
 def _both_tables(geometry: Tensor, material: SparseLattice) -> Tensor:
     """Features of geometry and material side by side (V, 2 F), kept for the next image unless they are learning."""
     known, both = _BOTH.get(material, (None, None))
-    if both is None or known is not geometry or geometry.requires_grad or material.table.requires_grad:
+    learning = geometry.requires_grad or material.table.requires_grad
+    if both is None or known is not geometry or learning:
         both = torch.cat([geometry.detach(), material.table.detach()], dim=1)
-        _BOTH[material] = geometry, both
+        if not learning:
+            _BOTH[material] = geometry, both
     return both
 
 

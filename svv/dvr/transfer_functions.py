@@ -118,13 +118,13 @@ class TransferFunction:
         data = f"the data runs from {low:g} to {high:g}"
         if start > high or stop < low:
             raise BadInput(f"'{self.name}' runs from {start:g} to {stop:g}, but {data}; rescale it.")
-        opacity = self.opacity_at(self._samples(low, high))
+        opacity = self.opacity_at(self.samples(low, high))
         if opacity.max() <= 0:
             raise BadInput(f"'{self.name}' is transparent everywhere in the data's range ({data}).")
         if opacity.min() >= OPAQUE and high > low:
             raise BadInput(f"'{self.name}' is opaque everywhere in the data's range ({data}): only a box would show.")
 
-    def _samples(self, low: float, high: float) -> NDArray[np.float64]:
+    def samples(self, low: float, high: float) -> NDArray[np.float64]:
         """Values in [low, high] that miss no extremum: an even spread, the points, and both sides of each."""
         values = np.array([point[0] for point in self.opacities])
         near = np.concatenate([values, np.nextafter(values, -np.inf), np.nextafter(values, np.inf)])
@@ -132,7 +132,7 @@ class TransferFunction:
 
     def visible_ranges(self, low: float, high: float) -> list[tuple[float, float]]:
         """Intervals of values in [low, high] with an opacity above 0, in ascending order."""
-        samples = self._samples(low, high)
+        samples = self.samples(low, high)
         seen = np.pad(self.opacity_at(samples) > 0, 1)
         starts, stops = np.flatnonzero(seen[1:] & ~seen[:-1]), np.flatnonzero(seen[:-1] & ~seen[1:]) - 1
         last = len(samples) - 1

@@ -14,6 +14,7 @@ from vtkmodules.vtkCommonCore import vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera, orbit_cameras, sphere_cameras
+from svv.dvr.extinction import extinction_of
 from svv.dvr.grids import as_volume, index_to_world, to_array
 from svv.dvr.histogram import default_transfer_function
 from svv.dvr.mappers import CpuMapper, GpuMapper, Shading, choose_mapper
@@ -110,7 +111,8 @@ def make_views(
         progress: Told often.
 
     Returns:
-        The training and the test views (None where ``test`` is 0). ``meta`` says how to make them again.
+        The training and the test views (None where ``test`` is 0). ``meta`` says how to make them again; the training
+        views also carry the extinction that the volume has.
 
     Raises:
         BadInput: Any reason of ``read_volume``, ``TransferFunction`` and ``render_views``, or an option out of range.
@@ -150,7 +152,8 @@ def make_views(
         "vtk": vtkVersion.GetVTKVersion(),
         "seconds": round(time.monotonic() - began, 3),
     }
-    train = ViewSet(tuple(cameras[:n]), images[:n], tuple(f"r_{i:04d}" for i in range(n)), meta)
+    names = tuple(f"r_{i:04d}" for i in range(n))
+    train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, extinction_of(stage))
     if not test:
         return train, None
     return train, ViewSet(tuple(cameras[n:]), images[n:], tuple(f"r_{i:04d}" for i in numbers), meta)

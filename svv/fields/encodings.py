@@ -126,6 +126,10 @@ class SparseLattice(Encoding):
         """The table's rows that belong to a level."""
         return slice(self._ends[level - 1] if level else 0, self._ends[level])
 
+    def vertices_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.int64]:
+        """Whole-number coordinates of a level's vertices in the order of its rows, for the cells it was made for."""
+        return np.argwhere(_vertices(_resample(occupied, cells, self.resolutions[level])))
+
     def look_up(self, x: Tensor) -> Tensor:
         return kernels_for(x).lattice_encode(x, self.layout, self.table)
 
@@ -156,7 +160,7 @@ class SparseLattice(Encoding):
         """
         finest = self.resolutions[-1]
         result = SparseLattice(occupied, cells, (finest,), self.features)
-        vertices = np.argwhere(_vertices(_resample(occupied, cells, finest)))
+        vertices = result.vertices_of_level(0, occupied, cells)
         table, index = self.table.detach().cpu().numpy(), self.index.cpu().numpy()
         shapes, bases = self.shapes.cpu().numpy(), self.bases.cpu().numpy()
         total = np.zeros((len(vertices), self.features), np.float32)

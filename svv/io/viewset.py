@@ -2,7 +2,8 @@
 
 On disk: ``transforms_<split>.json`` beside a folder ``<split>`` of PNG files. The JSON file holds
 ``camera_angle_x`` (radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``),
-and, in the sets that we write, what made them under the key ``svv``.
+and, in the sets that we write, what made them under the key ``svv``. Where the volume is known, the extinction that it
+has lies beside it in ``extinction.npz``, named by the key ``svv_extinction``; a set without that file is whole.
 """
 
 from __future__ import annotations
@@ -12,9 +13,11 @@ import os
 import shutil
 import tempfile
 import threading
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,7 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from svv.core.box import Box
 from svv.core.cameras import Camera
+from svv.core.extinction import Extinction
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import atomic_path, cannot_write, make_folder, to_json
 
@@ -41,6 +46,8 @@ CORNER_SPREAD = 16
 
 MIN_TRAIN_VIEWS = 3
 
+EXTINCTION = "extinction.npz"
+
 
 @dataclass(frozen=True, eq=False)
 class ViewSet:
@@ -53,6 +60,7 @@ class ViewSet:
         meta: What is known about how they were made (JSON). In our own sets: ``bounds`` (world, of the
             visible data), ``volume``, ``tf``, ``mapper``, ``sample_distance``, ``seconds`` ...; ``assumed``
             holds one sentence where the images had no alpha.
+        extinction: What the volume and its transfer function say, None where only the images are known.
 
     Raises:
         BadInput: No view at all, or counts, sizes or types that do not fit each other.
@@ -62,6 +70,7 @@ class ViewSet:
     images: Images
     names: tuple[str, ...]
     meta: dict[str, Any] = field(default_factory=dict)
+    extinction: Extinction | None = None
 
     def __post_init__(self) -> None:
         if self.images.ndim != 4 or self.images.shape[-1] != 4 or self.images.dtype != np.uint8:
@@ -84,6 +93,7 @@ class ViewSet:
             self.images[list(indices)],
             tuple(self.names[i] for i in indices),
             self.meta,
+            self.extinction,
         )
 
     @classmethod
@@ -120,7 +130,9 @@ class ViewSet:
         if assumed:
             meta["assumed"] = assumed
         cameras = tuple(_camera(path, scene, frame, width, height) for frame in frames)
-        return cls(cameras, images, _names(frames), meta)
+        file = path.parent / EXTINCTION
+        extinction = _read_extinction(file) if scene.get("svv_extinction") == EXTINCTION and file.exists() else None
+        return cls(cameras, images, _names(frames), meta, extinction)
 
     def write(self, folder: str | Path, split: str = "train", progress: Progress = silent) -> None:
         """Write the set so that ``read`` gives it back bit by bit.
@@ -145,6 +157,8 @@ class ViewSet:
             jobs = [(staging / f"{name}.png", image) for name, image in zip(self.names, self.images)]
             for _ in _in_threads(_encode, jobs, progress, f"Writing {split} views"):
                 pass
+            if self.extinction is not None:
+                _write_extinction(staging / EXTINCTION, self.extinction)
             self._move_in(staging, target, split)
         finally:
             shutil.rmtree(staging, ignore_errors=True)
@@ -158,8 +172,10 @@ class ViewSet:
                 frame["camera_angle_x"] = camera.fov_x
             frame["transform_matrix"] = camera.camera_to_world.tolist()
             frames.append(frame)
-        size = {"w": first.width, "h": first.height}
-        return {"camera_angle_x": first.fov_x, **size, "svv": self.meta, "frames": frames}
+        about = {"w": first.width, "h": first.height, "svv": self.meta}
+        if self.extinction is not None:
+            about["svv_extinction"] = EXTINCTION
+        return {"camera_angle_x": first.fov_x, **about, "frames": frames}
 
     def _move_in(self, staging: Path, target: Path, split: str) -> None:
         final = target / f"transforms_{split}.json"
@@ -169,8 +185,30 @@ class ViewSet:
             manifest.write_text(to_json(self._transforms(split), indent=1), encoding="utf-8")
             for name in self.names:
                 os.replace(staging / f"{name}.png", images / f"{name}.png")
+            if self.extinction is not None:
+                os.replace(staging / EXTINCTION, target / EXTINCTION)
         for file in stale:
             file.unlink(missing_ok=True)
+
+
+def _write_extinction(file: Path, extinction: Extinction) -> None:
+    low, size, extent = (np.array(part) for part in astuple(extinction.box))
+    np.savez_compressed(
+        file, low=low, size=size, extent=extent, cells=np.array(extinction.cells), exponent=extinction.exponent
+    )
+
+
+def _read_extinction(file: Path) -> Extinction:
+    try:
+        with np.load(file, allow_pickle=False) as arrays:
+            low, size, extent, cells, exponent = (arrays[k] for k in ("low", "size", "extent", "cells", "exponent"))
+        box = Box(tuple(low.tolist()), float(size), tuple(extent.tolist()))
+        if exponent.ndim != 3 or exponent.dtype != np.float16 or len(box.low) != 3 or len(box.extent) != 3:
+            raise ValueError("its arrays have other shapes")
+        return Extinction(box, int(cells), exponent)
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        what = "make the views again, or delete it to learn from them alone"
+        raise BadInput(f"Cannot read {file} ({error}); {what}.") from error
 
 
 def _own_images(path: Path) -> set[Path]:

@@ -72,8 +72,9 @@ class BenchSettings:
         """The preset with these settings, and its time limit in seconds if it has one."""
         base, palette = preset.reconstruct, preset.recolour
         if self.samples is not None:
-            fewer = {"samples": self.samples, "rays": max(1, self.samples // 8)}
-            base, palette = replace(base, **fewer), replace(palette, **fewer)
+            rays = max(1, self.samples // 8)
+            base = replace(base, samples=self.samples, rays=rays)
+            palette = replace(palette, samples=self.samples, rays=rays)
         for name, first, second in self.steps:
             if name == preset.name:
                 base, palette = replace(base, iterations=first), replace(palette, iterations=second)

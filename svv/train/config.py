@@ -30,6 +30,10 @@ class ReconstructSettings:
     density_pull: float = 3e-8
     """Weight of half the squared values of the density lattice's finer levels in the loss; falls with the learning
     rates. Where the views hardly say anything, as in a faint shell, the coarse level speaks instead of noise."""
+    use_volume: bool = True
+    """Whether the density begins with what the volume says, where the views carry that."""
+    known_density_rate: float = 0.05
+    """Learning rate of a density that began so."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005
@@ -140,7 +144,7 @@ PRESETS = {
     "paper": Preset(
         "paper",
         FieldSettings("hash", (16, 4096), features=2, shading=False),
-        ReconstructSettings(iterations=30000, feature_rate=0.01, network_rate=0.01, decay=0.1),
+        ReconstructSettings(iterations=30000, use_volume=False, feature_rate=0.01, network_rate=0.01, decay=0.1),
         RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, offset_start=1.0, shade_weight=0.0,
                          mixing_weight=0.0),
         StylizeSettings(distil_iterations=474),

@@ -27,7 +27,7 @@ from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import load_features
 from svv.train.loop import Loop
 from svv.train.recolour import palette_of, recolour
-from svv.train.reconstruct import hull, reconstruct
+from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
@@ -122,10 +122,8 @@ def _train(
         )
     else:
         with _timed(seconds, "hull"):
-            occupancy = hull(views, chosen.reconstruct.cells, part(progress, 0.0, 0.02))
-        notes.append(
-            f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
-        )
+            occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(progress, 0.0, 0.02))
+        notes.append(reason)
         field = chosen.field
         if chosen.fitted:
             field, reason = fitted_field(field, views.cameras, occupancy.box)
@@ -315,6 +313,7 @@ def _key(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict
         ),
         "pixels": int((pixels * np.arange(1, pixels.size + 1).reshape(pixels.shape)).sum()),
         "views": views.images.shape,
+        "volume": None if views.extinction is None else float(views.extinction.exponent.sum(dtype=np.float64)),
         "preset": asdict(chosen),
         "limit": limit,
         "seed": seed,

@@ -11,7 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.errors import Progress
+from svv.core.extinction import Extinction
+from svv.errors import BadInput, Progress
 from svv.fields.encodings import LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.occupancy import Occupancy, carve
@@ -38,12 +39,22 @@ class Reconstruction:
     ) -> None:
         torch.manual_seed(seed)
         self.settings, self.field_settings = settings, field
+        known = known_extinction(views, settings, field)
+        self.known = known is not None
         self.refined: Occupancy | None = None
         self.occupancy = occupancy
-        self.field = BaseField(field, occupancy).to(device)  # made on the CPU: the same numbers on every device
+        levels = None if known is None else (min(2 * field.resolutions[-1], known.cells),)
+        self.field = BaseField(field, occupancy, levels)  # made on the CPU: the same numbers on every device
+        if known is not None:
+            assert self.field.density is not None
+            with torch.no_grad():
+                vertices = self.field.density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
+                exponent = known.at_vertices(vertices, self.field.density.resolutions[0])
+                self.field.density.table.copy_(torch.from_numpy(exponent)[:, None])
+        self.field.to(device)
         self.field.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
         density = self.field.density
-        if density is not None:
+        if density is not None and known is None:
             with torch.no_grad():
                 density.table[density.rows_of_level(0)] = settings.initial_exponent
         finest = field.resolutions[-1] if field.encoding == "lattice" else 512
@@ -71,7 +82,7 @@ class Reconstruction:
         loss.backward()  # type: ignore[no-untyped-call]
         self._update(falling(fraction, s.decay))
         if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
-            self.prune(grow=fraction < 0.25)
+            self.prune(grow=fraction < 0.25 and not self.known)
         return error.detach()
 
     def _update(self, rate: float) -> None:
@@ -82,17 +93,19 @@ class Reconstruction:
         if self.field.density is None:
             self.tables.step([s.feature_rate * rate])
         else:
-            self.tables.step([s.density_rate * rate, s.feature_rate * rate], [s.density_pull * rate, 0.0])
+            density_rate = s.known_density_rate if self.known else s.density_rate
+            self.tables.step([density_rate * rate, s.feature_rate * rate], [s.density_pull * rate, 0.0])
 
     def refine(self) -> None:
         """Halve the step and give the density a level of its own twice as fine, in what pruning left.
 
-        The new level begins with zeros, so the field is the same before and after.
+        The new level begins with zeros, so the field is the same before and after. A density that began with what the
+        volume says has its finest level from the start.
         """
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
         where = self.occupancy.occupied, self.occupancy.cells
-        self.field.density = density.restricted(*where, finer=(2 * density.resolutions[-1],))
+        self.field.density = density.restricted(*where, finer=() if self.known else (2 * density.resolutions[-1],))
         self.field.encoding = encoding.restricted(*where)
         self.tables = LatticeAdam(self.field.encodings)
         self.marching = replace(self.marching, step=0.5 * self.marching.step)
@@ -167,7 +180,7 @@ def reconstruct(
         views: Training views.
         field: Shape of the networks.
         settings: Of the stage.
-        occupancy: The visual hull (:func:`hull`).
+        occupancy: Where to look (:func:`first_occupancy`).
         seed: Of initial features, batches and jitter.
         limit: Seconds allowed.
         progress: Called several times a second; stops the training when it raises.
@@ -192,15 +205,32 @@ def reconstruct(
     return base, pruned, Marching(work.marching.step), seconds
 
 
-def hull(views: ViewSet, cells: int, progress: Progress) -> Occupancy:
-    """Box and visual hull of a view set.
+def first_occupancy(
+    views: ViewSet, settings: ReconstructSettings, field: FieldSettings, progress: Progress
+) -> tuple[Occupancy, str]:
+    """Where the training looks at first, and why: where the volume is visible, or the visual hull of the views.
 
     Raises:
         BadInput: nothing is visible in all views at once.
     """
-    progress(0.0, "visual hull")
-    occupancy = carve(views.images[..., 3] > 0, views.cameras, cells)
-    progress(1.0, "visual hull")
-    return occupancy
+    progress(0.0, "where to look")
+    known = known_extinction(views, settings, field)
+    if known is None:
+        occupancy = carve(views.images[..., 3] > 0, views.cameras, settings.cells)
+        reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
+    else:
+        occupied = known.occupied(settings.cells, settings.prune_least * known.cells)
+        occupancy = Occupancy(known.box, settings.cells, occupied)
+        reason = (
+            "the extinction is that of the volume and its transfer function, which fill "
+            f"{occupancy.fraction:.1%} of the box; it is learned on, not anew"
+        )
+    if not occupancy.occupied.any():
+        raise BadInput("The volume is too transparent to be seen; raise its opacity or shorten the unit distance.")
+    progress(1.0, "where to look")
+    return occupancy, reason
 
 
+def known_extinction(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> Extinction | None:
+    """What the density begins with, where the views carry it and the field has a lattice to take it."""
+    return views.extinction if settings.use_volume and field.encoding == "lattice" else None

@@ -1,0 +1,65 @@
+"""What a volume and its transfer function say about the extinction, before anything is learned.
+
+A view shows what lies behind one another only as a sum, so a field learned from views alone has to find out where a
+faint shell is, and where the views say little it finds noise. Whoever has the volume knows it: the extinction of a
+point is that of its scalar value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.box import Box
+
+LEAST, MOST = -3.0, 8.5
+"""Exponents of the extinction (1 / box unit) of what is empty and of what is opaque: within these bounds it can be
+interpolated, and goes on learning."""
+
+
+@dataclass(frozen=True, eq=False)
+class Extinction:
+    """The extinction on the vertices of a grid over the visible box.
+
+    Args:
+        box: The box, world units.
+        cells: Cells of the grid per box unit, a power of two.
+        exponent: Natural logarithm of the extinction in 1 / box unit, in [``LEAST``, ``MOST``]; vertex (i, j, k) lies
+            at (i, j, k) / ``cells`` of the box. (X + 1, Y + 1, Z + 1) float16
+    """
+
+    box: Box
+    cells: int
+    exponent: NDArray[np.float16]
+
+    def at_vertices(self, vertices: NDArray[np.integer], resolution: int) -> NDArray[np.float32]:
+        """Exponents at ``vertices / resolution``: (V, 3) whole numbers -> (V,).
+
+        ``resolution`` must divide ``cells``. Outside the grid it is ``LEAST``.
+        """
+        if self.cells % resolution:
+            raise ValueError(f"resolution {resolution} does not divide {self.cells}")
+        i = np.asarray(vertices) * (self.cells // resolution)
+        last = np.array(self.exponent.shape) - 1
+        values = self.exponent[tuple(np.clip(i, 0, last).T)].astype(np.float32)
+        return np.where(((i >= 0) & (i <= last)).all(axis=1), values, np.float32(LEAST))
+
+    def occupied(self, cells: int, least: float) -> NDArray[np.uint8]:
+        """Cells of a grid with ``cells`` per box unit in which an extinction reaches ``least`` (1 / box unit)."""
+        shape = np.maximum(1, np.ceil(np.asarray(self.box.extent) * cells - 1e-6).astype(int))
+        parts = max(1, self.cells // cells)  # cells of this grid in one of the other, along an axis
+        copies = max(1, cells // self.cells)
+        coarse = -(-shape // copies)
+        seen = np.zeros(coarse * parts + 1, bool)
+        there = self.exponent >= np.log(least)
+        kept = tuple(slice(0, min(a, b)) for a, b in zip(seen.shape, there.shape))
+        seen[kept] = there[kept]
+        for axis in range(3):  # a cell has the vertices 0 to `parts`, both included
+            seen = np.moveaxis(seen, axis, 0)
+            inner = seen[:-1].reshape(-1, parts, *seen.shape[1:]).any(axis=1)
+            seen = np.moveaxis(inner | seen[parts::parts], 0, axis)
+        for axis in range(3):
+            seen = seen.repeat(copies, axis)
+        return seen[: shape[0], : shape[1], : shape[2]].astype(np.uint8)

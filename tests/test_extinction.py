@@ -1,0 +1,165 @@
+"""What a volume says about its extinction: that it dims rays as the ray caster does, and that training begins there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.core.box import Box
+from svv.core.extinction import LEAST, MOST, Extinction
+from svv.dvr.demo_volume import demo_transfer_function, demo_volume
+from svv.dvr.extinction import extinction_of
+from svv.dvr.grids import from_array, set_geometry
+from svv.dvr.stage import set_stage
+from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.views import make_views
+from svv.errors import BadInput, silent
+from svv.fields.encodings import SparseLattice
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Marching, RayCaster, composite, march
+from svv.io.viewset import EXTINCTION, ViewSet
+from svv.kernels.dispatch import CPU
+from svv.train.config import PRESETS, ReconstructSettings
+from svv.train.evaluate import evaluate_scene
+from svv.train.pipeline import train_scene
+from svv.train.reconstruct import Reconstruction, first_occupancy
+
+
+def alpha_of(extinction: Extinction, camera) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """What a view's alpha is if the extinction is all there is. (H, W)"""
+    occupancy = Occupancy(extinction.box, 32, extinction.occupied(32, 0.01))
+    lattice = SparseLattice(occupancy.occupied, 32, (extinction.cells,), 1)
+    with torch.no_grad():
+        values = extinction.at_vertices(lattice.vertices_of_level(0, occupancy.occupied, 32), extinction.cells)
+        lattice.table.copy_(torch.from_numpy(values)[:, None])
+    rays = RayCaster([camera], occupancy.box, CPU).view(0)
+    samples = march(rays, occupancy, lattice, Marching(0.5 / extinction.cells, least_weight=0.0, stop=20.0))
+    _, transmittance, _ = composite(samples, samples.sigma, torch.zeros(len(samples), 1))
+    return 1.0 - transmittance.numpy().reshape(camera.height, camera.width)
+
+
+@pytest.mark.parametrize(
+    "turn", ["as it is", "turned, stretched and far away", "mirrored"], ids=["plain", "turned", "mirrored"]
+)
+def test_it_dims_rays_as_the_ray_caster_does(turn: str) -> None:
+    image = demo_volume(48)
+    if turn != "as it is":
+        c, s = np.cos(0.5), np.sin(0.5)
+        axes = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) * (3e-3, 4e-3, 5e-3)
+        if turn == "mirrored":
+            axes[:, 0] *= -1.0
+        set_geometry(image, axes, np.array([100.0, -7.0, 3.0]))
+    views, _ = make_views(image, demo_transfer_function(), 4, 96, mapper="cpu", step=0.125)
+    assert views.extinction is not None
+    for camera, drawn in zip(views.cameras, views.images, strict=True):
+        error = alpha_of(views.extinction, camera) - drawn[..., 3] / 255.0
+        assert np.sqrt(np.square(error).mean()) < 0.03
+        assert abs(error.mean()) < 0.012  # averaged shells hide a little more
+
+
+def slab(opacity: float, unit: float) -> tuple[vtkImageData, TransferFunction]:
+    image = from_array(np.full((9, 9, 9), 1.0, np.float32) + np.eye(9, dtype=np.float32) * 1e-3, (0.5,) * 3, (0.0,) * 3)
+    return image, TransferFunction(((0, 1, 1, 1), (2, 1, 1, 1)), ((0, opacity, 0.5, 0), (2, opacity, 0.5, 0)), unit)
+
+
+@given(st.floats(0.01, 0.99), st.floats(0.1, 10.0))
+def test_a_uniform_volume_has_the_extinction_of_its_opacity(opacity: float, unit: float) -> None:
+    """-ln(1 - a) / u, in 1 / box unit."""
+    extinction = extinction_of(set_stage(*slab(opacity, unit)))
+    expected = np.log(-np.log(1.0 - opacity) / unit * extinction.box.size)
+    np.testing.assert_allclose(extinction.exponent, np.clip(expected, LEAST, MOST), atol=5e-3)
+
+
+def test_a_range_between_two_voxels_is_seen() -> None:
+    """A jump across a narrow visible range leaves a thin shell, whose optical depth is the mean over the values."""
+    values = np.zeros((16, 16, 16), np.float32)
+    values[8:] = 1.0
+    opacities = ((0, 0, 0.5, 0), (0.45, 0, 0.5, 0), (0.5, 0.9, 0.5, 0), (0.55, 0, 0.5, 0), (1, 0, 0.5, 0))
+    tf = TransferFunction(((0, 1, 1, 1), (1, 1, 1, 1)), opacities, 1.0)
+    extinction = extinction_of(set_stage(from_array(values, (1.0,) * 3, (0.0,) * 3), tf))
+    line = np.exp(extinction.exponent[8, 8].astype(float)).sum() / extinction.cells
+    known = np.linspace(0, 1, 10001)
+    assert line == pytest.approx(np.trapezoid(-np.log1p(-tf.opacity_at(known)), known), rel=0.1)
+
+
+@given(
+    st.sampled_from([4, 8, 16]), st.sampled_from([4, 8, 16]), st.integers(0, 2**31),
+    st.tuples(*[st.floats(0.2, 1.0)] * 2),
+)  # fmt: skip
+def test_occupied_cells_are_those_with_a_visible_vertex(
+    grid: int, cells: int, seed: int, sides: tuple[float, float]
+) -> None:
+    box = Box((0.0, 0.0, 0.0), 1.0, (1.0, *sides))
+    shape = np.ceil(np.array(box.extent) * grid - 1e-6).astype(int) + 1
+    exponent = np.where(np.random.default_rng(seed).random(shape) < 0.05, 2.0, LEAST).astype(np.float16)
+    found = Extinction(box, grid, exponent).occupied(cells, 1.0)
+    expected = np.zeros_like(found)
+    side = max(grid, cells)
+    for fine in np.ndindex(*(n * side // cells for n in found.shape)):
+        corners = [tuple(c * grid // side + np.array(d)) for c in [np.array(fine)] for d in np.ndindex(2, 2, 2)]
+        if any(all(a < b for a, b in zip(c, shape)) and exponent[c] > 0 for c in corners):
+            expected[tuple(np.array(fine) * cells // side)] = 1
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.fixture(scope="module")
+def views() -> tuple[ViewSet, ViewSet]:
+    train, test = make_views(demo_volume(32), demo_transfer_function(), 20, 96, test=3, mapper="cpu")
+    assert test is not None
+    return train, test
+
+
+def test_it_is_written_and_read_with_the_views(views: tuple[ViewSet, ViewSet], tmp_path: Path) -> None:
+    train, _ = views
+    train.write(tmp_path)
+    again = ViewSet.read(tmp_path).extinction
+    assert again is not None and train.extinction is not None
+    assert (again.box, again.cells) == (train.extinction.box, train.extinction.cells)
+    np.testing.assert_array_equal(again.exponent, train.extinction.exponent)
+
+    replace(train, extinction=None).write(tmp_path)  # other views over it: the old file must not speak for them
+    assert ViewSet.read(tmp_path).extinction is None
+
+    train.write(tmp_path)
+    (tmp_path / EXTINCTION).unlink()
+    assert ViewSet.read(tmp_path).extinction is None
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 nonsense", b"\x93NUMPY"])
+def test_a_damaged_file_is_named(views: tuple[ViewSet, ViewSet], tmp_path: Path, content: bytes) -> None:
+    views[0].write(tmp_path)
+    (tmp_path / EXTINCTION).write_bytes(content)
+    with pytest.raises(BadInput, match=EXTINCTION):
+        ViewSet.read(tmp_path)
+
+
+def test_training_begins_with_it(views: tuple[ViewSet, ViewSet]) -> None:
+    train, field, settings = views[0], PRESETS["draft"].field, ReconstructSettings(cells=32)
+    assert train.extinction is not None
+    occupancy, reason = first_occupancy(train, settings, field, silent)
+    assert "volume" in reason
+    work = Reconstruction(train, occupancy, replace(field, resolutions=(8, 16, 32)), settings)
+    density = work.field.density
+    assert density is not None and density.resolutions == (64,)
+    vertices = density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
+    inside = torch.from_numpy(vertices / 64).float()
+    inside = inside[(inside <= torch.tensor(occupancy.box.extent)).all(dim=1)]
+    expected = train.extinction.at_vertices((inside.numpy() * 64).astype(int), 64)
+    np.testing.assert_allclose(density(inside)[:, 0].detach(), expected, atol=1e-4)
+
+
+def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
+    """The same few steps with it and without."""
+    train, test = views
+    short = replace(PRESETS["draft"], reconstruct=ReconstructSettings(iterations=120, rays=1024, cells=32))
+    with_it, _ = train_scene(train, short)
+    without, _ = train_scene(replace(train, extinction=None), short)
+    scores = [evaluate_scene(scene, test, "base")["psnr"] for scene in (with_it, without)]
+    assert scores[0] > scores[1] + 0.3

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -87,11 +88,15 @@ def train(
     seed: Seed = 0,
     device: DeviceOption = Device.cpu,
     encoding: EncodingOption = None,
+    views_only: Annotated[
+        bool, typer.Option("--views-only", help="Learn from the images alone, not from the volume.")
+    ] = False,
     json: Json = None,
 ) -> None:
     """Train a scene on views.
 
-    Stopped with Ctrl-C, the same command goes on where it was.
+    Views that `svv views` drew carry the volume's extinction, and training begins with it; from views of other origin
+    the extinction is learned, too. Stopped with Ctrl-C, the same command goes on where it was.
     """
     from svv.io.viewset import ViewSet
     from svv.kernels.dispatch import device_named
@@ -103,6 +108,8 @@ def train(
         view_set = ViewSet.read(views, "train", progress)
     if "assumed" in view_set.meta:
         print(view_set.meta["assumed"], file=sys.stderr)
+    if views_only:
+        view_set = replace(view_set, extinction=None)
     checkpoint = checkpoint_path(out)
     with shown("Training") as progress:
         name = None if encoding is None else encoding.value

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
+from svv import cli
 from svv.core.box import Box
 from svv.core.extinction import LEAST, MOST, Extinction
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
@@ -20,12 +23,13 @@ from svv.dvr.grids import from_array, set_geometry
 from svv.dvr.stage import set_stage
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views
-from svv.errors import BadInput, silent
+from svv.errors import BadInput, Cancelled, silent
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, RayCaster, composite, march
 from svv.io.viewset import EXTINCTION, ViewSet
 from svv.kernels.dispatch import CPU
+from svv.train import loop
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
@@ -163,3 +167,43 @@ def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
     without, _ = train_scene(replace(train, extinction=None), short)
     scores = [evaluate_scene(scene, test, "base")["psnr"] for scene in (with_it, without)]
     assert scores[0] > scores[1] + 0.3
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_the_command_says_what_it_learned_from(
+    views: tuple[ViewSet, ViewSet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: bool
+) -> None:
+    views[0].write(tmp_path)
+    report = tmp_path / "report.json"
+    words = ["svv", "train", str(tmp_path), "--out", str(tmp_path / "a.svv"), "--preset", "draft"]
+    words += ["--time-limit", "1", "--json", str(report)] + ["--views-only"] * alone
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert not ended.value.code
+    first = json.loads(report.read_text())["notes"][0]
+    assert ("visual hull" in first) == alone and ("volume" in first) != alone
+
+
+def test_a_stopped_training_goes_on_to_the_same_scene(views: tuple[ViewSet, ViewSet], tmp_path: Path) -> None:
+    """Before the step is halved and after."""
+    train, _ = views
+    short = replace(
+        PRESETS["draft"], reconstruct=ReconstructSettings(iterations=60, rays=512, cells=32, prune_every=10),
+        recolour=replace(PRESETS["draft"].recolour, iterations=2),
+    )  # fmt: skip
+    whole, _ = train_scene(train, short)
+    for stop_at in (0.2, 0.6):
+        file = tmp_path / f"{stop_at}.checkpoint"
+
+        def stop(fraction: float, _: str, limit: float = stop_at) -> None:
+            if fraction > limit:
+                raise Cancelled
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(loop, "SAVE_EVERY", 0.0)
+            with pytest.raises(Cancelled):
+                train_scene(train, short, progress=stop, checkpoint=file)
+        again, _ = train_scene(train, short, checkpoint=file)
+        for name, value in whole.base.state_dict().items():
+            torch.testing.assert_close(again.base.state_dict()[name], value, msg=name)

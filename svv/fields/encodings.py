@@ -206,9 +206,13 @@ class LatticeAdam:
 
     def __init__(self, encodings: Iterable[Encoding], beta1: float = 0.9, beta2: float = 0.99,
                  epsilon: float = 1e-12) -> None:  # fmt: skip
+        self.constants = beta1, beta2, epsilon
+        self.restart(encodings)
+
+    def restart(self, encodings: Iterable[Encoding]) -> None:
+        """Step these from now on, as if for the first time; who holds the optimiser (a checkpoint) sees them, too."""
         self.encodings = list(encodings)
         self.finer = [e.rows_of_level(0).stop if isinstance(e, SparseLattice) else 0 for e in self.encodings]
-        self.constants = beta1, beta2, epsilon
         self.moments = [e.table.new_zeros(2, *e.table.shape) for e in self.encodings]
         self.age = [e.table.new_zeros(len(e.table), dtype=torch.int32) for e in self.encodings]
 

@@ -107,7 +107,7 @@ class Reconstruction:
         where = self.occupancy.occupied, self.occupancy.cells
         self.field.density = density.restricted(*where, finer=() if self.known else (2 * density.resolutions[-1],))
         self.field.encoding = encoding.restricted(*where)
-        self.tables = LatticeAdam(self.field.encodings)
+        self.tables.restart(self.field.encodings)
         self.marching = replace(self.marching, step=0.5 * self.marching.step)
         self.refined = self.occupancy
 

@@ -162,7 +162,10 @@ def test_training_begins_with_it(views: tuple[ViewSet, ViewSet]) -> None:
 def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
     """The same few steps with it and without."""
     train, test = views
-    short = replace(PRESETS["draft"], reconstruct=ReconstructSettings(iterations=120, rays=1024, cells=32))
+    short = replace(
+        PRESETS["draft"], reconstruct=ReconstructSettings(iterations=120, rays=1024, cells=32),
+        recolour=replace(PRESETS["draft"].recolour, iterations=1),
+    )  # fmt: skip
     with_it, _ = train_scene(train, short)
     without, _ = train_scene(replace(train, extinction=None), short)
     scores = [evaluate_scene(scene, test, "base")["psnr"] for scene in (with_it, without)]

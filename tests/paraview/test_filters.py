@@ -128,10 +128,12 @@ assert np.array_equal(image(render, 90.0)[1]["RGBA"], first["RGBA"]), "an edit t
 # The camera of a view, as ParaView has it: twice as far away, everything is half as large.
 scale = lambda: np.sqrt((image(render)[1]["RGBA"][:, 3] > 0).sum())
 centre, far = [0.0, 0.0, 0.0], 110.0
+render.ImageSize = [240, 160]
 render.Camera = [0, 0, far, *centre, 0, 1, 0, 30.0]
 near = scale()
 render.Camera = [0, 0, 2 * far, *centre, 0, 1, 0, 30.0]
 assert abs(near / scale() - 2.0) < 0.15, near / scale()
+render.ImageSize = [60, 40]
 
 edit.Region0Lighting = 0.5
 SaveData(out + "/edited.svv", proxy=edit)

@@ -64,8 +64,8 @@ def test_it_dims_rays_as_the_ray_caster_does(turn: str) -> None:
     assert views.extinction is not None
     for camera, drawn in zip(views.cameras, views.images, strict=True):
         error = alpha_of(views.extinction, camera) - drawn[..., 3] / 255.0
-        assert np.sqrt(np.square(error).mean()) < 0.03
-        assert abs(error.mean()) < 0.012  # averaged shells hide a little more
+        assert np.sqrt(np.square(error).mean()) < 0.025
+        assert abs(error.mean()) < 0.010  # averaged shells hide a little more
 
 
 def slab(opacity: float, unit: float) -> tuple[vtkImageData, TransferFunction]:
@@ -210,3 +210,47 @@ def test_a_stopped_training_goes_on_to_the_same_scene(views: tuple[ViewSet, View
         again, _ = train_scene(train, short, checkpoint=file)
         for name, value in whole.base.state_dict().items():
             torch.testing.assert_close(again.base.state_dict()[name], value, msg=name)
+
+
+def test_a_fog_that_is_hardly_there_is_looked_at() -> None:
+    """Where the most there is lies below what pruning drops, that is what the scene is made of."""
+    image = from_array(np.linspace(0, 1, 4096, dtype=np.float32).reshape(16, 16, 16), (1.0,) * 3, (0.0,) * 3)
+    tf = TransferFunction(((0, 1, 1, 1), (1, 1, 1, 1)), ((0, 0.0, 0.5, 0), (1, 0.3, 0.5, 0)), 100.0)
+    views, _ = make_views(image, tf, 6, 32, mapper="cpu")
+    occupancy, _ = first_occupancy(views, ReconstructSettings(cells=32), PRESETS["draft"].field, silent)
+    assert occupancy.fraction > 0.5
+
+
+def test_a_volume_of_one_value_is_not_empty() -> None:
+    image = from_array(np.full((9, 9, 9), 1.0, np.float32), (0.5,) * 3, (0.0,) * 3)
+    extinction = extinction_of(set_stage(image, slab(0.5, 1.0)[1]))
+    assert extinction.exponent.min() > 0.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"cells": np.array(0)}, {"cells": np.array(48)}, {"size": np.array(-1.0)}, {"size": np.array(np.nan)},
+        {"exponent": np.zeros((3, 3, 3), np.float16)}, {"exponent": np.full((65, 65, 65), np.nan, np.float16)},
+        {"extent": np.array([1.0, 2.0, 1.0])},
+    ],
+    ids=["no cells", "odd cells", "turned inside out", "nowhere", "another grid", "not numbers", "too wide"],
+)  # fmt: skip
+def test_a_file_that_says_what_cannot_be_is_named(
+    views: tuple[ViewSet, ViewSet], tmp_path: Path, change: dict[str, np.ndarray]
+) -> None:
+    views[0].write(tmp_path)
+    with np.load(tmp_path / EXTINCTION) as arrays:
+        content = {k: arrays[k] for k in arrays.files}
+    np.savez_compressed(tmp_path / EXTINCTION, **(content | change))
+    with pytest.raises(BadInput, match=EXTINCTION):
+        ViewSet.read(tmp_path)
+
+
+def test_views_without_it_leave_no_file_of_others(views: tuple[ViewSet, ViewSet], tmp_path: Path) -> None:
+    train, test = views
+    train.write(tmp_path)
+    test.write(tmp_path, "test")
+    assert (tmp_path / EXTINCTION).exists()
+    replace(train, extinction=None).write(tmp_path)
+    assert not (tmp_path / EXTINCTION).exists()

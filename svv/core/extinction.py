@@ -13,10 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.box import Box
+from svv.errors import BadInput
 
 LEAST, MOST = -3.0, 8.5
 """Exponents of the extinction (1 / box unit) of what is empty and of what is opaque: within these bounds it can be
 interpolated, and goes on learning."""
+
+
+def grid_shape(box: Box, cells: int) -> NDArray[np.int64]:
+    """Cells along each side of a grid over a box with ``cells`` per box unit. (3,)"""
+    return np.maximum(1, np.ceil(np.asarray(box.extent) * cells - 1e-6).astype(np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +34,27 @@ class Extinction:
         cells: Cells of the grid per box unit, a power of two.
         exponent: Natural logarithm of the extinction in 1 / box unit, in [``LEAST``, ``MOST``]; vertex (i, j, k) lies
             at (i, j, k) / ``cells`` of the box. (X + 1, Y + 1, Z + 1) float16
+
+    Raises:
+        BadInput: a box, a number of cells or exponents that cannot be, or that do not fit each other.
     """
 
     box: Box
     cells: int
     exponent: NDArray[np.float16]
+
+    def __post_init__(self) -> None:
+        if self.cells < 1 or self.cells & (self.cells - 1):
+            raise BadInput(f"The cells of an extinction must be a power of two, not {self.cells}.")
+        sides = np.asarray(self.box.extent)
+        place = np.isfinite([*self.box.low, self.box.size]).all() and self.box.size > 0
+        if not (place and len(self.box.low) == len(sides) == 3 and (sides > 0).all() and sides.max() <= 1.0):
+            raise BadInput("The box of an extinction must be finite, its sides in (0, 1] of its size.")
+        expected = tuple(grid_shape(self.box, self.cells) + 1)
+        if self.exponent.dtype != np.float16 or self.exponent.shape != expected:
+            raise BadInput(f"The exponents of this extinction must be float16 on {expected} vertices.")
+        if not ((self.exponent >= LEAST) & (self.exponent <= MOST)).all():
+            raise BadInput(f"The exponents of an extinction must lie between {LEAST} and {MOST}.")
 
     def at_vertices(self, vertices: NDArray[np.integer], resolution: int) -> NDArray[np.float32]:
         """Exponents at ``vertices / resolution``: (V, 3) whole numbers -> (V,).
@@ -47,8 +69,11 @@ class Extinction:
         return np.where(((i >= 0) & (i <= last)).all(axis=1), values, np.float32(LEAST))
 
     def occupied(self, cells: int, least: float) -> NDArray[np.uint8]:
-        """Cells of a grid with ``cells`` per box unit in which an extinction reaches ``least`` (1 / box unit)."""
-        shape = np.maximum(1, np.ceil(np.asarray(self.box.extent) * cells - 1e-6).astype(int))
+        """Cells of a grid with ``cells`` per box unit in which an extinction reaches ``least`` (1 / box unit).
+
+        (X, Y, Z) uint8. ``cells`` must be a power of two.
+        """
+        shape = grid_shape(self.box, cells)
         parts = max(1, self.cells // cells)  # cells of this grid in one of the other, along an axis
         copies = max(1, cells // self.cells)
         coarse = -(-shape // copies)

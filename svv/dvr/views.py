@@ -138,6 +138,7 @@ def make_views(
     numbers = unseen_numbers(test)
     cameras += orbit_cameras(ORBIT, centre, radius, fov, size, numbers)
     shading = shading or Shading()
+    extinction = extinction_of(stage)
     images, mapper_name, distance = _render(stage, cameras, mapper, shading, step, part(progress, 0.02, 1.0))
     meta = {
         "volume": name or (Path(volume).name if isinstance(volume, (str, Path)) else "volume"),
@@ -153,7 +154,7 @@ def make_views(
         "seconds": round(time.monotonic() - began, 3),
     }
     names = tuple(f"r_{i:04d}" for i in range(n))
-    train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, extinction_of(stage))
+    train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, extinction)
     if not test:
         return train, None
     return train, ViewSet(tuple(cameras[n:]), images[n:], tuple(f"r_{i:04d}" for i in numbers), meta)

@@ -180,7 +180,9 @@ class ViewSet:
     def _move_in(self, staging: Path, target: Path, split: str) -> None:
         final = target / f"transforms_{split}.json"
         images = make_folder(target / split)
-        stale = _own_images(final) - {images / f"{name}.png" for name in self.names}
+        stale = _own_files(final) - {images / f"{name}.png" for name in self.names}
+        if self.extinction is not None:
+            stale.discard(target / EXTINCTION)
         with atomic_path(final) as manifest:
             manifest.write_text(to_json(self._transforms(split), indent=1), encoding="utf-8")
             for name in self.names:
@@ -203,20 +205,19 @@ def _read_extinction(file: Path) -> Extinction:
         with np.load(file, allow_pickle=False) as arrays:
             low, size, extent, cells, exponent = (arrays[k] for k in ("low", "size", "extent", "cells", "exponent"))
         box = Box(tuple(low.tolist()), float(size), tuple(extent.tolist()))
-        if exponent.ndim != 3 or exponent.dtype != np.float16 or len(box.low) != 3 or len(box.extent) != 3:
-            raise ValueError("its arrays have other shapes")
         return Extinction(box, int(cells), exponent)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (BadInput, OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         what = "make the views again, or delete it to learn from them alone"
-        raise BadInput(f"Cannot read {file} ({error}); {what}.") from error
+        raise BadInput(f"Cannot read {file} ({str(error).rstrip('.')}); {what}.") from error
 
 
-def _own_images(path: Path) -> set[Path]:
-    """Images of the set that stands there, if it is one of ours; other people's files are never removed."""
+def _own_files(path: Path) -> set[Path]:
+    """Images and extinction of the set that stands there, if it is ours; other people's files are never removed."""
     try:
         scene = json.loads(path.read_text())
         frames = scene["frames"] if "svv" in scene else []
-        return {path.parent / f"{frame['file_path']}.png" for frame in frames}
+        files = {path.parent / f"{frame['file_path']}.png" for frame in frames}
+        return files | {path.parent / EXTINCTION} if scene.get("svv_extinction") == EXTINCTION else files
     except (OSError, ValueError, KeyError, TypeError):
         return set()
 

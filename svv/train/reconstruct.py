@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.extinction import Extinction
-from svv.errors import BadInput, Progress
+from svv.errors import Progress
 from svv.fields.encodings import LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.occupancy import Occupancy, carve
@@ -23,6 +23,9 @@ from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, falling
+
+FAINTEST = 0.05
+"""Part of a volume's largest extinction that is looked at, however faint that is."""
 
 
 class Reconstruction:
@@ -219,14 +222,14 @@ def first_occupancy(
         occupancy = carve(views.images[..., 3] > 0, views.cameras, settings.cells)
         reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
     else:
-        occupied = known.occupied(settings.cells, settings.prune_least * known.cells)
+        # Below the first nothing stays when the training prunes; of a fog that is all below it, the most of it counts.
+        least = min(settings.prune_least * known.cells, FAINTEST * float(np.exp(np.float64(known.exponent.max()))))
+        occupied = known.occupied(settings.cells, least)
         occupancy = Occupancy(known.box, settings.cells, occupied)
         reason = (
             "the extinction is that of the volume and its transfer function, which fill "
             f"{occupancy.fraction:.1%} of the box; it is learned on, not anew"
         )
-    if not occupancy.occupied.any():
-        raise BadInput("The volume is too transparent to be seen; raise its opacity or shorten the unit distance.")
     progress(1.0, "where to look")
     return occupancy, reason
 

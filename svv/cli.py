@@ -109,7 +109,7 @@ def train(
     if "assumed" in view_set.meta:
         print(view_set.meta["assumed"], file=sys.stderr)
     if views_only:
-        view_set = replace(view_set, extinction=None)
+        view_set = replace(view_set, classified=None)
     checkpoint = checkpoint_path(out)
     with shown("Training") as progress:
         name = None if encoding is None else encoding.value

@@ -49,6 +49,9 @@ class Stage:
     """Stage units per world unit."""
     visible_size: Array
     """(3,), world lengths of the visible box along the volume's own axes."""
+    gain: float
+    offset: float
+    """value in ``image`` = ``gain`` * value of the volume + ``offset``"""
 
     @property
     def voxel(self) -> float:
@@ -98,7 +101,7 @@ def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
     numbers, gain, offset = _small_type(cropped)
     unit_distance = tf.unit_distance or unit_distance_for(image)
     staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
-    return Stage(staged, tf.mapped(gain, offset), scale * unit_distance, rotation, centre, scale, visible)
+    return Stage(staged, tf.mapped(gain, offset), scale * unit_distance, rotation, centre, scale, visible, gain, offset)
 
 
 def visible_cells(values: NDArray[Any], tf: TransferFunction) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from vtkmodules.vtkCommonCore import vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera, orbit_cameras, sphere_cameras
-from svv.dvr.extinction import extinction_of
+from svv.dvr.classify import classified
 from svv.dvr.grids import as_volume, index_to_world, to_array
 from svv.dvr.histogram import default_transfer_function
 from svv.dvr.mappers import CpuMapper, GpuMapper, Shading, choose_mapper
@@ -112,7 +112,7 @@ def make_views(
 
     Returns:
         The training and the test views (None where ``test`` is 0). ``meta`` says how to make them again; the training
-        views also carry the extinction that the volume has.
+        views also carry the classified volume.
 
     Raises:
         BadInput: Any reason of ``read_volume``, ``TransferFunction`` and ``render_views``, or an option out of range.
@@ -138,7 +138,7 @@ def make_views(
     numbers = unseen_numbers(test)
     cameras += orbit_cameras(ORBIT, centre, radius, fov, size, numbers)
     shading = shading or Shading()
-    extinction = extinction_of(stage)
+    volume_classified = classified(stage)
     images, mapper_name, distance = _render(stage, cameras, mapper, shading, step, part(progress, 0.02, 1.0))
     meta = {
         "volume": name or (Path(volume).name if isinstance(volume, (str, Path)) else "volume"),
@@ -154,7 +154,7 @@ def make_views(
         "seconds": round(time.monotonic() - began, 3),
     }
     names = tuple(f"r_{i:04d}" for i in range(n))
-    train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, extinction)
+    train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, volume_classified)
     if not test:
         return train, None
     return train, ViewSet(tuple(cameras[n:]), images[n:], tuple(f"r_{i:04d}" for i in numbers), meta)

@@ -59,6 +59,8 @@ class Region:
     """Name of the style that the UCN gave it; None where the PCN holds its colour."""
     strength: float = 1.0
     """How much of the style is shown: 0 the palette's colours, 1 the style's."""
+    values: tuple[float, float] | None = None
+    """The volume's scalar values that it shows, where they are known."""
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 On disk: ``transforms_<split>.json`` beside a folder ``<split>`` of PNG files. The JSON file holds
 ``camera_angle_x`` (radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``),
-and, in the sets that we write, what made them under the key ``svv``. Where the volume is known, the extinction that it
-has lies beside it in ``extinction.npz``, named by the key ``svv_extinction``; a set without that file is whole.
+and, in the sets that we write, what made them under the key ``svv``. Where the volume is known, what its transfer
+function makes of it lies beside it in ``classified.npz``, named by the key ``svv_classified``; a set without that file
+is whole.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from PIL import Image
 
 from svv.core.box import Box
 from svv.core.cameras import Camera
-from svv.core.extinction import Extinction
+from svv.core.classified import ClassifiedVolume, ValueRange
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import atomic_path, cannot_write, make_folder, to_json
 
@@ -46,7 +47,7 @@ CORNER_SPREAD = 16
 
 MIN_TRAIN_VIEWS = 3
 
-EXTINCTION = "extinction.npz"
+CLASSIFIED = "classified.npz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ class ViewSet:
         meta: What is known about how they were made (JSON). In our own sets: ``bounds`` (world, of the
             visible data), ``volume``, ``tf``, ``mapper``, ``sample_distance``, ``seconds`` ...; ``assumed``
             holds one sentence where the images had no alpha.
-        extinction: What the volume and its transfer function say, None where only the images are known.
+        classified: The volume after classification, None where only the images are known.
 
     Raises:
         BadInput: No view at all, or counts, sizes or types that do not fit each other.
@@ -70,7 +71,7 @@ class ViewSet:
     images: Images
     names: tuple[str, ...]
     meta: dict[str, Any] = field(default_factory=dict)
-    extinction: Extinction | None = None
+    classified: ClassifiedVolume | None = None
 
     def __post_init__(self) -> None:
         if self.images.ndim != 4 or self.images.shape[-1] != 4 or self.images.dtype != np.uint8:
@@ -93,7 +94,7 @@ class ViewSet:
             self.images[list(indices)],
             tuple(self.names[i] for i in indices),
             self.meta,
-            self.extinction,
+            self.classified,
         )
 
     @classmethod
@@ -130,9 +131,9 @@ class ViewSet:
         if assumed:
             meta["assumed"] = assumed
         cameras = tuple(_camera(path, scene, frame, width, height) for frame in frames)
-        file = path.parent / EXTINCTION
-        extinction = _read_extinction(file) if scene.get("svv_extinction") == EXTINCTION and file.exists() else None
-        return cls(cameras, images, _names(frames), meta, extinction)
+        file = path.parent / CLASSIFIED
+        classified = _read_classified(file) if scene.get("svv_classified") == CLASSIFIED and file.exists() else None
+        return cls(cameras, images, _names(frames), meta, classified)
 
     def write(self, folder: str | Path, split: str = "train", progress: Progress = silent) -> None:
         """Write the set so that ``read`` gives it back bit by bit.
@@ -157,8 +158,8 @@ class ViewSet:
             jobs = [(staging / f"{name}.png", image) for name, image in zip(self.names, self.images)]
             for _ in _in_threads(_encode, jobs, progress, f"Writing {split} views"):
                 pass
-            if self.extinction is not None:
-                _write_extinction(staging / EXTINCTION, self.extinction)
+            if self.classified is not None:
+                _write_classified(staging / CLASSIFIED, self.classified)
             self._move_in(staging, target, split)
         finally:
             shutil.rmtree(staging, ignore_errors=True)
@@ -173,51 +174,55 @@ class ViewSet:
             frame["transform_matrix"] = camera.camera_to_world.tolist()
             frames.append(frame)
         about = {"w": first.width, "h": first.height, "svv": self.meta}
-        if self.extinction is not None:
-            about["svv_extinction"] = EXTINCTION
+        if self.classified is not None:
+            about["svv_classified"] = CLASSIFIED
         return {"camera_angle_x": first.fov_x, **about, "frames": frames}
 
     def _move_in(self, staging: Path, target: Path, split: str) -> None:
         final = target / f"transforms_{split}.json"
         images = make_folder(target / split)
         stale = _own_files(final) - {images / f"{name}.png" for name in self.names}
-        if self.extinction is not None:
-            stale.discard(target / EXTINCTION)
+        if self.classified is not None:
+            stale.discard(target / CLASSIFIED)
         with atomic_path(final) as manifest:
             manifest.write_text(to_json(self._transforms(split), indent=1), encoding="utf-8")
             for name in self.names:
                 os.replace(staging / f"{name}.png", images / f"{name}.png")
-            if self.extinction is not None:
-                os.replace(staging / EXTINCTION, target / EXTINCTION)
+            if self.classified is not None:
+                os.replace(staging / CLASSIFIED, target / CLASSIFIED)
         for file in stale:
             file.unlink(missing_ok=True)
 
 
-def _write_extinction(file: Path, extinction: Extinction) -> None:
-    low, size, extent = (np.array(part) for part in astuple(extinction.box))
+def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
+    low, size, extent = (np.array(part) for part in astuple(volume.box))
+    ranges = np.array([(r.low, r.high, *r.colour) for r in volume.ranges])
     np.savez_compressed(
-        file, low=low, size=size, extent=extent, cells=np.array(extinction.cells), exponent=extinction.exponent
-    )
+        file, low=low, size=size, extent=extent, cells=np.array(volume.cells), exponent=volume.exponent,
+        owner=volume.owner, ranges=ranges,
+    )  # fmt: skip
 
 
-def _read_extinction(file: Path) -> Extinction:
+def _read_classified(file: Path) -> ClassifiedVolume:
+    names = ("low", "size", "extent", "cells", "exponent", "owner", "ranges")
     try:
         with np.load(file, allow_pickle=False) as arrays:
-            low, size, extent, cells, exponent = (arrays[k] for k in ("low", "size", "extent", "cells", "exponent"))
+            low, size, extent, cells, exponent, owner, values = (arrays[k] for k in names)
         box = Box(tuple(low.tolist()), float(size), tuple(extent.tolist()))
-        return Extinction(box, int(cells), exponent)
+        ranges = tuple(ValueRange(start, stop, tuple(colour)) for start, stop, *colour in values.tolist())
+        return ClassifiedVolume(box, int(cells), exponent, owner, ranges)
     except (BadInput, OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         what = "make the views again, or delete it to learn from them alone"
         raise BadInput(f"Cannot read {file} ({str(error).rstrip('.')}); {what}.") from error
 
 
 def _own_files(path: Path) -> set[Path]:
-    """Images and extinction of the set that stands there, if it is ours; other people's files are never removed."""
+    """Images and classified volume of the set that stands there, if it is ours: other people's files stay."""
     try:
         scene = json.loads(path.read_text())
         frames = scene["frames"] if "svv" in scene else []
         files = {path.parent / f"{frame['file_path']}.png" for frame in frames}
-        return files | {path.parent / EXTINCTION} if scene.get("svv_extinction") == EXTINCTION else files
+        return files | {path.parent / CLASSIFIED} if scene.get("svv_classified") == CLASSIFIED else files
     except (OSError, ValueError, KeyError, TypeError):
         return set()
 

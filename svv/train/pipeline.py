@@ -26,6 +26,7 @@ from svv.train.distil import Distillation
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import load_features
 from svv.train.loop import Loop
+from svv.train.ranges import regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
@@ -140,17 +141,20 @@ def _train(
         if saved is not None:
             header, arrays = scene.to_arrays()
             saved.finish("base", {"header": header, "seconds": seconds, "notes": notes}, arrays)
+    known = None
     with _timed(seconds, "palette"):
-        palette = palette_of(views, scene.occupancy, seed)
+        if views.classified is not None and chosen.reconstruct.use_volume:
+            known = regions_of(views.classified, views, scene, seed)
+        palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette
     notes.extend(palette.steps)
     left = None if limit is None else max(0.1, limit - sum(seconds.values()))
     network, shares, seconds["pcn"] = recolour(
         views, scene.base, scene.occupancy, scene.marching, palette.colours, scene.settings, chosen.recolour, seed,
-        left, part(progress, 0.7, 1.0), saved,
+        left, part(progress, 0.7, 1.0), saved, None if known is None else known.owners,
     )  # fmt: skip
     regions = tuple(
-        Region(tuple(colour), float(share))
-        for colour, share in zip(network.colours.tolist(), shares, strict=True)
+        Region(tuple(colour), float(share), values=None if known is None else known.values[i])
+        for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
     )
     with _timed(seconds, "sampling"):
         scene, reason = with_fewest_samples(replace(scene, palette=network, regions=regions), views.cameras)
@@ -313,7 +317,7 @@ def _key(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict
         ),
         "pixels": int((pixels * np.arange(1, pixels.size + 1).reshape(pixels.shape)).sum()),
         "views": views.images.shape,
-        "volume": None if views.extinction is None else float(views.extinction.exponent.sum(dtype=np.float64)),
+        "volume": None if views.classified is None else float(views.classified.exponent.sum(dtype=np.float64)),
         "preset": asdict(chosen),
         "limit": limit,
         "seed": seed,

@@ -21,6 +21,7 @@ from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import RecolourSettings
 from svv.train.loop import Loop, falling
+from svv.train.ranges import Owners, shares_of
 
 PALETTE_PIXELS = 400_000
 """Visible pixels from which the palette is extracted at most."""
@@ -36,6 +37,8 @@ class Recolouring:
     marching: Marching
     pool: RayPool
     settings: RecolourSettings
+    owners: Owners | None = None
+    """Where the volume says which region a point belongs to."""
 
     def __post_init__(self) -> None:
         s = self.settings
@@ -61,7 +64,7 @@ class Recolouring:
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
-        mixed = 1.0 - parts.weights.square().sum(dim=1)
+        mixed = 1.0 - parts.weights.square().sum(dim=1) if self.owners is None else torch.zeros_like(offsets)
         values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
         out, _, _ = composite(samples, sigma, values)
         error = (out[:, :3] - batch.premultiplied).square().mean()
@@ -69,6 +72,9 @@ class Recolouring:
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
         penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, s.mixing_weight])
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
+        if self.owners is not None and len(samples):
+            own = parts.weights.gather(1, self.owners.of(samples.position)[:, None])
+            loss = loss - s.owner_weight * own.log().mean()
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         rate = falling(fraction, s.decay)
@@ -87,10 +93,7 @@ class Recolouring:
         samples = march(batch.rays, self.occupancy, self.base.density, self.marching)
         sigma, _ = self.base.geometry(samples)
         _, weights, _ = self.field.material(samples.position)
-        _, _, seen = composite(samples, sigma, weights)
-        count = weights.shape[1]
-        share = np.bincount(weights.argmax(1).cpu().numpy(), weights=seen.cpu().numpy(), minlength=count)
-        return np.asarray(share / max(share.sum(), 1e-9), np.float64)
+        return shares_of(samples, sigma, weights.argmax(1), weights.shape[1])
 
 
 def palette_of(views: ViewSet, occupancy: Occupancy, seed: int) -> Palette:
@@ -111,6 +114,7 @@ def recolour(
     limit: float | None,
     progress: Progress,
     checkpoint: Checkpoint | None = None,
+    owners: Owners | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
     """Train the palette colour network for a palette (P, 3).
 
@@ -124,6 +128,7 @@ def recolour(
         limit: Seconds allowed.
         progress: Called several times a second; stops the training when it raises.
         checkpoint: Where to go on from, and to save to.
+        owners: The region that each point belongs to, where that is known.
 
     Returns:
         The frozen network, each region's share of the visible light (P,), and the seconds spent.
@@ -134,7 +139,7 @@ def recolour(
     device = base.encoding.table.device
     network.to(device).light_like(base)
     pool = RayPool(views, occupancy.box, seed, device)
-    work = Recolouring(base, network, occupancy, marching, pool, settings)
+    work = Recolouring(base, network, occupancy, marching, pool, settings, owners)
     loop = Loop(settings.iterations, limit, progress, "palette colour network")
     if checkpoint is not None:
         state = checkpoint.stage("palette", network, work.networks, work.tables)

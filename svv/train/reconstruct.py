@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.core.extinction import Extinction
+from svv.core.classified import ClassifiedVolume
 from svv.errors import Progress
 from svv.fields.encodings import LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, encode_directions
@@ -42,7 +42,7 @@ class Reconstruction:
     ) -> None:
         torch.manual_seed(seed)
         self.settings, self.field_settings = settings, field
-        known = known_extinction(views, settings, field)
+        known = known_volume(views, settings, field)
         self.known = known is not None
         self.refined: Occupancy | None = None
         self.occupancy = occupancy
@@ -217,7 +217,7 @@ def first_occupancy(
         BadInput: nothing is visible in all views at once.
     """
     progress(0.0, "where to look")
-    known = known_extinction(views, settings, field)
+    known = known_volume(views, settings, field)
     if known is None:
         occupancy = carve(views.images[..., 3] > 0, views.cameras, settings.cells)
         reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
@@ -234,6 +234,6 @@ def first_occupancy(
     return occupancy, reason
 
 
-def known_extinction(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> Extinction | None:
+def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> ClassifiedVolume | None:
     """What the density begins with, where the views carry it and the field has a lattice to take it."""
-    return views.extinction if settings.use_volume and field.encoding == "lattice" else None
+    return views.classified if settings.use_volume and field.encoding == "lattice" else None

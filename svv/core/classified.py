@@ -1,8 +1,8 @@
-"""What a volume and its transfer function say about the extinction, before anything is learned.
+"""A volume after classification: what its transfer function makes of each point, before anything is learned.
 
 A view shows what lies behind one another only as a sum, so a field learned from views alone has to find out where a
 faint shell is, and where the views say little it finds noise. Whoever has the volume knows it: the extinction of a
-point is that of its scalar value.
+point is that of its scalar value, and so is the range of the transfer function that it belongs to.
 """
 
 from __future__ import annotations
@@ -25,34 +25,62 @@ def grid_shape(box: Box, cells: int) -> NDArray[np.int64]:
     return np.maximum(1, np.ceil(np.asarray(box.extent) * cells - 1e-6).astype(np.int64))
 
 
+@dataclass(frozen=True)
+class ValueRange:
+    """Values that the transfer function shows alike: a region of the scene.
+
+    Raises:
+        BadInput: numbers that are not finite, no interval, or a colour that is none.
+    """
+
+    low: float
+    high: float
+    """Scalar values of the volume."""
+    colour: tuple[float, float, float]
+    """Mean colour of its extinction, RGB in [0, 1]."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.low, self.high]).all() and self.low <= self.high):
+            raise BadInput("A range of a transfer function must run from a finite value to one that is not smaller.")
+        if len(self.colour) != 3 or not all(0.0 <= c <= 1.0 for c in self.colour):
+            raise BadInput("The colour of a range must be red, green and blue in [0, 1].")
+
+
 @dataclass(frozen=True, eq=False)
-class Extinction:
-    """The extinction on the vertices of a grid over the visible box.
+class ClassifiedVolume:
+    """Extinction and range of the transfer function on the vertices of a grid over the visible box.
 
     Args:
         box: The box, world units.
         cells: Cells of the grid per box unit, a power of two.
         exponent: Natural logarithm of the extinction in 1 / box unit, in [``LEAST``, ``MOST``]; vertex (i, j, k) lies
             at (i, j, k) / ``cells`` of the box. (X + 1, Y + 1, Z + 1) float16
+        owner: The range that most of a vertex' extinction is of, also where there is none: the next one in value.
+            (X + 1, Y + 1, Z + 1) uint8
+        ranges: The visible ranges of the transfer function, in ascending order of their values.
 
     Raises:
-        BadInput: a box, a number of cells or exponents that cannot be, or that do not fit each other.
+        BadInput: a box, a number of cells, exponents or owners that cannot be, or that do not fit each other.
     """
 
     box: Box
     cells: int
     exponent: NDArray[np.float16]
+    owner: NDArray[np.uint8]
+    ranges: tuple[ValueRange, ...]
 
     def __post_init__(self) -> None:
         if self.cells < 1 or self.cells & (self.cells - 1):
-            raise BadInput(f"The cells of an extinction must be a power of two, not {self.cells}.")
+            raise BadInput(f"The cells of a classified volume must be a power of two, not {self.cells}.")
         sides = np.asarray(self.box.extent)
         place = np.isfinite([*self.box.low, self.box.size]).all() and self.box.size > 0
         if not (place and len(self.box.low) == len(sides) == 3 and (sides > 0).all() and sides.max() <= 1.0):
-            raise BadInput("The box of an extinction must be finite, its sides in (0, 1] of its size.")
+            raise BadInput("The box of a classified volume must be finite, its sides in (0, 1] of its size.")
         expected = tuple(grid_shape(self.box, self.cells) + 1)
         if self.exponent.dtype != np.float16 or self.exponent.shape != expected:
             raise BadInput(f"The exponents of this extinction must be float16 on {expected} vertices.")
+        if self.owner.dtype != np.uint8 or self.owner.shape != expected or self.owner.max() >= len(self.ranges):
+            raise BadInput(f"The owners must be numbers of the {len(self.ranges)} ranges, on {expected} vertices.")
         if not ((self.exponent >= LEAST) & (self.exponent <= MOST)).all():
             raise BadInput(f"The exponents of an extinction must lie between {LEAST} and {MOST}.")
 

@@ -1,4 +1,4 @@
-"""What a volume says about its extinction: that it dims rays as the ray caster does, and that training begins there."""
+"""Classified volumes: that they dim rays as the ray caster does, and that training begins with them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv import cli
 from svv.core.box import Box
-from svv.core.extinction import LEAST, MOST, Extinction
+from svv.core.classified import LEAST, MOST, ClassifiedVolume, ValueRange
+from svv.dvr.classify import classified
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
-from svv.dvr.extinction import extinction_of
 from svv.dvr.grids import from_array, set_geometry
 from svv.dvr.stage import set_stage
 from svv.dvr.transfer_functions import TransferFunction
@@ -27,7 +27,7 @@ from svv.errors import BadInput, Cancelled, silent
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, RayCaster, composite, march
-from svv.io.viewset import EXTINCTION, ViewSet
+from svv.io.viewset import CLASSIFIED, ViewSet
 from svv.kernels.dispatch import CPU
 from svv.train import loop
 from svv.train.config import PRESETS, ReconstructSettings
@@ -36,7 +36,7 @@ from svv.train.pipeline import train_scene
 from svv.train.reconstruct import Reconstruction, first_occupancy
 
 
-def alpha_of(extinction: Extinction, camera) -> np.ndarray:  # type: ignore[no-untyped-def]
+def alpha_of(extinction: ClassifiedVolume, camera) -> np.ndarray:  # type: ignore[no-untyped-def]
     """What a view's alpha is if the extinction is all there is. (H, W)"""
     occupancy = Occupancy(extinction.box, 32, extinction.occupied(32, 0.01))
     lattice = SparseLattice(occupancy.occupied, 32, (extinction.cells,), 1)
@@ -61,9 +61,9 @@ def test_it_dims_rays_as_the_ray_caster_does(turn: str) -> None:
             axes[:, 0] *= -1.0
         set_geometry(image, axes, np.array([100.0, -7.0, 3.0]))
     views, _ = make_views(image, demo_transfer_function(), 4, 96, mapper="cpu", step=0.125)
-    assert views.extinction is not None
+    assert views.classified is not None
     for camera, drawn in zip(views.cameras, views.images, strict=True):
-        error = alpha_of(views.extinction, camera) - drawn[..., 3] / 255.0
+        error = alpha_of(views.classified, camera) - drawn[..., 3] / 255.0
         assert np.sqrt(np.square(error).mean()) < 0.03
         assert abs(error.mean()) < 0.012  # averaged shells hide a little more
 
@@ -76,7 +76,7 @@ def slab(opacity: float, unit: float) -> tuple[vtkImageData, TransferFunction]:
 @given(st.floats(0.01, 0.99), st.floats(0.1, 10.0))
 def test_a_uniform_volume_has_the_extinction_of_its_opacity(opacity: float, unit: float) -> None:
     """-ln(1 - a) / u, in 1 / box unit."""
-    extinction = extinction_of(set_stage(*slab(opacity, unit)))
+    extinction = classified(set_stage(*slab(opacity, unit)))
     expected = np.log(-np.log(1.0 - opacity) / unit * extinction.box.size)
     np.testing.assert_allclose(extinction.exponent, np.clip(expected, LEAST, MOST), atol=5e-3)
 
@@ -87,7 +87,7 @@ def test_a_range_between_two_voxels_is_seen() -> None:
     values[8:] = 1.0
     opacities = ((0, 0, 0.5, 0), (0.45, 0, 0.5, 0), (0.5, 0.9, 0.5, 0), (0.55, 0, 0.5, 0), (1, 0, 0.5, 0))
     tf = TransferFunction(((0, 1, 1, 1), (1, 1, 1, 1)), opacities, 1.0)
-    extinction = extinction_of(set_stage(from_array(values, (1.0,) * 3, (0.0,) * 3), tf))
+    extinction = classified(set_stage(from_array(values, (1.0,) * 3, (0.0,) * 3), tf))
     line = np.exp(extinction.exponent[8, 8].astype(float)).sum() / extinction.cells
     known = np.linspace(0, 1, 10001)
     assert line == pytest.approx(np.trapezoid(-np.log1p(-tf.opacity_at(known)), known), rel=0.1)
@@ -103,7 +103,8 @@ def test_occupied_cells_are_those_with_a_visible_vertex(
     box = Box((0.0, 0.0, 0.0), 1.0, (1.0, *sides))
     shape = np.ceil(np.array(box.extent) * grid - 1e-6).astype(int) + 1
     exponent = np.where(np.random.default_rng(seed).random(shape) < 0.05, 2.0, LEAST).astype(np.float16)
-    found = Extinction(box, grid, exponent).occupied(cells, 1.0)
+    volume = ClassifiedVolume(box, grid, exponent, np.zeros(shape, np.uint8), (ValueRange(0.0, 1.0, (1.0, 0.0, 0.0)),))
+    found = volume.occupied(cells, 1.0)
     expected = np.zeros_like(found)
     side = max(grid, cells)
     for fine in np.ndindex(*(n * side // cells for n in found.shape)):
@@ -123,30 +124,30 @@ def views() -> tuple[ViewSet, ViewSet]:
 def test_it_is_written_and_read_with_the_views(views: tuple[ViewSet, ViewSet], tmp_path: Path) -> None:
     train, _ = views
     train.write(tmp_path)
-    again = ViewSet.read(tmp_path).extinction
-    assert again is not None and train.extinction is not None
-    assert (again.box, again.cells) == (train.extinction.box, train.extinction.cells)
-    np.testing.assert_array_equal(again.exponent, train.extinction.exponent)
+    again = ViewSet.read(tmp_path).classified
+    assert again is not None and train.classified is not None
+    assert (again.box, again.cells) == (train.classified.box, train.classified.cells)
+    np.testing.assert_array_equal(again.exponent, train.classified.exponent)
 
-    replace(train, extinction=None).write(tmp_path)  # other views over it: the old file must not speak for them
-    assert ViewSet.read(tmp_path).extinction is None
+    replace(train, classified=None).write(tmp_path)  # other views over it: the old file must not speak for them
+    assert ViewSet.read(tmp_path).classified is None
 
     train.write(tmp_path)
-    (tmp_path / EXTINCTION).unlink()
-    assert ViewSet.read(tmp_path).extinction is None
+    (tmp_path / CLASSIFIED).unlink()
+    assert ViewSet.read(tmp_path).classified is None
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 nonsense", b"\x93NUMPY"])
 def test_a_damaged_file_is_named(views: tuple[ViewSet, ViewSet], tmp_path: Path, content: bytes) -> None:
     views[0].write(tmp_path)
-    (tmp_path / EXTINCTION).write_bytes(content)
-    with pytest.raises(BadInput, match=EXTINCTION):
+    (tmp_path / CLASSIFIED).write_bytes(content)
+    with pytest.raises(BadInput, match=CLASSIFIED):
         ViewSet.read(tmp_path)
 
 
 def test_training_begins_with_it(views: tuple[ViewSet, ViewSet]) -> None:
     train, field, settings = views[0], PRESETS["draft"].field, ReconstructSettings(cells=32)
-    assert train.extinction is not None
+    assert train.classified is not None
     occupancy, reason = first_occupancy(train, settings, field, silent)
     assert "volume" in reason
     work = Reconstruction(train, occupancy, replace(field, resolutions=(8, 16, 32)), settings)
@@ -155,7 +156,7 @@ def test_training_begins_with_it(views: tuple[ViewSet, ViewSet]) -> None:
     vertices = density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
     inside = torch.from_numpy(vertices / 64).float()
     inside = inside[(inside <= torch.tensor(occupancy.box.extent)).all(dim=1)]
-    expected = train.extinction.at_vertices((inside.numpy() * 64).astype(int), 64)
+    expected = train.classified.at_vertices((inside.numpy() * 64).astype(int), 64)
     np.testing.assert_allclose(density(inside)[:, 0].detach(), expected, atol=1e-4)
 
 
@@ -167,7 +168,7 @@ def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
         recolour=replace(PRESETS["draft"].recolour, iterations=1),
     )  # fmt: skip
     with_it, _ = train_scene(train, short)
-    without, _ = train_scene(replace(train, extinction=None), short)
+    without, _ = train_scene(replace(train, classified=None), short)
     scores = [evaluate_scene(scene, test, "base")["psnr"] for scene in (with_it, without)]
     assert scores[0] > scores[1] + 0.3
 
@@ -223,7 +224,7 @@ def test_a_fog_that_is_hardly_there_is_looked_at() -> None:
 
 def test_a_volume_of_one_value_is_not_empty() -> None:
     image = from_array(np.full((9, 9, 9), 1.0, np.float32), (0.5,) * 3, (0.0,) * 3)
-    extinction = extinction_of(set_stage(image, slab(0.5, 1.0)[1]))
+    extinction = classified(set_stage(image, slab(0.5, 1.0)[1]))
     assert extinction.exponent.min() > 0.0
 
 
@@ -240,10 +241,10 @@ def test_a_file_that_says_what_cannot_be_is_named(
     views: tuple[ViewSet, ViewSet], tmp_path: Path, change: dict[str, np.ndarray]
 ) -> None:
     views[0].write(tmp_path)
-    with np.load(tmp_path / EXTINCTION) as arrays:
+    with np.load(tmp_path / CLASSIFIED) as arrays:
         content = {k: arrays[k] for k in arrays.files}
-    np.savez_compressed(tmp_path / EXTINCTION, **(content | change))
-    with pytest.raises(BadInput, match=EXTINCTION):
+    np.savez_compressed(tmp_path / CLASSIFIED, **(content | change))
+    with pytest.raises(BadInput, match=CLASSIFIED):
         ViewSet.read(tmp_path)
 
 
@@ -251,6 +252,6 @@ def test_views_without_it_leave_no_file_of_others(views: tuple[ViewSet, ViewSet]
     train, test = views
     train.write(tmp_path)
     test.write(tmp_path, "test")
-    assert (tmp_path / EXTINCTION).exists()
-    replace(train, extinction=None).write(tmp_path)
-    assert not (tmp_path / EXTINCTION).exists()
+    assert (tmp_path / CLASSIFIED).exists()
+    replace(train, classified=None).write(tmp_path)
+    assert not (tmp_path / CLASSIFIED).exists()

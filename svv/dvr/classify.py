@@ -1,0 +1,211 @@
+"""Classification of a volume by its transfer function, for the training to begin with.
+
+The optical model is that of Max (1995): absorption and emission along a ray, opacity by Beer's law.
+
+Letters: K known values, V voxels.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import VTK_FLOAT
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
+from vtkmodules.vtkImagingCore import vtkImageReslice
+
+from svv.core.box import Box
+from svv.core.classified import LEAST, MOST, ClassifiedVolume, ValueRange, grid_shape
+from svv.dvr.grids import to_array
+from svv.dvr.stage import Stage
+
+Array = NDArray[np.float64]
+
+FINEST = 256
+"""Cells along the longest side at most."""
+
+A_VOXEL = 2
+"""Cells a voxel at least, as far as ``FINEST`` allows: between two voxels a transfer function may do a lot."""
+
+WIDTH = 1.0
+"""Of the averaging, in cells: found by comparing rays dimmed by it with the ray caster's alpha (docs/training.md)."""
+
+SPREAD = 0.2
+"""Root mean square distance in RGB to their mean up to which the colours of one range count as one: offsets of the
+palette express it."""
+
+MOST_RANGES = 8
+"""Ranges of a transfer function that are told apart at most."""
+
+COUNTED = 4_000_000
+"""Voxels whose values are counted at most."""
+
+
+def classified(stage: Stage) -> ClassifiedVolume:
+    """What the transfer function makes of a volume on its stage.
+
+    A ray that runs the opacity unit distance u through a value of opacity a keeps 1 - a of its light, so the extinction
+    is -ln(1 - a) / u, whatever the sample distance of the ray caster is. Values are interpolated trilinearly first and
+    classified then, as ray casters do.
+
+    Args:
+        stage: A volume with its transfer function and unit distance.
+
+    Returns:
+        Extinction and ranges over the visible box of the world, with ``A_VOXEL`` cells a voxel but not more than
+        ``FINEST`` along the longest side.
+    """
+    box = Box.of_bounds(*stage.bounds)
+    voxels = float((stage.visible_size / np.array(stage.image.GetSpacing()) * stage.scale).max())
+    cells = FINEST
+    while cells > 16 and cells // 2 >= A_VOXEL * voxels:
+        cells //= 2
+    shape = grid_shape(box, cells) + 1
+    turn = stage.scale * stage.rotation.T
+    to_stage = vtkMatrix4x4()  # from a vertex' number
+    for i in range(3):
+        for j in range(3):
+            to_stage.SetElement(i, j, turn[i, j] * box.size / cells)
+        to_stage.SetElement(i, 3, float(turn[i] @ (np.asarray(box.low) - stage.centre)))
+    reslice = vtkImageReslice()
+    reslice.SetInputData(stage.image)
+    reslice.SetResliceAxes(to_stage)
+    reslice.SetOutputSpacing(1.0, 1.0, 1.0)
+    reslice.SetOutputOrigin(0.0, 0.0, 0.0)
+    reslice.SetOutputExtent(0, int(shape[0]) - 1, 0, int(shape[1]) - 1, 0, int(shape[2]) - 1)
+    reslice.SetInterpolationModeToLinear()
+    reslice.SetOutputScalarType(VTK_FLOAT)
+    reslice.SetBackgroundLevel(float("nan"))
+    reslice.Update()
+    values = vtk_to_numpy(reslice.GetOutput().GetPointData().GetScalars()).reshape(shape[::-1])
+    known, depth = _optical_depths(stage, box)
+    colour, weight = stage.tf.colour_at(known), _weights(stage, known, depth)
+    starts = _ranges(known, depth, colour, weight)
+    ranges = []
+    for a, b in pairwise([*starts, len(known)]):
+        inside = a + np.flatnonzero(depth[a:b] > 0)
+        low, high = ((known[inside[i]] - stage.offset) / stage.gain for i in (0, -1))
+        mean = np.average(colour[inside], axis=0, weights=weight[inside])
+        ranges.append(ValueRange(float(low), float(high), tuple(np.clip(mean, 0.0, 1.0).tolist())))
+    exponent, owner = _averaged(values, known, depth, starts)
+    return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges))
+
+
+def _optical_depths(stage: Stage, box: Box) -> tuple[Array, Array]:
+    """Values that miss no extremum of the function, ascending, and their extinction in 1 / box unit. (K,), (K,)"""
+    image = to_array(stage.image)
+    low, high = float(image.min()), float(image.max())
+    known = np.unique(np.concatenate([stage.tf.samples(low, high), np.linspace(low, high, 4097)]))
+    depth = -np.log1p(-np.minimum(stage.tf.opacity_at(known), 1.0 - 1e-6)) / stage.unit_distance
+    return known, depth * stage.scale * box.size
+
+
+def _ranges(known: Array, depth: Array, colour: Array, weight: Array) -> list[int]:
+    """Where each range begins among the known values; together they hold all values.
+
+    A range is an interval in which something is visible. One whose colours differ too much is cut where its parts are
+    most alike inside, and while there are too many, the two neighbours that are most alike are joined: both by the
+    variance of the colours (K, 3) within the ranges (Ward 1963), with the values' weights (K,).
+    """
+    starts, stops = [0], [len(known)]
+    seen = np.flatnonzero(depth > 0)
+    for before, after in pairwise(seen.tolist()):
+        if after > before + 1:  # nothing is visible between the two: half of it goes to each
+            middle = int(np.searchsorted(known, 0.5 * (known[before] + known[after])))
+            starts, stops = [*starts, middle], [*stops[:-1], middle, len(known)]
+    mass = np.concatenate([[0.0], np.cumsum(weight)])
+    moment = np.concatenate([np.zeros((1, 3)), np.cumsum(weight[:, None] * colour, axis=0)])
+    square = np.concatenate([[0.0], np.cumsum(weight * np.square(colour).sum(axis=1))])
+
+    def within(a: Any, b: Any) -> Any:
+        """Sum of weighted squared distances to the mean colour of known values a to b."""
+        m = np.maximum(mass[b] - mass[a], 1e-300)
+        return np.maximum(square[b] - square[a] - np.square(moment[b] - moment[a]).sum(axis=-1) / m, 0.0)
+
+    while len(starts) < MOST_RANGES:
+        spread = [within(a, b) / max(mass[b] - mass[a], 1e-300) for a, b in zip(starts, stops)]
+        widest = int(np.argmax(spread))
+        a, b = starts[widest], stops[widest]
+        if spread[widest] <= SPREAD**2 or b - a < 2:
+            break
+        cuts = np.arange(a + 1, b)
+        cut = int(cuts[np.argmin(within(a, cuts) + within(cuts, b))])
+        starts, stops = [*starts[: widest + 1], cut, *starts[widest + 1 :]], [*stops[:widest], cut, *stops[widest:]]
+    while len(starts) > MOST_RANGES:
+        more = [within(a, d) - within(a, b) - within(b, d) for a, b, d in zip(starts, starts[1:], stops[1:])]
+        join = int(np.argmin(more))
+        del starts[join + 1], stops[join]
+    return starts
+
+
+def _weights(stage: Stage, known: Array, depth: Array) -> Array:
+    """How much the known values weigh: how often they occur, times their extinction. (K,)"""
+    values = to_array(stage.image).ravel()
+    values = values[:: max(1, len(values) // COUNTED)]
+    nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)
+    counts = np.bincount(nearest, minlength=len(known)) / len(values)
+    # Between the values of voxels there are all others; as if each occurred at least once in a while.
+    return np.asarray((counts + 1e-6) * depth, np.float64)
+
+
+def _averaged(
+    values: NDArray[np.float32], known: Array, depth: Array, starts: list[int]
+) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
+    """Logarithms of the mean extinction around each vertex, and the range that most of it is of.
+
+    Where the values run across a range of the function between two vertices, its extinction there would be missed or
+    met by chance. So it is averaged over the values within a cell around the vertex, by its integral over the values
+    (as in pre-integrated classification, Engel et al. 2001).
+
+    Args:
+        values: (Z, Y, X), NaN outside of the volume, where there is no extinction.
+        known: Ascending values. (K,)
+        depth: Their extinction, 1 / box unit. (K,)
+        starts: Where each range begins among them.
+
+    Returns:
+        Exponents and owners, (X, Y, Z) each.
+    """
+    low, high = known[0], known[-1]
+    integral = _integral(known, depth)
+    borders = known[starts[1:]]
+    least = 1e-4 * (high - low)  # half the values' spread at least, for differences of the integral to be exact
+    exponent = np.empty(values.shape[::-1], np.float16)
+    owner = np.empty(values.shape[::-1], np.uint8)
+    for k, layer in enumerate(values):
+        slope = np.gradient(values[max(k - 1, 0) : k + 2], axis=0)[min(k, 1)]
+        squared = np.square(np.nan_to_num(slope))
+        for axis in (0, 1):
+            squared += np.square(np.nan_to_num(np.gradient(layer, axis=axis)))
+        half = np.maximum(0.5 * WIDTH * np.sqrt(squared), least)
+        start, stop = np.clip(layer - half, low, high), np.clip(layer + half, low, high)
+        inside = np.interp(stop, known, integral) - np.interp(start, known, integral)
+        spread = stop - start
+        here = np.interp(layer, known, depth)  # of a volume of one value, which has no spread
+        found = np.nan_to_num(np.where(spread > 0, inside / np.where(spread > 0, spread, 1.0), here))
+        exponent[:, :, k] = np.log(np.clip(found, np.exp(LEAST), np.exp(MOST))).T
+        own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN counts as the last
+        across = np.nonzero(np.searchsorted(borders, start) < np.searchsorted(borders, stop))
+        own[across] = _heaviest(start[across], stop[across], own[across], known, depth, starts)
+        owner[:, :, k] = own.T
+    return exponent, owner
+
+
+def _heaviest(
+    start: Array, stop: Array, own: NDArray[np.intp], known: Array, depth: Array, starts: list[int]
+) -> NDArray[np.intp]:
+    """The range that most of the extinction from value to value is of; ``own`` where there is none. (V,)"""
+    parts = np.empty((len(starts), len(start)))
+    numbers = np.arange(len(known))
+    for i, (a, b) in enumerate(pairwise([*starts, len(known)])):
+        integral = _integral(known, np.where((numbers >= a) & (numbers < b), depth, 0.0))
+        parts[i] = np.interp(stop, known, integral) - np.interp(start, known, integral)
+    return np.where(parts.max(axis=0) > 0, parts.argmax(axis=0), own)
+
+
+def _integral(known: Array, depth: Array) -> Array:
+    """Integral of the extinction over the values, from the first one on. (K,)"""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (depth[1:] + depth[:-1]) * np.diff(known))])

@@ -1,0 +1,91 @@
+"""Regions of a scene whose volume is known: the visible ranges of its transfer function."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core.classified import ClassifiedVolume
+from svv.core.colour import to_hex
+from svv.core.palette import Palette, PaletteSettings
+from svv.fields.rendering import Samples, composite, march
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.train.batches import RayPool
+
+LOOKED_AT = 65536
+"""Rays from which the visible light of each range is estimated."""
+
+
+class Owners:
+    """The region that points belong to, as a classified volume says."""
+
+    def __init__(self, volume: ClassifiedVolume, regions: NDArray[np.integer], device: torch.device) -> None:
+        """``regions``: the region that each of the volume's ranges is part of."""
+        self._region = torch.from_numpy(regions.astype(np.uint8)[volume.owner]).to(device)
+        self._cells = volume.cells
+
+    def of(self, position: Tensor) -> Tensor:
+        """Region at the vertex next to each point of the box: (S, 3) in [0, 1] -> (S,) int64."""
+        vertex = (position * self._cells + 0.5).long()
+        x, y, z = (v.clamp(0, size - 1) for v, size in zip(vertex.unbind(1), self._region.shape, strict=True))
+        return self._region[x, y, z].long()
+
+
+@dataclass(frozen=True)
+class KnownRegions:
+    """What a classified volume says about the regions of its scene."""
+
+    palette: Palette
+    """A colour a region, the one with most visible light first."""
+    values: tuple[tuple[float, float], ...]
+    """Smallest and largest scalar value of each region."""
+    owners: Owners
+    """Which region a point belongs to."""
+
+
+@torch.no_grad()
+def regions_of(volume: ClassifiedVolume, views: ViewSet, scene: Scene, seed: int) -> KnownRegions:
+    """A region for each range of the transfer function that the views show.
+
+    A range that less light comes from than the palette's ``min_share`` is part of its neighbour in value.
+
+    Args:
+        volume: The classified volume.
+        views: Training views.
+        scene: With its base field; its device is where the work is done.
+        seed: Of the rays that are looked at.
+    """
+    batch = RayPool(views, scene.occupancy.box, seed, scene.device).batch(0, LOOKED_AT)
+    samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
+    count = len(volume.ranges)
+    owner = Owners(volume, np.arange(count), scene.device).of(samples.position)
+    share = shares_of(samples, scene.base.extinction(samples), owner, count)
+    least = PaletteSettings().min_share
+    seen = np.flatnonzero(share >= min(least, share.max()))
+    steps = [f"{count} visible ranges of the transfer function, read from the volume"]
+    if len(seen) < count:
+        steps.append(f"{len(seen)} left: less than {least:.1%} of the visible light is of the others")
+    order = seen[np.argsort(-share[seen], kind="stable")]
+    region_of_range = np.abs(np.arange(count)[:, None] - order).argmin(axis=1)
+    colours = np.array([volume.ranges[i].colour for i in order])
+    part = np.bincount(region_of_range, share, len(order)).astype(np.float64)
+    steps.append("palette " + ", ".join(f"{to_hex(c)} ({p:.1%})" for c, p in zip(colours, part, strict=True)))
+    values = []
+    for region in range(len(order)):
+        own = [r for r, k in zip(volume.ranges, region_of_range, strict=True) if k == region]
+        values.append((min(r.low for r in own), max(r.high for r in own)))
+    owners = Owners(volume, region_of_range, scene.device)
+    return KnownRegions(Palette(colours, part, tuple(steps)), tuple(values), owners)
+
+
+@torch.no_grad()
+def shares_of(samples: Samples, sigma: Tensor, region: Tensor, count: int) -> NDArray[np.float64]:
+    """Part of the visible light that is of each region, for extinctions (S,) and regions (S,). (count,)"""
+    _, _, seen = composite(samples, sigma, torch.zeros(len(samples), 1, device=sigma.device))
+    share = np.bincount(region.cpu().numpy(), weights=seen.cpu().numpy(), minlength=count)
+    return np.asarray(share / max(share.sum(), 1e-9), np.float64)

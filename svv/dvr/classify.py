@@ -87,9 +87,9 @@ def classified(stage: Stage) -> ClassifiedVolume:
     ranges = []
     for a, b in pairwise([*starts, len(known)]):
         inside = a + np.flatnonzero(depth[a:b] > 0)
-        low, high = ((known[inside[i]] - stage.offset) / stage.gain for i in (0, -1))
+        low, high = (float(f"{(known[inside[i]] - stage.offset) / stage.gain:.9g}") for i in (0, -1))
         mean = np.average(colour[inside], axis=0, weights=weight[inside])
-        ranges.append(ValueRange(float(low), float(high), tuple(np.clip(mean, 0.0, 1.0).tolist())))
+        ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
     exponent, owner = _averaged(values, known, depth, starts)
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges))
 

@@ -294,6 +294,7 @@ class TransferFunction:
         between = [0.5 * (a + b) for a, b in pairwise(sorted(feet))]
         values = np.unique(feet + between)
         height = np.max([h * np.clip(1 - np.abs(values - c) / half, 0, None) for c, half, h, _ in shapes], axis=0)
+        height = height.round(12)  # a foot is at 0, whatever the last digit of its value
         opacities = tuple((float(v), float(o), 0.5, 0.0) for v, o in zip(values, height))
         hues = [colour or HUES[i % len(HUES)] for i, (*_, colour) in enumerate(shapes)]
         centres = [c for c, *_ in shapes]

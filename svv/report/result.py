@@ -77,10 +77,13 @@ def _numbers(training: dict[str, Any], scores: dict[str, Any]) -> list[tuple[str
 
 def _regions(scene: Scene) -> Table:
     rows, styled = [], "styled" in scene.networks
+    known = all(r.values for r in scene.regions)
     for index, region in enumerate(scene.regions):
         row = [str(index), hex_colour(region.colour), f"{region.share:.0%}"]
+        if known:
+            row.append("{:.4g} to {:.4g}".format(*(region.values or ())))
         rows.append([*row, region.style or "as it is"] if styled else row)
-    columns = ["Region", "Colour", "Share"] + ["Style"] * styled
+    columns = ["Region", "Colour", "Share"] + ["Values"] * known + ["Style"] * styled
     text = "What the palette found: each region can be recoloured, relit, thinned out or stylized on its own."
     return Table("Regions", text, columns, rows, swatch=1)
 

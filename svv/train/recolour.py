@@ -73,8 +73,11 @@ class Recolouring:
         penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, s.mixing_weight])
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
         if self.owners is not None and len(samples):
-            own = parts.weights.gather(1, self.owners.of(samples.position)[:, None])
-            loss = loss - s.owner_weight * own.log().mean()
+            owner = self.owners.of(samples.position)
+            # A thin shell has as much of a say as the fog that it lies in.
+            each = 1.0 / torch.bincount(owner, minlength=parts.weights.shape[1]).clamp(min=1)[owner]
+            own = parts.weights.gather(1, owner[:, None])[:, 0]
+            loss = loss - s.owner_weight * (each * own.log()).sum() / parts.weights.shape[1]
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         rate = falling(fraction, s.decay)

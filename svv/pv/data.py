@@ -33,8 +33,10 @@ KEPT = 3
 """Unpacked scenes that stay in memory."""
 
 _scenes: OrderedDict[str, Scene] = OrderedDict()
-_keys: dict[tuple[str, int], str] = {}
-"""Address and time of an array -> the scene in it: a scene of 20 MB takes 0.05 s to be recognized by its bytes."""
+_digests: dict[tuple[str, int], str] = {}
+"""Address and time of an array -> hash of its content, which takes 0.05 s for a scene of 20 MB."""
+KNOWN = 256
+"""Arrays whose hashes are kept at most."""
 _views: weakref.WeakValueDictionary[str, ViewSet] = weakref.WeakValueDictionary()
 
 
@@ -77,16 +79,21 @@ def scene_of(data: vtkDataObject | None) -> Scene:
     array = None if data is None else data.GetFieldData().GetArray(SCENE)
     if array is None:
         raise BadInput("The input is no scene: connect StyleRF Train, Edit or Stylize, or open a .svv file.")
-    place = array.__this__, array.GetMTime()
-    key = _keys.get(place, "")
+    key = digest_of(array)
     if key not in _scenes:
-        content = vtk_to_numpy(array).tobytes()
-        key = _digest(content)
-        if key not in _scenes:
-            _keep(key, Scene.from_bytes(content, "The scene in the input"))
-        _keys[place] = key
+        _keep(key, Scene.from_bytes(vtk_to_numpy(array).tobytes(), "The scene in the input"))
     _scenes.move_to_end(key)
     return _scenes[key]
+
+
+def digest_of(array: Any) -> str:
+    """Hash of an array's content, found once until the array is modified."""
+    place = array.__this__, array.GetMTime()
+    if place not in _digests:
+        if len(_digests) >= KNOWN:
+            _digests.clear()
+        _digests[place] = _digest(np.ascontiguousarray(vtk_to_numpy(array)).data)
+    return _digests[place]
 
 
 def _keep(key: str, scene: Scene) -> None:
@@ -99,10 +106,10 @@ def _keep(key: str, scene: Scene) -> None:
 def forget_scenes() -> None:
     """Let go of the unpacked scenes."""
     _scenes.clear()
-    _keys.clear()
+    _digests.clear()
 
 
-def _digest(content: bytes) -> str:
+def _digest(content: bytes | memoryview) -> str:
     return hashlib.blake2b(content, digest_size=16).hexdigest()
 
 

@@ -12,13 +12,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
-from svv.pv.data import camera_of, views_of
+from svv.pv.data import camera_of, digest_of, views_of
 from svv.pv.filters import ORBIT
 
 if TYPE_CHECKING:
@@ -56,7 +54,7 @@ def views_key(image: vtkImageData, values: Values) -> str:
     array = image.GetPointData().GetArray(values["Scalars"]) or image.GetCellData().GetArray(values["Scalars"])
     array = array or image.GetPointData().GetScalars() or image.GetCellData().GetScalars()
     if array is not None:
-        hashed.update(np.ascontiguousarray(vtk_to_numpy(array)).data)
+        hashed.update(digest_of(array).encode())
     chosen = [values[k] for k in ("Scalars", "Views", "TestViews", "ViewSize", "RayCaster")]
     hashed.update(repr([*chosen, asdict(shading_of(values)), transfer_function_of(values).to_dict()]).encode())
     return hashed.hexdigest()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkInformationVector, vtkPoints, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageData, vtkPolyData, vtkTable
 
 from svv.core.cameras import Camera, look_at
@@ -129,9 +129,28 @@ def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
     for number, (name, values) in enumerate(arrays.items()):
         upside = np.ascontiguousarray(values[::-1])
         array = _array(name, upside.reshape(width * height, -1) if values.ndim == 3 else upside.ravel())
+        _tell_ranges(array, values.reshape(width * height, -1))
         image.GetPointData().AddArray(array)
         if number == 0:
             image.GetPointData().SetActiveScalars(name)
+
+
+def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
+    """Keep the ranges of an array's components (N, C) where VTK would: for it, those of a small image take 0.1 s."""
+    finite = values if values.dtype.kind in "iu" else np.where(np.isfinite(values), values, np.nan)
+    if values.dtype.kind == "f" and (np.isinf(values).any() or np.isnan(finite).all(axis=0).any()):
+        return  # all values and the finite ones differ, or there are none
+    norm = np.linalg.norm(finite.astype(np.float64), axis=1)
+    ends = np.stack([np.nanmin(finite, axis=0), np.nanmax(finite, axis=0)], axis=1).astype(np.float64)
+    information = array.GetInformation()
+    for key in (vtkDataArray.PER_COMPONENT(), vtkDataArray.PER_FINITE_COMPONENT()):
+        components = vtkInformationVector()
+        components.SetNumberOfInformationObjects(len(ends))
+        for component, (low, high) in enumerate(ends.tolist()):
+            components.GetInformationObject(component).Set(vtkDataArray.COMPONENT_RANGE(), (low, high), 2)
+        information.Set(key, components)
+    for key in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
+        information.Set(key, (float(np.nanmin(norm)), float(np.nanmax(norm))), 2)
 
 
 def camera_of(numbers: Sequence[float], width: int, height: int) -> Camera:

@@ -111,6 +111,18 @@ def test_every_function_has_ranges_in_order(centres: list[float], seed: int) -> 
         assert before.high <= after.low
 
 
+def test_a_range_that_is_hardly_there_and_never_met_is_one() -> None:
+    """Numbers that vanish beside those of the others."""
+    colours = ((0.0, *BLUE), (0.2, *RED), (0.5, *RED), (1.0, *RED))
+    opacities = ((0.0, 1e-300, 0.5, 0.0), (0.2, 1e-300, 0.5, 0.0), (0.3, 0.0, 0.5, 0.0), (0.6, 0.0, 0.5, 0.0),
+                 (1.0, 1.0, 0.5, 0.0))  # fmt: skip
+    values = np.where(ball() > 0.5, 1.0, 0.4)
+    values[0, 0, 0] = 0.0
+    found = volume_of(TransferFunction(colours, opacities, 0.1), values).ranges
+    assert found[-1].colour == pytest.approx(RED)
+    assert (found[-1].low, found[-1].high) == pytest.approx((0.6, 1.0), abs=1e-3)
+
+
 def test_vertices_belong_to_the_range_of_their_values() -> None:
     volume = volume_of(bumps((0.3, 0.2, 0.3, BLUE), (0.8, 0.3, 0.8, RED)), ball(48))
     places = np.stack(np.meshgrid(*(np.arange(n) for n in volume.owner.shape), indexing="ij"), -1)

@@ -8,7 +8,6 @@ Letters: K known values, V voxels.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,35 +109,31 @@ def _ranges(known: Array, depth: Array, colour: Array, weight: Array) -> list[in
     most alike inside, and while there are too many, the two neighbours that are most alike are joined: both by the
     variance of the colours (K, 3) within the ranges (Ward 1963), with the values' weights (K,).
     """
-    starts, stops = [0], [len(known)]
     seen = np.flatnonzero(depth > 0)
-    for before, after in pairwise(seen.tolist()):
-        if after > before + 1:  # nothing is visible between the two: half of it goes to each
-            middle = int(np.searchsorted(known, 0.5 * (known[before] + known[after])))
-            starts, stops = [*starts, middle], [*stops[:-1], middle, len(known)]
-    mass = np.concatenate([[0.0], np.cumsum(weight)])
-    moment = np.concatenate([np.zeros((1, 3)), np.cumsum(weight[:, None] * colour, axis=0)])
-    square = np.concatenate([[0.0], np.cumsum(weight * np.square(colour).sum(axis=1))])
+    parts = np.split(seen, 1 + np.flatnonzero(np.diff(seen) > 1))
 
-    def within(a: Any, b: Any) -> Any:
-        """Sum of weighted squared distances to the mean colour of known values a to b."""
-        m = np.maximum(mass[b] - mass[a], 1e-300)
-        return np.maximum(square[b] - square[a] - np.square(moment[b] - moment[a]).sum(axis=-1) / m, 0.0)
+    def scatter(part: NDArray[np.intp]) -> float:
+        """Sum of weighted squared distances to the mean colour."""
+        w, c = weight[part], colour[part]
+        return float(w @ np.square(c - np.average(c, axis=0, weights=w)).sum(axis=1))
 
-    while len(starts) < MOST_RANGES:
-        spread = [within(a, b) / max(mass[b] - mass[a], 1e-300) for a, b in zip(starts, stops)]
+    while len(parts) < MOST_RANGES:
+        spread = [scatter(part) / weight[part].sum() for part in parts]
         widest = int(np.argmax(spread))
-        a, b = starts[widest], stops[widest]
-        if spread[widest] <= SPREAD**2 or b - a < 2:
+        if spread[widest] <= SPREAD**2:
             break
-        cuts = np.arange(a + 1, b)
-        cut = int(cuts[np.argmin(within(a, cuts) + within(cuts, b))])
-        starts, stops = [*starts[: widest + 1], cut, *starts[widest + 1 :]], [*stops[:widest], cut, *stops[widest:]]
-    while len(starts) > MOST_RANGES:
-        more = [within(a, d) - within(a, b) - within(b, d) for a, b, d in zip(starts, starts[1:], stops[1:])]
+        w, c = weight[parts[widest]], colour[parts[widest]]
+        before = np.cumsum(w)[:-1]
+        moment = np.cumsum(w[:, None] * (c - np.average(c, axis=0, weights=w)), axis=0)[:-1]
+        less = np.square(moment).sum(axis=1) * (1.0 / before + 1.0 / (w.sum() - before))
+        parts[widest : widest + 1] = np.split(parts[widest], [1 + int(np.argmax(less))])
+    while len(parts) > MOST_RANGES:
+        more = [scatter(np.concatenate(both)) - scatter(both[0]) - scatter(both[1]) for both in pairwise(parts)]
         join = int(np.argmin(more))
-        del starts[join + 1], stops[join]
-    return starts
+        parts[join : join + 2] = [np.concatenate(parts[join : join + 2])]
+    # What lies between two ranges goes to the nearer one.
+    middles = [0.5 * (known[one[-1]] + known[other[0]]) for one, other in pairwise(parts)]
+    return [0, *np.searchsorted(known, middles).tolist()]
 
 
 def _weights(stage: Stage, known: Array, depth: Array) -> Array:
@@ -147,8 +142,9 @@ def _weights(stage: Stage, known: Array, depth: Array) -> Array:
     values = values[:: max(1, len(values) // COUNTED)]
     nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)
     counts = np.bincount(nearest, minlength=len(known)) / len(values)
-    # Between the values of voxels there are all others; as if each occurred at least once in a while.
-    return np.asarray((counts + 1e-6) * depth, np.float64)
+    # Between the values of voxels there are all others; as if each occurred at least once in a while. No value that is
+    # visible may weigh nothing.
+    return np.asarray((counts + 1e-6) * np.maximum(depth, 1e-9 * depth.max()) * (depth > 0), np.float64)
 
 
 def _averaged(

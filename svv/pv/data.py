@@ -149,8 +149,8 @@ def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
         for component, (low, high) in enumerate(ends.tolist()):
             components.GetInformationObject(component).Set(vtkDataArray.COMPONENT_RANGE(), (low, high), 2)
         information.Set(key, components)
-    for key in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
-        information.Set(key, (float(np.nanmin(norm)), float(np.nanmax(norm))), 2)
+    for norms in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
+        information.Set(norms, (float(np.nanmin(norm)), float(np.nanmax(norm))), 2)
 
 
 def camera_of(numbers: Sequence[float], width: int, height: int) -> Camera:

@@ -130,6 +130,31 @@ class SparseLattice(Encoding):
         """Whole-number coordinates of a level's vertices in the order of its rows, for the cells it was made for."""
         return np.argwhere(_vertices(_resample(occupied, cells, self.resolutions[level])))
 
+    def packed(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """The table in bytes: codes (V, F), and smallest and largest number of each feature of a level (L, 2, F)."""
+        table = self.table.detach().cpu()
+        codes, ends = torch.empty(table.shape, dtype=torch.uint8), torch.zeros(self.levels, 2, self.features)
+        for level in range(self.levels):
+            rows = self.rows_of_level(level)
+            if rows.start < rows.stop:
+                low, high = ends[level] = torch.stack(torch.aminmax(table[rows], dim=0))
+                codes[rows] = ((table[rows] - low) * (255.0 / (high - low).clamp(min=1e-12))).round().byte()
+        return codes.numpy(), ends.numpy()
+
+    def unpack(self, codes: NDArray[np.uint8], ends: NDArray[np.float32]) -> Tensor:
+        """What the table was before :meth:`packed`, to half a 255th of a feature's span. (V, F)
+
+        Raises:
+            ValueError: not of this lattice's shape.
+        """
+        if codes.shape != tuple(self.table.shape) or ends.shape != (self.levels, 2, self.features):
+            raise ValueError(f"a table of {codes.shape} and {ends.shape} is not this lattice's")
+        table = torch.from_numpy(codes.astype(np.float32))
+        for level, (low, high) in enumerate(torch.from_numpy(ends)):
+            table[self.rows_of_level(level)] *= (high - low) / 255.0
+            table[self.rows_of_level(level)] += low
+        return table
+
     def look_up(self, x: Tensor) -> Tensor:
         return kernels_for(x).lattice_encode(x, self.layout, self.table)
 

@@ -18,6 +18,7 @@ from svv.core.cameras import Camera
 from svv.core.colour import shift_colours
 from svv.errors import BadInput, Progress, silent
 from svv.fields import image as fused
+from svv.fields.encodings import Encoding, SparseLattice
 from svv.fields.networks import (
     BaseField,
     FieldSettings,
@@ -323,8 +324,12 @@ class Scene:
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
             raise BadInput(f"{name} is damaged ({type(error).__name__}: {error}): train it again.") from error
 
-    def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Header and arrays of the file. Tables are stored in half precision."""
+    def to_arrays(self, packed: bool = True) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Header and arrays of the file.
+
+        Args:
+            packed: Tables of lattices as bytes, of the hash grid in half precision; else as they are.
+        """
         box = self.occupancy.box
         header = {
             "box": {"low": box.low, "size": box.size, "extent": box.extent},
@@ -343,8 +348,12 @@ class Scene:
         for name, network in zip(NETWORKS, (self.base, self.palette, self.styled), strict=True):
             if network is not None:
                 for key, value in network.state_dict().items():
-                    array = value.cpu().numpy()
-                    tensors[f"{name}.{key}"] = array.astype(np.float16) if key.endswith("table") else array
+                    tensors[f"{name}.{key}"] = value.cpu().numpy()
+                for key, encoding in _encodings(name, network) if packed else ():
+                    if isinstance(encoding, SparseLattice):
+                        tensors[key], tensors[f"{key}.ends"] = encoding.packed()
+                    else:
+                        tensors[key] = tensors[key].astype(np.float16)
         return header, tensors
 
     @classmethod
@@ -366,8 +375,13 @@ class Scene:
             styled = UnrestrictedField(settings, occupancy)
         for name, network in zip(NETWORKS, (base, palette, styled), strict=True):
             if network is not None:
-                own = {k.removeprefix(f"{name}."): v for k, v in tensors.items() if k.startswith(f"{name}.")}
-                network.load_state_dict({k: torch.from_numpy(v.astype(np.float32)) for k, v in own.items()})
+                own = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
+                state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in own.items()}
+                for key, encoding in _encodings(name, network):
+                    if isinstance(encoding, SparseLattice) and own[key].dtype == np.uint8:
+                        state[key] = encoding.unpack(own[key], own[f"{key}.ends"])
+                        del state[f"{key}.ends"]
+                network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
                 network.requires_grad_(False)
         m = header["marching"]
         marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
@@ -392,6 +406,11 @@ class Scene:
             "camera_rig": self.camera_rig,
             "made": self.made,
         }
+
+
+def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
+    """The network's encodings, each with the name that its table has in a file."""
+    return [(f"{name}.{k}.table", m) for k, m in network.named_modules() if isinstance(m, Encoding)]
 
 
 def _region(values: dict[str, Any]) -> Region:

@@ -17,8 +17,11 @@ from safetensors.numpy import load, save
 from svv.errors import BadInput
 from svv.io.atomic import atomic_path, to_json
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 """Raised whenever an older program could not make sense of a newer file, or the other way round."""
+
+READABLE = (1,)
+"""Older formats that can be read as well: their tables are half floats instead of bytes."""
 
 _KEY = "svv"
 _REMEDY = "copy it again or make it anew"
@@ -99,7 +102,7 @@ def _checked_header(file: str, text: str) -> dict[str, Any]:
         version, header = content["version"], content["header"]
     except (ValueError, TypeError, KeyError) as error:
         raise BadInput(f"The header of the scene file {file} is damaged; {_REMEDY}.") from error
-    if version != FORMAT_VERSION:
+    if version not in (FORMAT_VERSION, *READABLE):
         raise BadInput(
             f"{file} is a scene file of format {version}, and this program reads format {FORMAT_VERSION}; "
             "use the version of svv that made it, or train the scene again."

@@ -32,6 +32,8 @@ class ReconstructSettings:
     rates. Where the views hardly say anything, as in a faint shell, the coarse level speaks instead of noise."""
     use_volume: bool = True
     """Whether the density begins with what the volume says, where the views carry that."""
+    colour_every: float = 1.0 / 16.0
+    """Part of a pixel's weight for which one colour is looked up; the density learns from all samples."""
     known_density_rate: float = 0.05
     """Learning rate of a density that began so."""
     feature_rate: float = 0.02
@@ -64,6 +66,8 @@ class RecolourSettings:
     """Rays a step at most; down to a quarter as many are drawn, so as not to exceed ``samples``."""
     samples: int = 32768
     """Visible samples a step."""
+    joined: float = 1.0 / 64.0
+    """Samples are joined until they weigh this much in a pixel, as in images; 0: those that weigh less are left out."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005
@@ -148,7 +152,7 @@ PRESETS = {
         FieldSettings("hash", (16, 4096), features=2, shading=False),
         ReconstructSettings(iterations=30000, use_volume=False, feature_rate=0.01, network_rate=0.01, decay=0.1),
         RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, offset_start=1.0, shade_weight=0.0,
-                         mixing_weight=0.0),
+                         mixing_weight=0.0, joined=0.0),
         StylizeSettings(distil_iterations=474),
         fitted=False,
     ),

@@ -139,7 +139,7 @@ def _train(
         )
         scene = Scene(field, occupancy, marching, base, camera_rig=camera_rig(views))
         if saved is not None:
-            header, arrays = scene.to_arrays()
+            header, arrays = scene.to_arrays(packed=False)
             saved.finish("base", {"header": header, "seconds": seconds, "notes": notes}, arrays)
     known = None
     with _timed(seconds, "palette"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -42,6 +42,8 @@ class Recolouring:
 
     def __post_init__(self) -> None:
         s = self.settings
+        if s.joined > 0 and self.base.density is not None:
+            self.marching = replace(self.marching, least_weight=s.joined, merge=True)
         networks = [p for n, p in self.field.named_parameters() if not n.endswith(("table", "colours"))]
         self.start = self.field.colours.detach().clone()
         self.networks = torch.optim.Adam(

@@ -16,7 +16,7 @@ from svv.errors import Progress
 from svv.fields.encodings import LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.occupancy import Occupancy, carve
-from svv.fields.rendering import CEILING, Marching, composite, march
+from svv.fields.rendering import CEILING, Extinction, Marching, Rays, Samples, composite, march, representatives
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.train.batches import RayBudget, RayPool
@@ -26,6 +26,13 @@ from svv.train.loop import Loop, falling
 
 FAINTEST = 0.05
 """Part of a volume's largest extinction that is looked at, however faint that is."""
+
+
+LEAST_EXPONENT = -6.0
+"""Of the extinction in 1 / box unit: a box of it would dim a ray by 1/400."""
+
+DENSITY_COST = 0.25
+"""What a sample costs that only the density learns from, in those with a colour."""
 
 
 class Reconstruction:
@@ -75,9 +82,8 @@ class Reconstruction:
             self.refine()
         batch = self.pool.batch(number, self.budget.rays)
         samples = march(batch.rays, self.occupancy, self.field.density, self.marching, seed=number + 1)
-        self.budget.adjust(number, len(batch.rays), len(samples))
-        sigma, geometry = self.field.geometry(samples)
-        colour = self.field(geometry, encode_directions(batch.rays.directions, samples.ray))
+        sigma, colour, cost = self._look(samples, batch.rays, number)
+        self.budget.adjust(number, len(batch.rays), cost)
         out, transmittance, _ = composite(samples, sigma, colour)
         error = (out - batch.premultiplied).square().mean()
         loss = error + s.alpha_weight * (1.0 - transmittance - batch.alpha).square().mean()
@@ -87,6 +93,21 @@ class Reconstruction:
         if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
             self.prune(grow=fraction < 0.25 and not self.known)
         return error.detach()
+
+    def _look(self, samples: Samples, rays: Rays, number: int) -> tuple[Tensor, Tensor, int]:
+        """Extinction (S,) and colour (S, 3) of samples, and what they cost in colours.
+
+        Where the density has a lattice of its own, all samples teach it, but a network only looks at those that stand
+        for the colour around them: a ray through fog has dozens of samples and no use for as many colours.
+        """
+        if self.field.density is None or not len(samples):
+            sigma, geometry = self.field.geometry(samples)
+            return sigma, self.field(geometry, encode_directions(rays.directions, samples.ray)), len(samples)
+        rows, place = representatives(samples, self.settings.colour_every, number)
+        sigma = Extinction.apply(samples, self.field.density.table, self.field.density)
+        geometry = self.field.encoding(samples.position[rows])
+        colour = self.field(geometry, encode_directions(rays.directions, samples.ray[rows]))
+        return sigma, colour.index_select(0, place), len(rows) + int(DENSITY_COST * len(samples))
 
     def _update(self, rate: float) -> None:
         s = self.settings
@@ -141,6 +162,8 @@ class Reconstruction:
         if self.field.density is not None and isinstance(self.field.encoding, SparseLattice):
             where = self.occupancy.occupied, self.occupancy.cells
             self.field.density = self.field.density.summed(*where)
+            with torch.no_grad():  # beyond, nothing can be told apart, but it would cost a scene's file precision
+                self.field.density.table.clamp_(LEAST_EXPONENT, CEILING)
             self.field.encoding = self.field.encoding.restricted(*where)
         self.field.requires_grad_(False)
         return self.field, self.occupancy

@@ -1,0 +1,71 @@
+"""Samples that stand for the colour of those around them: where they fall, and that pictures stay what they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from svv.fields.rendering import composite, representatives
+from svv.kernels.dispatch import Samples
+
+STEP = 0.1
+
+
+def samples_of(counts: list[int], seed: int, thick: float) -> Samples:
+    """Samples of rays with so many each, optical depths around ``thick``."""
+    draw = np.random.default_rng(seed)
+    count = torch.tensor(counts)
+    number = int(count.sum())
+    parts = (draw.gamma(0.5, thick / part, number) for part in (STEP, 9.0))
+    sigma, skipped = (torch.from_numpy(part.astype(np.float32)) for part in parts)
+    ray = torch.repeat_interleave(torch.arange(len(counts), dtype=torch.int32), count)
+    position = torch.from_numpy(draw.random((number, 3)).astype(np.float32))
+    tail = torch.zeros(len(counts))
+    return Samples(position, sigma, skipped, ray, count.cumsum(0) - count, count, tail, STEP)
+
+
+RAYS = st.lists(st.integers(0, 40), min_size=1, max_size=12).filter(any)
+
+
+@given(RAYS, st.integers(0, 2**31), st.floats(0.001, 3.0), st.floats(1e-3, 2.0))
+def test_each_sample_is_stood_for_on_its_own_ray(counts: list[int], seed: int, thick: float, every: float) -> None:
+    samples = samples_of(counts, seed, thick)
+    rows, place = representatives(samples, every, seed)
+    _, _, weight = composite(samples, samples.sigma, torch.zeros(len(samples), 1))
+    assert (rows[1:] > rows[:-1]).all()
+    assert (samples.ray[rows[place]] == samples.ray).all()
+    assert torch.equal(place[rows], torch.arange(len(rows)))  # each stands for itself
+    assert (place[1:] >= place[:-1]).all()
+    assert np.isin(torch.nonzero(weight > 1.001 * every)[:, 0], rows).all()
+    taken = torch.bincount(samples.ray[rows].long(), minlength=len(counts))
+    assert (taken >= (samples.count > 0)).all()
+    assert (taken <= 2 + torch.zeros(len(counts)).index_add_(0, samples.ray.long(), weight) / every).all()
+
+
+def test_every_sample_stands_for_itself_where_each_weighs_enough() -> None:
+    samples = samples_of([5, 0, 7], 1, 0.05)
+    rows, place = representatives(samples, 1e-9, 0)
+    assert torch.equal(rows, torch.arange(12)) and torch.equal(place, rows)
+
+
+def test_pictures_stay_what_they_are() -> None:
+    """Colours that run along the rays: the mean over many draws is the picture, and each draw close to it."""
+    samples = samples_of([30] * 40, 3, 0.05)
+    along = (torch.arange(1200) % 30 / 29)[:, None]
+    picture, _, _ = composite(samples, samples.sigma, along)
+    drawn = []
+    for seed in range(300):
+        rows, place = representatives(samples, 1 / 16, seed)
+        drawn.append(composite(samples, samples.sigma, along[rows][place])[0])
+    assert len(rows) < 0.6 * len(samples)
+    error = torch.stack(drawn) - picture
+    assert error.mean().abs() < 0.005
+    assert error.square().mean().sqrt() < 0.03
+
+
+def test_the_same_seed_draws_the_same() -> None:
+    samples = samples_of([30] * 5, 3, 0.05)
+    first, again, other = (representatives(samples, 1 / 16, seed)[0] for seed in (1, 1, 2))
+    assert torch.equal(first, again) and not torch.equal(first, other)

@@ -149,11 +149,11 @@ class SparseLattice(Encoding):
         """
         if codes.shape != tuple(self.table.shape) or ends.shape != (self.levels, 2, self.features):
             raise ValueError(f"a table of {codes.shape} and {ends.shape} is not this lattice's")
-        table = torch.from_numpy(codes.astype(np.float32))
+        part = torch.from_numpy(codes.astype(np.float32)) / 255.0
         for level, (low, high) in enumerate(torch.from_numpy(ends)):
-            table[self.rows_of_level(level)] *= (high - low) / 255.0
-            table[self.rows_of_level(level)] += low
-        return table
+            rows = self.rows_of_level(level)
+            part[rows] = low * (1.0 - part[rows]) + high * part[rows]  # the ends come out to the last bit
+        return part
 
     def look_up(self, x: Tensor) -> Tensor:
         return kernels_for(x).lattice_encode(x, self.layout, self.table)

@@ -17,8 +17,9 @@ from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train.batches import RayPool
 
-LOOKED_AT = 65536
-"""Rays from which the visible light of each range is estimated."""
+LOOKED_AT = 16384
+"""Rays from which the visible light of each range is estimated. With a hash grid all their samples go through networks
+at once, so more would need gigabytes."""
 
 
 class Owners:

@@ -7,6 +7,7 @@ Letters: K known values, V voxels.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +20,7 @@ from vtkmodules.vtkImagingCore import vtkImageReslice
 from svv.core.box import Box
 from svv.core.classified import LEAST, MOST, ClassifiedVolume, ValueRange, grid_shape
 from svv.dvr.grids import to_array
+from svv.dvr.mappers import processors
 from svv.dvr.stage import Stage
 
 Array = NDArray[np.float64]
@@ -169,24 +171,36 @@ def _averaged(
     integral = _integral(known, depth)
     borders = known[starts[1:]]
     least = 1e-4 * (high - low)  # half the values' spread at least, for differences of the integral to be exact
-    exponent = np.empty(values.shape[::-1], np.float16)
+    # Values below the first and above the last known one are not met, but a volume may have a single one.
+    lit = np.concatenate([[False], depth[:1] > 0, (depth[1:] > 0) | (depth[:-1] > 0), depth[-1:] > 0, [False]])
+    edges = np.concatenate([[-np.inf], known, [np.inf]])[lit[1:] != lit[:-1]]
+    exponent = np.full(values.shape[::-1], LEAST, np.float16)
     owner = np.empty(values.shape[::-1], np.uint8)
-    for k, layer in enumerate(values):
+
+    def average(k: int) -> None:
+        layer = values[k]
         slope = np.gradient(values[max(k - 1, 0) : k + 2], axis=0)[min(k, 1)]
         squared = np.square(np.nan_to_num(slope))
         for axis in (0, 1):
             squared += np.square(np.nan_to_num(np.gradient(layer, axis=axis)))
         half = np.maximum(0.5 * WIDTH * np.sqrt(squared), least)
         start, stop = np.clip(layer - half, low, high), np.clip(layer + half, low, high)
+        own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN counts as the last
+        passed = np.searchsorted(edges, start)
+        shown = np.nonzero((passed % 2 == 1) | (passed != np.searchsorted(edges, stop)))
+        start, stop = start[shown], stop[shown]
         inside = np.interp(stop, known, integral) - np.interp(start, known, integral)
         spread = stop - start
-        here = np.interp(layer, known, depth)  # of a volume of one value, which has no spread
-        found = np.nan_to_num(np.where(spread > 0, inside / np.where(spread > 0, spread, 1.0), here))
-        exponent[:, :, k] = np.log(np.clip(found, np.exp(LEAST), np.exp(MOST))).T
-        own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN counts as the last
-        across = np.nonzero(np.searchsorted(borders, start) < np.searchsorted(borders, stop))
-        own[across] = _heaviest(start[across], stop[across], own[across], known, depth, starts)
+        here = np.interp(layer[shown], known, depth)  # of a volume of one value, which has no spread
+        found = np.where(spread > 0, inside / np.where(spread > 0, spread, 1.0), here)
+        exponent[:, :, k].T[shown] = np.log(np.clip(found, np.exp(LEAST), np.exp(MOST)))
+        across = np.searchsorted(borders, start) < np.searchsorted(borders, stop)
+        chosen = tuple(index[across] for index in shown)
+        own[chosen] = _heaviest(start[across], stop[across], own[chosen], known, depth, starts)
         owner[:, :, k] = own.T
+
+    with ThreadPoolExecutor(processors()) as threads:  # numpy works without the interpreter's lock
+        list(threads.map(average, range(len(values))))
     return exponent, owner
 
 

@@ -18,7 +18,7 @@ demo: $(INSTALLED)
 	$(BIN)/svv demo --out $(OUT)
 
 test: check paraview
-	$(BIN)/python -m pytest
+	OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -10,6 +10,7 @@ import typer
 
 from svv.options import (
     Encoding,
+    KernelFamily,
     Mapper,
     MapperOption,
     Network,
@@ -53,6 +54,9 @@ def chart(
         str | None, typer.Option(metavar="N,...", help="Widths of rendered views; by default the training views'.")
     ] = None,
     devices: Annotated[str, typer.Option(metavar="A,B", help=f"Of {', '.join(d.value for d in Processor)}.")] = "cpu",
+    kernels: Annotated[
+        str, typer.Option(metavar="A,B", help="Of fast (numba, on a GPU Triton) and torch (the plain reference).")
+    ] = "fast",
     seeds: Annotated[str, typer.Option(metavar="N,...", help="A run for each.")] = "0",
     network: Annotated[Network, typer.Option(help="Whose colours are scored: base or pcn.")] = Network.pcn,
     test: Annotated[int, typer.Option(min=5, help="Unseen views that are scored and timed.")] = 8,
@@ -75,6 +79,7 @@ def chart(
         (None,) if sizes is None else parse_whole(sizes, "--sizes", 16),
         (None,) if render_sizes is None else parse_whole(render_sizes, "--render-sizes", 16),
         parse_choices(devices, "--devices", Processor),
+        parse_choices(kernels, "--kernels", KernelFamily),
         parse_whole(seeds, "--seeds"),
     )
     plan = Chart(sources, tf or [], out, grid, Measure(test, network.value, n, mapper.value))

@@ -29,6 +29,13 @@ class Encoding(str, Enum):
     hash = "hash"
 
 
+class KernelFamily(str, Enum):
+    """What a measured run calculates with."""
+
+    fast = "fast"
+    torch = "torch"
+
+
 class Processor(str, Enum):
     """What a measured run calculates on; by name, for ``auto`` would be another on another machine."""
 

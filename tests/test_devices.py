@@ -103,6 +103,20 @@ def test_a_gpu_without_triton_says_so_once(
     assert kernels_of("cpu").NAME == "numba"
 
 
+def test_the_plain_reference_can_be_asked_for(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, camera = small_scene(), sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 24)[0]
+    fast = scene.render(camera).rgba
+    for value, name in (("torch", "torch"), ("", "numba")):
+        monkeypatch.setenv(dispatch.KERNELS, value)
+        kernels_of.cache_clear()
+        assert kernels_of("cpu").NAME == name
+        np.testing.assert_allclose(scene.render(camera).rgba, fast, atol=5e-3)
+    monkeypatch.setenv(dispatch.KERNELS, "numba")
+    kernels_of.cache_clear()
+    with pytest.raises(BadInput, match="can be 'torch'"):
+        kernels_of("cpu")
+
+
 def test_a_scene_stays_where_it_is_and_moves_as_a_copy() -> None:
     scene = small_scene()
     assert scene.on(CPU) is scene

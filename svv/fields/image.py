@@ -18,6 +18,7 @@ from svv.fields.encodings import SparseLattice
 from svv.fields.networks import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.fields.rendering import Rays, Samples
 from svv.kernels import image as kernels
+from svv.kernels.dispatch import kernels_for
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -29,7 +30,7 @@ def can_fuse(scene: Scene) -> bool:
         scene.palette is not None
         and isinstance(scene.base.encoding, SparseLattice)
         and isinstance(scene.palette.encoding, SparseLattice)
-        and scene.base.encoding.table.device.type == "cpu"
+        and kernels_for(scene.base.encoding.table).NAME == "numba"
     )
 
 

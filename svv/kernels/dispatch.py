@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,6 +16,9 @@ from torch import Tensor
 from svv.errors import BadInput
 
 CPU = torch.device("cpu")
+
+KERNELS = "SVV_KERNELS"
+"""Variable of the environment that says ``torch`` where our kernels are to be compared with the plain reference."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +135,15 @@ class Kernels(Protocol):
 
 @cache
 def kernels_of(kind: str) -> Kernels:
-    """The kernels for a kind of device, ``cpu`` or ``cuda``."""
-    name = "compiled" if kind == "cpu" else "fused"
+    """The kernels for a kind of device, ``cpu`` or ``cuda``.
+
+    Raises:
+        BadInput: the environment's ``SVV_KERNELS`` is neither ``torch``, for the plain reference, nor empty.
+    """
+    wanted = os.environ.get(KERNELS, "")
+    if wanted not in ("", "torch"):
+        raise BadInput(f"{KERNELS} can be 'torch', for the plain reference, or unset, not '{wanted}'.")
+    name = "plain" if wanted else "compiled" if kind == "cpu" else "fused"
     try:
         kernels: Any = import_module(f"svv.kernels.{name}")
     except ImportError as error:

@@ -55,14 +55,16 @@ class RayPool:
         self._caster = RayCaster(views.cameras, box, device)
         self._pixels = views.images.reshape(-1, 4)
         size = views.images.shape[1] * views.images.shape[2]
-        near = [np.flatnonzero(maximum_filter(image[..., 3] > 0, MARGIN)) for image in views.images]
-        self._pool: NDArray[np.int64] = np.concatenate([p + k * size for k, p in enumerate(near)])
+        # Tens of millions of numbers: of half the size where that is enough.
+        kind = np.int32 if len(self._pixels) <= np.iinfo(np.int32).max else np.int64
+        near = (np.flatnonzero(maximum_filter(image[..., 3] > 0, MARGIN)) for image in views.images)
+        self._pool: NDArray[np.integer] = np.concatenate([(p + k * size).astype(kind) for k, p in enumerate(near)])
         self._seed = seed
 
     def batch(self, number: int, rays: int) -> Batch:
         """Batch ``number`` (>= 0) of ``rays`` rays."""
         generator = np.random.default_rng((self._seed, number))
-        pixels = self._pool[generator.integers(0, len(self._pool), rays)]
+        pixels = self._pool[generator.integers(0, len(self._pool), rays)].astype(np.int64)
         rgba = torch.from_numpy(self._pixels[pixels].astype(np.float32) / np.float32(255.0)).to(self._caster.device)
         return Batch(self._caster.rays(torch.from_numpy(pixels)), rgba[:, :3], rgba[:, 3])
 

@@ -19,7 +19,12 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from svv.io.atomic import atomic_path
 from svv.report.chart.table import Row, front
 
-COLOURS = {"lattice": "#0f5c8c", "hash": "#c2571a"}
+COLOURS = {
+    "lattice": "#0f5c8c",
+    "hash": "#c2571a",
+    "lattice, plain torch": "#7ab6dc",
+    "hash, plain torch": "#eaa77f",
+}
 MARKERS = {"draft": "o", "fast": "s", "balanced": "D", "paper": "^"}
 DASHES: dict[str, Any] = {
     "draft": (0, (1, 1.2)),
@@ -99,8 +104,8 @@ def trade_off(path: Path, rows: Sequence[Row], axis: Axis) -> None:
 
     def draw(axes: Axes, members: list[Row], metric: str) -> None:
         x, y = [axis.value(row) for row in members], [getattr(row, metric) for row in members]
-        for encoding in dict.fromkeys(row.encoding for row in members):
-            of = [k for k, row in enumerate(members) if row.encoding == encoding]
+        for encoding in dict.fromkeys(row.kind for row in members):
+            of = [k for k, row in enumerate(members) if row.kind == encoding]
             best = [k for k, on in zip(of, front([x[k] for k in of], [y[k] for k in of])) if on]
             best.sort(key=lambda k: x[k])
             axes.plot([x[k] for k in best], [y[k] for k in best], color=COLOURS[encoding], linewidth=1.4, zorder=2)
@@ -122,7 +127,7 @@ def learning(path: Path, rows: Sequence[Row]) -> None:
         x, y = [TRAINING.value(row) for row in members], [getattr(row, metric) for row in members]
         curves: dict[tuple[Any, ...], dict[float, list[int]]] = {}
         for k, row in enumerate(members):
-            curve = curves.setdefault((row.encoding, row.preset, row.train_size, row.device), {})
+            curve = curves.setdefault((row.kind, row.preset, row.train_size, row.device), {})
             curve.setdefault(row.time_limit or math.inf, []).append(k)
         for (encoding, preset, *_), limits in curves.items():
             points = [limits[limit] for limit in sorted(limits)]  # each: the seeds of one limit
@@ -139,7 +144,7 @@ def learning(path: Path, rows: Sequence[Row]) -> None:
 
 def _markers(axes: Axes, members: list[Row], x: list[float], y: list[float]) -> None:
     for k, row in enumerate(members):
-        colour = COLOURS[row.encoding]
+        colour = COLOURS[row.kind]
         axes.plot(
             x[k], y[k], marker=MARKERS[row.preset], markersize=5.5, linestyle="none", color=colour, zorder=3,
             markerfacecolor=colour if row.device == "cpu" else "white",
@@ -212,7 +217,7 @@ def _ticks(axes: Axes, axis: Axis) -> None:
 
 def _legend(rows: Sequence[Row], line: str, volume: bool = False, dashes: bool = False) -> list[Line2D]:
     handles = []
-    for encoding in dict.fromkeys(row.encoding for row in rows):
+    for encoding in dict.fromkeys(row.kind for row in rows):
         handles.append(Line2D([], [], color=COLOURS[encoding], linewidth=2.4, label=encoding))
     for preset in dict.fromkeys(row.preset for row in rows):
         style: Any = DASHES[preset] if dashes else "none"

@@ -9,6 +9,7 @@ from typing import Any
 
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.atomic import make_folder
+from svv.kernels.dispatch import KERNELS
 from svv.report.chart.plan import Grid, Measure, Rendering, Training, check, trainings
 from svv.report.chart.process import run_apart
 from svv.report.chart.scenes import ChartScene, read_scenes
@@ -114,7 +115,7 @@ class Chart:
                 "device": run.device,
                 "volume": scene.as_task(),
             }
-        run_apart(task, progress)
+        run_apart(task, progress, {KERNELS: "torch" if run.kernels == "torch" else ""})
 
     def rows(self) -> list[Row]:
         """One row for each run of this command and rendered size that is done, in the command's order."""

@@ -20,6 +20,9 @@ SECONDS = {"draft": 40.0, "fast": 120.0, "balanced": 250.0, "paper": 9000.0}
 HASH_TAKES = 4.0
 """Rough factor on them with a hash grid."""
 
+TORCH_TAKES = 8.0
+"""Rough factor on them with plain torch."""
+
 LEAST_VIEWS = 5
 """Timed views of a run at least: a median of fewer says little."""
 
@@ -37,6 +40,8 @@ class Grid:
     render_sizes: tuple[int | None, ...] = (None,)
     """Width of the rendered views in pixels; None for that of the training views."""
     devices: tuple[str, ...] = ("cpu",)
+    kernels: tuple[str, ...] = ("fast",)
+    """``fast``: numba on the processor, Triton on a GPU. ``torch``: the plain reference."""
     seeds: tuple[int, ...] = (0,)
 
 
@@ -69,6 +74,7 @@ class Training:
     limit: float | None
     device: str
     seed: int
+    kernels: str = "fast"
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -80,13 +86,15 @@ class Training:
         """Of its folder: readable, and its own among all settings of a preset that there ever were."""
         key = digest({"run": asdict(self), "preset": asdict(preset(self.preset, self.encoding))})
         limit = "full" if self.limit is None else f"{self.limit:g}s"
-        parts = (self.scene, self.preset, self.encoding, f"{self.size}px", limit, self.device, f"seed{self.seed}", key)
+        where = self.device if self.kernels == "fast" else f"{self.device}-{self.kernels}"
+        parts = (self.scene, self.preset, self.encoding, f"{self.size}px", limit, where, f"seed{self.seed}", key)
         return "-".join(parts)
 
     @property
     def expected(self) -> float:
         """Rough seconds that it takes."""
         whole = SECONDS[self.preset] * (HASH_TAKES if self.encoding == "hash" else 1.0)
+        whole *= TORCH_TAKES if self.kernels == "torch" else 1.0
         return 15.0 + (whole if self.limit is None else min(whole, self.limit))
 
 
@@ -115,10 +123,12 @@ def trainings(grid: Grid, scene: str, source: Mapping[int, str], sizes: tuple[in
         source: Hash of what the views depend on, by their size.
         sizes: Widths of the training views.
     """
-    product = itertools.product(grid.seeds, grid.limits, sizes, grid.presets, grid.encodings, grid.devices)
+    product = itertools.product(
+        grid.seeds, grid.limits, sizes, grid.presets, grid.encodings, grid.devices, grid.kernels
+    )
     runs = [
-        Training(scene, source[size], name, encoding, size, limit, device, seed)
-        for seed, limit, size, name, encoding, device in product
+        Training(scene, source[size], name, encoding, size, limit, device, seed, kernels)
+        for seed, limit, size, name, encoding, device, kernels in product
     ]
     return sorted(dict.fromkeys(runs), key=lambda run: (run.seed, run.expected))
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import queue
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import IO, Any
 
@@ -21,12 +23,13 @@ LISTEN = 0.5
 """Seconds between two looks at whether the user wants to stop."""
 
 
-def run_apart(task: dict[str, Any], progress: Progress) -> None:
+def run_apart(task: dict[str, Any], progress: Progress, variables: Mapping[str, str] | None = None) -> None:
     """Do a task of :mod:`svv.report.chart.trial` in a process of its own.
 
     Args:
         task: JSON.
         progress: Told what the process tells; when it raises, the process is stopped.
+        variables: Of the environment, beside those there are.
 
     Raises:
         BadInput: what the process says, or that the system ended it.
@@ -36,8 +39,9 @@ def run_apart(task: dict[str, Any], progress: Progress) -> None:
     with tempfile.TemporaryFile("w+") as said:
         # A session of its own: Ctrl-C reaches us alone, and we say when the process stops.
         process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True, start_new_session=True
-        )
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True, start_new_session=True,
+            env={**os.environ, **(variables or {})},
+        )  # fmt: skip
         assert process.stdin is not None and process.stdout is not None
         try:
             with suppress(BrokenPipeError):  # it ended at once; its code and its words say why

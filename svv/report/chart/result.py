@@ -62,7 +62,7 @@ def numbers(rows: Sequence[Row]) -> list[tuple[str, str]]:
     for title, members in panels(rows):
         best = max(members, key=lambda row: row.psnr)
         name = title.split(",")[0]
-        cards.append((f"{best.psnr:.1f} dB", f"{name}: {best.preset}, {best.encoding}, {best.limit}"))
+        cards.append((f"{best.psnr:.1f} dB", f"{name}: {best.preset}, {best.kind}, {best.limit}"))
         if best.dvr_ratio is not None:
             cards.append((f"{best.dvr_ratio:.1f} x", f"DVR's time for its views, {name}"))
     return cards
@@ -73,7 +73,7 @@ def table(rows: Sequence[Row]) -> Table:
     best = {id(row): " ".join(fronts_of(row, members)) for _, members in panels(rows) for row in members}
     cells = [
         [
-            row.scene, row.preset, row.encoding, row.limit, f"{row.train_size} px", f"{row.render_size} px",
+            row.scene, row.preset, row.kind, row.limit, f"{row.train_size} px", f"{row.render_size} px",
             str(row.seed), f"{row.train_seconds:.0f} s", f"{row.psnr:.2f}", f"{row.psnr_foreground:.2f}",
             f"{row.ssim:.4f}", f"{row.view_seconds:.2f} s",
             f"{row.view_seconds_least:.2f} to {row.view_seconds_most:.2f}",

@@ -30,6 +30,8 @@ class Row:
     time_limit: float | None
     """Seconds that training was allowed; None for the preset's whole schedule."""
     device: str
+    kernels: str
+    """numba, triton or torch."""
     seed: int
     network: str
     psnr: float
@@ -83,6 +85,11 @@ class Row:
         return self.train_seconds
 
     @property
+    def kind(self) -> str:
+        """Its encoding, and its kernels where they are the plain reference."""
+        return f"{self.encoding}, plain torch" if self.kernels == "torch" else self.encoding
+
+    @property
     def limit(self) -> str:
         """The time limit as people read it."""
         return "full" if self.time_limit is None else f"{self.time_limit:g} s"
@@ -105,6 +112,7 @@ def read_row(training: Path, rendering: Path) -> Row:
         render_size=shown["size"][0],
         time_limit=run["limit"],
         device=made["device"],
+        kernels=made["kernels"],
         seed=run["seed"],
         network=shown["network"],
         psnr=_number(shown["psnr"]),

@@ -280,8 +280,8 @@ def test_the_tables_hold_every_run_with_its_settings(tmp_path: Path, runner: Run
 
 def some_rows() -> list[Row]:
     """Runs of two scenes, one of them with volume rendering's time, on two devices."""
-    base = Row("head", "draft", "lattice", 200, 200, 15.0, "cpu", "numba", 0, "pcn", 30.0, 22.0, 0.9, 8, 14.0, 25.0, 1.0, 9.0,
-               1.0, 3.0, 0.1, 0.5, 0.4, 0.6, 0.9, 0.08, 0.07, 0.09, 0.15, 6.2, "cpu", 2_000_000, 10, 10, 10, 0.3, 2,
+    base = Row("head", "draft", "lattice", 200, 200, 15.0, "cpu", "numba", 0, "pcn", 30.0, 22.0, 0.9, 8, 14.0, 25.0, 1.0,
+               9.0, 1.0, 3.0, 0.1, 0.5, 0.4, 0.6, 0.9, 0.08, 0.07, 0.09, 0.15, 6.2, "cpu", 2_000_000, 10, 10, 10, 0.3, 2,
                False, "a")  # fmt: skip
     slow = replace(base, preset="fast", encoding="hash", psnr=31.0, view_seconds=2.0, train_seconds=60.0, seed=1)
     alone = replace(base, scene="vortex", dvr_seconds=None, dvr_ratio=None, psnr_foreground=math.nan, time_limit=None)
@@ -428,8 +428,8 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
     write_json(tmp_path / "tf.json", [demo_transfer_function().to_dict()])
     out = tmp_path / "out"
     arguments = [str(tmp_path / "ball.vti"), "--tf", str(tmp_path / "tf.json"), "--presets", "draft", "--encodings",
-                 "lattice", "--kernels", "fast,torch", "--time-limits", "1", "--sizes", "32", "--render-sizes", "48", "--n", "12", "--test", "5",
-                 "--out", str(out)]  # fmt: skip
+                 "lattice", "--kernels", "fast,torch", "--time-limits", "1", "--sizes", "32", "--render-sizes", "48",
+                 "--n", "12", "--test", "5", "--out", str(out)]  # fmt: skip
     cli.app(["chart", *arguments], prog_name="svv", standalone_mode=False)
     said = capsys.readouterr()
     assert said.out == f"{out / 'chart.html'}\n"

@@ -18,7 +18,7 @@ demo: $(INSTALLED)
 	$(BIN)/svv demo --out $(OUT)
 
 test: check paraview
-	OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -n 2 --dist loadfile
+	OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -167,8 +167,8 @@ def made_up(task: dict[str, Any], progress: Progress) -> None:
         seconds = {"hull": 1.0, "base": 0.6 * (run["limit"] or 99.0), "palette": 1.0, "pcn": 0.3, "sampling": 0.1}
         seconds["total"] = 9.0
         (folder / "scene.svv").write_bytes(b"x" * 5000)
-        report = {"seconds": seconds, "peak_rss_bytes": 1, "parameters": 2, "device": run["device"], "threads": 2,
-                  "run": run, "scene_bytes": 5000, "cpu_seconds": 12.0, "resumed": False,
+        report = {"seconds": seconds, "peak_rss_bytes": 1, "parameters": 2, "device": run["device"], "kernels": "numba",
+                  "run": run, "scene_bytes": 5000, "cpu_seconds": 12.0, "resumed": False, "threads": 2,
                   "load_average": 0.5}  # fmt: skip
         (folder / "train.json").write_text(json.dumps(report))
         return
@@ -187,7 +187,7 @@ class Runner:
         self.stop_at: int | None = None
         monkeypatch.setattr(job, "run_apart", self.run)
 
-    def run(self, task: dict[str, Any], progress: Progress) -> None:
+    def run(self, task: dict[str, Any], progress: Progress, variables: Mapping[str, str]) -> None:
         if len(self.asked) == self.stop_at:
             raise Cancelled
         self.asked.append(task["work"])
@@ -297,7 +297,8 @@ def some_rows() -> list[Row]:
     ],
 )
 def test_charts_are_drawn_in_the_colours_of_their_encodings(draw: Callable[..., None], tmp_path: Path) -> None:
-    draw(tmp_path / "chart.png", some_rows())
+    rows = some_rows()
+    draw(tmp_path / "chart.png", [*rows, *(replace(row, kernels="torch") for row in rows)])
     with Image.open(tmp_path / "chart.png") as image:
         shown = {tuple(int(c) for c in colour) for colour in np.asarray(image.convert("RGB")).reshape(-1, 3)}
     for colour in figures.COLOURS.values():

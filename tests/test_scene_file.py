@@ -53,6 +53,25 @@ def test_every_array_comes_back_as_it_was(
         np.testing.assert_array_equal(back[name], array)
 
 
+def test_tables_of_bytes_are_smaller_in_files(tmp_path: Path) -> None:
+    table = (100 * np.sin(np.arange(4000) / 50.0)[:, None] + [[100, 150]]).astype(np.uint8)
+    write_scene_file(tmp_path / "s.svv", {}, {"t": table})
+    assert (tmp_path / "s.svv").stat().st_size < 0.7 * table.nbytes
+    np.testing.assert_array_equal(read_scene_file(tmp_path / "s.svv")[1]["t"], table)
+
+
+@pytest.mark.parametrize("shape", [[4000, 1], [4001, 2], [3999, 2], [-1, 2], [0, 2], [4000], "ab", None, [1e9, 2]])
+def test_deflated_tables_of_another_shape_are_damaged(tmp_path: Path, shape: object) -> None:
+    table = np.random.default_rng(0).integers(0, 255, (4000, 2)).astype(np.uint8)
+    content = scene_file.scene_bytes({}, {"t": table}, deflate=True)
+    start = 8 + int.from_bytes(content[:8], "little")
+    meta = json.loads(json.loads(content[8:start])["__metadata__"]["svv"])
+    meta["deflated"]["t"] = shape
+    save_file({"t": np.frombuffer(content[start:], np.uint8)}, tmp_path / "s.svv", {"svv": json.dumps(meta)})
+    with pytest.raises(BadInput, match="damaged"):
+        read_scene_file(tmp_path / "s.svv")
+
+
 def test_arrays_that_are_not_contiguous_keep_their_values(tmp_path: Path) -> None:
     array = np.arange(24).reshape(2, 3, 4)
     tensors = {"turned": array.T, "skipped": array[:, ::2], "backwards": array[..., ::-1]}

@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
-from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.core.colour import shift_colours
 from svv.errors import BadInput, Progress, silent
 from svv.fields import image as fused
-from svv.fields.encodings import Encoding, SparseLattice
 from svv.fields.networks import (
     BaseField,
     FieldSettings,
@@ -29,10 +27,9 @@ from svv.fields.networks import (
 )
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
+from svv.fields.scene_arrays import NETWORKS, arrays_of, parts_of
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.dispatch import kernels_of
-
-NETWORKS = ("base", "pcn", "styled")
 
 JOINED = 1.0 / 64.0
 """Samples are joined until they weigh this much in the pixel: half as many colours in a translucent scene, for
@@ -230,7 +227,7 @@ class Scene:
         distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
         values = [colour, distance[:, None]]
         if self.palette is not None:
-            values.append(nn.functional.one_hot(of, len(self.regions)).float())
+            values.append(torch.nn.functional.one_hot(of, len(self.regions)).float())
         out, transmittance, _ = composite(samples, sigma, torch.cat(values, dim=1))
         alpha = 1.0 - transmittance
         seen = torch.nonzero(alpha > FAINT)[:, 0]
@@ -309,7 +306,7 @@ class Scene:
         return cls._restored(*read_scene_file(path), str(path))
 
     def to_bytes(self) -> bytes:
-        """What :meth:`save` writes."""
+        """What :meth:`save` writes, but its tables are not deflated."""
         return scene_bytes(*self.to_arrays())
 
     @classmethod
@@ -330,64 +327,13 @@ class Scene:
         Args:
             packed: Tables of lattices as bytes, of the hash grid in half precision; else as they are.
         """
-        box = self.occupancy.box
-        header = {
-            "box": {"low": box.low, "size": box.size, "extent": box.extent},
-            "cells": self.occupancy.cells,
-            "shape": self.occupancy.occupied.shape,
-            "settings": self.settings.to_json(),
-            "marching": {k: getattr(self.marching, k) for k in ("step", "least_weight", "stop")},
-            "images": {"stride": self.stride, "joined": self.joined},
-            "density_resolutions": None if self.base.density is None else self.base.density.resolutions,
-            "networks": self.networks,
-            "regions": [vars(r) for r in self.regions],
-            "camera_rig": self.camera_rig,
-            "made": self.made,
-        }
-        tensors: dict[str, NDArray[Any]] = {"occupied": np.packbits(self.occupancy.occupied > 0)}
-        for name, network in zip(NETWORKS, (self.base, self.palette, self.styled), strict=True):
-            if network is not None:
-                for key, value in network.state_dict().items():
-                    tensors[f"{name}.{key}"] = value.cpu().numpy()
-                for key, encoding in _encodings(name, network) if packed else ():
-                    if isinstance(encoding, SparseLattice):
-                        tensors[key], tensors[f"{key}.ends"] = encoding.packed()
-                    else:
-                        tensors[key] = tensors[key].astype(np.float16)
-        return header, tensors
+        return arrays_of(self, packed)
 
     @classmethod
     def from_arrays(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]]) -> Scene:
         """The inverse of :meth:`to_arrays`."""
-        b = header["box"]
-        box = Box(tuple(b["low"]), float(b["size"]), tuple(b["extent"]))  # type: ignore[arg-type]
-        shape = tuple(header["shape"])
-        bits = np.unpackbits(tensors["occupied"], count=int(np.prod(shape)))
-        occupancy = Occupancy(box, int(header["cells"]), np.ascontiguousarray(bits.reshape(shape)))
-        s = header["settings"]
-        settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"])})
-        base = BaseField(settings, occupancy, header["density_resolutions"])
-        palette, styled = None, None
-        regions = tuple(_region(r) for r in header["regions"])
-        if "pcn" in header["networks"]:
-            palette = PaletteField(settings, occupancy, base.geometry_width, torch.zeros(len(regions), 3))
-        if "styled" in header["networks"]:
-            styled = UnrestrictedField(settings, occupancy)
-        for name, network in zip(NETWORKS, (base, palette, styled), strict=True):
-            if network is not None:
-                own = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
-                state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in own.items()}
-                for key, encoding in _encodings(name, network):
-                    if isinstance(encoding, SparseLattice) and own[key].dtype == np.uint8:
-                        state[key] = encoding.unpack(own[key], own[f"{key}.ends"])
-                        del state[f"{key}.ends"]
-                network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
-                network.requires_grad_(False)
-        m = header["marching"]
-        marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
-        images = {name: float(value) for name, value in header.get("images", {}).items()}
-        rig, made = header["camera_rig"], header["made"]
-        return cls(settings, occupancy, marching, base, palette, styled, regions, rig, made, **images)
+        parts = parts_of(header, tensors)
+        return cls(**{**parts, "regions": tuple(Region(**values) for values in parts["regions"])})
 
     def info(self) -> dict[str, Any]:
         """What the scene is and how it was made, as plain values."""
@@ -406,14 +352,3 @@ class Scene:
             "camera_rig": self.camera_rig,
             "made": self.made,
         }
-
-
-def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
-    """The network's encodings, each with the name that its table has in a file."""
-    return [(f"{name}.{k}.table", m) for k, m in network.named_modules() if isinstance(m, Encoding)]
-
-
-def _region(values: dict[str, Any]) -> Region:
-    """A region from its plain values."""
-    plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-    return Region(**plain)

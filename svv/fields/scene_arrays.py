@@ -1,0 +1,97 @@
+"""What a scene's file holds: the header and the arrays of :class:`svv.fields.scene.Scene`, and the way back."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from svv.core.box import Box
+from svv.fields.encodings import Encoding, SparseLattice
+from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Marching
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
+
+Arrays = dict[str, NDArray[Any]]
+
+NETWORKS = ("base", "pcn", "styled")
+
+
+def arrays_of(scene: Scene, packed: bool) -> tuple[dict[str, Any], Arrays]:
+    """Header and arrays of the file, see :meth:`svv.fields.scene.Scene.to_arrays`."""
+    box = scene.occupancy.box
+    header = {
+        "box": {"low": box.low, "size": box.size, "extent": box.extent},
+        "cells": scene.occupancy.cells,
+        "shape": scene.occupancy.occupied.shape,
+        "settings": scene.settings.to_json(),
+        "marching": {k: getattr(scene.marching, k) for k in ("step", "least_weight", "stop")},
+        "images": {"stride": scene.stride, "joined": scene.joined},
+        "density_resolutions": None if scene.base.density is None else scene.base.density.resolutions,
+        "networks": scene.networks,
+        "regions": [vars(r) for r in scene.regions],
+        "camera_rig": scene.camera_rig,
+        "made": scene.made,
+    }
+    tensors: Arrays = {"occupied": np.packbits(scene.occupancy.occupied > 0)}
+    for name, network in zip(NETWORKS, (scene.base, scene.palette, scene.styled), strict=True):
+        if network is not None:
+            for key, value in network.state_dict().items():
+                tensors[f"{name}.{key}"] = value.cpu().numpy()
+            for key, encoding in _encodings(name, network) if packed else ():
+                if isinstance(encoding, SparseLattice):
+                    tensors[key], tensors[f"{key}.ends"] = encoding.packed()
+                else:
+                    tensors[key] = tensors[key].astype(np.float16)
+    return header, tensors
+
+
+def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
+    """The scene's fields by name, of what :func:`arrays_of` gave; ``regions`` as plain values."""
+    b = header["box"]
+    box = Box(tuple(b["low"]), float(b["size"]), tuple(b["extent"]))  # type: ignore[arg-type]
+    shape = tuple(header["shape"])
+    bits = np.unpackbits(tensors["occupied"], count=int(np.prod(shape)))
+    occupancy = Occupancy(box, int(header["cells"]), np.ascontiguousarray(bits.reshape(shape)))
+    s = header["settings"]
+    settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"])})
+    base = BaseField(settings, occupancy, header["density_resolutions"])
+    palette, styled = None, None
+    regions = [_values(r) for r in header["regions"]]
+    if "pcn" in header["networks"]:
+        palette = PaletteField(settings, occupancy, base.geometry_width, torch.zeros(len(regions), 3))
+    if "styled" in header["networks"]:
+        styled = UnrestrictedField(settings, occupancy)
+    for name, network in zip(NETWORKS, (base, palette, styled), strict=True):
+        if network is not None:
+            own = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
+            state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in own.items()}
+            for key, encoding in _encodings(name, network):
+                if isinstance(encoding, SparseLattice) and own[key].dtype == np.uint8:
+                    state[key] = encoding.unpack(own[key], own[f"{key}.ends"])
+                    del state[f"{key}.ends"]
+            network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
+            network.requires_grad_(False)
+    m = header["marching"]
+    marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
+    images = {name: float(value) for name, value in header.get("images", {}).items()}
+    return {
+        "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette": palette,
+        "styled": styled, "regions": regions, "camera_rig": header["camera_rig"], "made": header["made"], **images,
+    }  # fmt: skip
+
+
+def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
+    """The network's encodings, each with the name that its table has in a file."""
+    return [(f"{name}.{k}.table", m) for k, m in network.named_modules() if isinstance(m, Encoding)]
+
+
+def _values(region: dict[str, Any]) -> dict[str, Any]:
+    """What JSON turned into lists are tuples."""
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in region.items()}

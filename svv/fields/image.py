@@ -36,17 +36,20 @@ def can_fuse(scene: Scene) -> bool:
 
 def shade(scene: Scene, samples: Samples, rays: Rays, network: str) -> tuple[Tensor, Tensor]:
     """Colour (S, 3) and region (S,) int64 of samples, for the network ``pcn`` or ``styled``."""
-    palette, geometry = scene.palette, scene.base.encoding
+    palette, geometry, light, count = scene.palette, scene.base.encoding, None, len(samples)
     assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
-    count, width = len(samples), geometry.width
-    harmonics, layout = spherical_harmonics(rays.directions, 4), geometry.layout
-    lit, plain = torch.empty(count, width + harmonics.shape[1]), torch.empty(count, width)
-    kernels.features(
-        *_arrays(samples.position, samples.ray, harmonics),
-        *_arrays(layout.shapes, layout.scales, layout.bases, layout.index),
-        *_arrays(_both_tables(geometry.table, palette.encoding)), (0.0,) * geometry.features, *_arrays(lit, plain),
-    )  # fmt: skip
-    light, material = palette.lighting_mlp(lit), palette.palette_mlp(plain)
+    if palette.lighting_mlp is None:
+        plain = palette.encoding.look_up(samples.position)
+    else:
+        harmonics, layout = spherical_harmonics(rays.directions, 4), geometry.layout
+        lit, plain = (torch.empty(count, geometry.width + extra) for extra in (harmonics.shape[1], 0))
+        kernels.features(
+            *_arrays(samples.position, samples.ray, harmonics),
+            *_arrays(layout.shapes, layout.scales, layout.bases, layout.index),
+            *_arrays(_both_tables(geometry.table, palette.encoding)), (0.0,) * geometry.features, *_arrays(lit, plain),
+        )  # fmt: skip
+        light = palette.lighting_mlp(lit)
+    material = palette.palette_mlp(plain)
     region = torch.empty(count, dtype=torch.int64)
     diffuse = torch.empty(count, 3)
     kernels.material(
@@ -56,8 +59,9 @@ def shade(scene: Scene, samples: Samples, rays: Rays, network: str) -> tuple[Ten
     if any(r.edited_colour is not None for r in scene.regions):
         diffuse = _recoloured(scene, material)
     diffuse = scene.with_style(diffuse, region, samples.position, network).contiguous()
-    factors = torch.tensor([r.lighting for r in scene.regions])
-    kernels.light(*_arrays(light, factors, region), np.float32(SPECULAR_SHIFT), *_arrays(diffuse))
+    if light is not None:
+        factors = torch.tensor([r.lighting for r in scene.regions])
+        kernels.light(*_arrays(light, factors, region), np.float32(SPECULAR_SHIFT), *_arrays(diffuse))
     return diffuse, region
 
 

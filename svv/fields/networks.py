@@ -48,6 +48,8 @@ class FieldSettings:
     """Width of hidden layers."""
     shading: bool = True
     """Whether the lighting MLP also scales the diffuse colour, as a headlight does; the paper's only adds a grey."""
+    lit: bool = True
+    """Whether there is a lighting MLP; views drawn without shading need none."""
 
     def encode(self, occupancy: Occupancy) -> Encoding:
         """A new table for this scene."""
@@ -157,7 +159,8 @@ class PaletteField(nn.Module):
     """Palette colour network: c = c_s + m I sum_i w_i (P_i + delta_i) (StyleRF-VolVis, eq. 4).
 
     The scale m(x, d) in (0, 2) is ours: a headlight multiplies the material's colour by the cosine to its normal,
-    which no added grey can express on coloured material. Without ``shading`` m is 1 and the network is the paper's.
+    which no added grey can express on coloured material. Without ``shading`` m is 1 and the network is the paper's;
+    a scene that is not ``lit`` has c_s = 0 as well, and no lighting MLP.
     """
 
     def __init__(self, settings: FieldSettings, occupancy: Occupancy, geometry_width: int, colours: Tensor) -> None:
@@ -165,12 +168,14 @@ class PaletteField(nn.Module):
         self.encoding = settings.encode(occupancy)
         self.colours = nn.Parameter(colours.clone())
         self.shading = settings.shading
-        count = len(colours)
-        self.lighting_mlp = mlp(geometry_width + DIRECTION_WIDTH, settings.width, 2, 2 if settings.shading else 1)
+        count, inputs = len(colours), geometry_width + DIRECTION_WIDTH
+        self.lighting_mlp = mlp(inputs, settings.width, 2, 2 if settings.shading else 1) if settings.lit else None
         self.palette_mlp = mlp(self.encoding.width, settings.width, 1, 1 + 4 * count)
 
     def light_like(self, base: BaseField) -> None:
         """Start the lighting MLP's hidden layers from the base colour MLP's."""
+        if self.lighting_mlp is None:
+            return
         with torch.no_grad():
             pairs = zip(list(self.lighting_mlp)[:-1], list(base.colour_mlp)[:-1], strict=True)
             for mine, its in pairs:
@@ -190,6 +195,8 @@ class PaletteField(nn.Module):
 
     def lighting(self, geometry: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
         """Specular grey c_s >= 0 (S,) and shade m in (0, 2) (S,)."""
+        if self.lighting_mlp is None:
+            return geometry.new_zeros(len(geometry)), geometry.new_ones(len(geometry))
         h = self.lighting_mlp(torch.cat([geometry, directions], dim=1))
         specular = softplus(h[:, 0] + SPECULAR_SHIFT)
         return specular, 2.0 * torch.sigmoid(h[:, 1]) if self.shading else torch.ones_like(specular)

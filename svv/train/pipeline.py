@@ -25,6 +25,7 @@ from svv.train.config import Preset, fitted_field, preset
 from svv.train.distil import Distillation
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import load_features
+from svv.train.lighting import shows_light
 from svv.train.loop import Loop
 from svv.train.ranges import regions_of
 from svv.train.recolour import palette_of, recolour
@@ -146,7 +147,11 @@ def _train(
         if views.classified is not None and chosen.reconstruct.use_volume:
             known = regions_of(views.classified, views, scene, seed)
         palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette
-    notes.extend(palette.steps)
+        notes.extend(palette.steps)
+        if chosen.fitted:
+            lit, reason = shows_light(scene, views, seed)
+            scene = replace(scene, settings=replace(scene.settings, lit=lit))
+            notes.append(reason)
     left = None if limit is None else max(0.1, limit - sum(seconds.values()))
     network, shares, seconds["pcn"] = recolour(
         views, scene.base, scene.occupancy, scene.marching, palette.colours, scene.settings, chosen.recolour, seed,

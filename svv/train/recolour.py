@@ -61,7 +61,8 @@ class Recolouring:
         samples = march(batch.rays, self.occupancy, self.base.density, self.marching, seed=number + 1)
         self.budget.adjust(number, len(batch.rays), len(samples))
         with torch.no_grad():
-            sigma, geometry = self.base.geometry(samples)
+            lit = self.field.lighting_mlp is not None
+            sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
         parts = self.field(samples.position, geometry, encode_directions(batch.rays.directions, samples.ray))
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]

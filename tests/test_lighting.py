@@ -1,0 +1,78 @@
+"""Whether a scene needs a lighting network is decided by what its views show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from svv.dvr.demo_volume import demo_transfer_function, demo_volume
+from svv.dvr.mappers import Shading
+from svv.dvr.views import make_views
+from svv.fields.rendering import RayCaster, composite, march
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.train.config import PRESETS
+from svv.train.lighting import LEAST, change_aside, shows_light
+from svv.train.pipeline import train_scene
+
+DRAFT = PRESETS["draft"]
+SHORT = replace(
+    DRAFT,
+    reconstruct=replace(DRAFT.reconstruct, iterations=300, rays=1024, samples=8192),
+    recolour=replace(DRAFT.recolour, iterations=60, rays=1024, samples=8192),
+)
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["shaded", "unshaded"])
+def trained(request: pytest.FixtureRequest) -> tuple[bool, ViewSet, Scene, str]:
+    """Whether the views are shaded, the views, the scene, and what it says of its lighting."""
+    tf = demo_transfer_function()
+    tf = replace(tf, opacities=(tf.opacities[0], *tf.opacities[4:]))  # without the translucent shell
+    views, _ = make_views(demo_volume(32), tf, 24, 96, test=0, mapper="cpu", shading=Shading(on=request.param))
+    scene, report = train_scene(views, SHORT)
+    (said,) = [note for note in report["notes"] if "lighting network" in note]
+    return request.param, views, scene, said
+
+
+def test_a_lighting_network_where_there_is_light(trained: tuple[bool, ViewSet, Scene, str]) -> None:
+    shaded, _, scene, said = trained
+    assert scene.palette is not None
+    assert scene.settings.lit == shaded == (scene.palette.lighting_mlp is not None)
+    assert said.startswith("the views were drawn with" + (" shading" if shaded else "out shading"))
+
+
+def test_views_that_do_not_say_are_looked_at(trained: tuple[bool, ViewSet, Scene, str]) -> None:
+    _, views, scene, _ = trained
+    silent = replace(views, meta={})
+    found = shows_light(scene, silent, 0)
+    assert found[0] == (change_aside(scene, silent, 0) >= LEAST) and "20 degrees aside" in found[1]
+    none = replace(views, meta={"shading": {"on": True, "ambient": 1.0, "diffuse": 0.0, "specular": 0.0}})
+    assert not shows_light(scene, none, 0)[0]
+
+
+def test_light_changes_more_than_its_absence(trained: tuple[bool, ViewSet, Scene, str]) -> None:
+    shaded, views, scene, _ = trained
+    assert (255 * change_aside(scene, views, 0) > 3.0) == shaded
+
+
+def test_images_without_light_are_the_same_from_torch_and_kernels(trained: tuple[bool, ViewSet, Scene, str]) -> None:
+    _, views, scene, _ = trained
+    camera = views.cameras[3].resized(48, 48)
+    fused = scene.render(camera, "pcn").rgba
+    again = Scene.from_arrays(*scene.to_arrays(packed=False))
+    assert again.settings == scene.settings
+    np.testing.assert_array_equal(again.render(camera, "pcn").rgba, fused)
+    rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
+    samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
+    colour, _, sigma = scene.shade(samples, rays, "pcn")
+    plain = composite(samples, sigma, colour)[0].numpy().reshape(48, 48, 3)
+    # Images are clamped to what can be shown.
+    np.testing.assert_allclose(np.minimum(plain, fused[..., 3:]), fused[..., :3] * fused[..., 3:], atol=1e-2)
+
+
+def test_light_can_be_turned_off_where_there_is_some(trained: tuple[bool, ViewSet, Scene, str]) -> None:
+    shaded, views, scene, _ = trained
+    lit, dark = (s.render(views.cameras[3], "pcn").rgba for s in (scene, scene.edited(0, lighting=0.0)))
+    assert (np.abs(dark - lit).max() > 0.05) == shaded

@@ -249,10 +249,15 @@ def evaluate(
     device: DeviceOption = Device.cpu,
     json: Json = None,
 ) -> None:
-    """Compare a scene with views of the volume: PSNR, SSIM, FLIP, LPIPS."""
+    """Compare a scene with views of the volume: PSNR, SSIM, FLIP, LPIPS.
+
+    Where the folder holds the classified volume, region_overlap says how well each region is the values that it is
+    said to show: intersection over union, over all that the views show.
+    """
     from svv.io.atomic import write_json
-    from svv.io.viewset import ViewSet
+    from svv.io.viewset import ViewSet, read_classified
     from svv.train.pipeline import evaluate_scene
+    from svv.train.ranges import region_overlaps
 
     _check_targets(json)
     loaded = _load(scene, device)
@@ -260,6 +265,9 @@ def evaluate(
         view_set = ViewSet.read(views, split, progress)
     with shown("Evaluating") as progress:
         scores = evaluate_scene(loaded, view_set, (network or Network.pcn).value, progress)
+    volume = read_classified(views)
+    if volume is not None and loaded.palette is not None:
+        scores["region_overlap"] = region_overlaps(loaded, view_set, volume)
     if json is not None:
         write_json(json, scores)
     _print_table(scores)

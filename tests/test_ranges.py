@@ -23,7 +23,7 @@ from svv.io.viewset import ViewSet
 from svv.train.batches import RayPool
 from svv.train.config import PRESETS, Preset, ReconstructSettings
 from svv.train.pipeline import train_scene
-from svv.train.ranges import Owners, shares_of
+from svv.train.ranges import Owners, region_overlaps, shares_of
 
 BLUE, RED = (0.1, 0.3, 1.0), (1.0, 0.2, 0.1)
 SHORT = replace(
@@ -132,8 +132,8 @@ def test_vertices_belong_to_the_range_of_their_values() -> None:
     assert (volume.owner[(values > 0.68) & (values < 0.92)] == 1).all()
 
 
-def accuracy(views: ViewSet, preset: Preset) -> tuple[np.ndarray, int]:
-    """Intersection over union, weighted by what is seen, of the trained regions with the volume's; and how many."""
+def accuracy(views: ViewSet, preset: Preset) -> tuple[np.ndarray, list[float]]:
+    """Intersection over union, weighted by what is seen, of trained regions with the volume's; and as it is told."""
     volume = views.classified
     assert volume is not None
     scene, _ = train_scene(views, preset)
@@ -146,7 +146,7 @@ def accuracy(views: ViewSet, preset: Preset) -> tuple[np.ndarray, int]:
     count, sigma = len(order), scene.base.extinction(samples)
     both = shares_of(samples, sigma, torch.where(true == found, true, count), count + 1)[:count]
     either = shares_of(samples, sigma, true, count) + shares_of(samples, sigma, found, count) - both
-    return both / either, count
+    return both / either, region_overlaps(scene, views, volume)
 
 
 @pytest.mark.parametrize("hue", [BLUE, RED], ids=["of its own hue", "of the core's hue"])
@@ -154,9 +154,10 @@ def test_trained_regions_are_the_ranges(hue: tuple[float, float, float]) -> None
     """A translucent shell around a red core: each region is nine tenths its range at least."""
     tf = bumps((0.3, 0.4, 0.1, hue), (0.8, 0.5, 0.8, RED))
     views, _ = make_views(from_array(ball(32), (1.0,) * 3, (0.0,) * 3), tf, 20, 96, mapper="cpu")
-    overlap, count = accuracy(views, SHORT)
-    assert count == 2
+    overlap, told = accuracy(views, SHORT)
+    assert len(overlap) == 2
     assert overlap.min() > 0.9
+    np.testing.assert_allclose(told, overlap, atol=0.02)  # of other rays
 
 
 def test_a_range_that_is_not_seen_is_no_region() -> None:

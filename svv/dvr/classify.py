@@ -125,9 +125,9 @@ def _ranges(known: Array, depth: Array, colour: Array, weight: Array) -> list[in
         if spread[widest] <= SPREAD**2:
             break
         w, c = weight[parts[widest]], colour[parts[widest]]
-        before = np.cumsum(w)[:-1]
+        before, behind = np.cumsum(w)[:-1], np.cumsum(w[::-1])[-2::-1]
         moment = np.cumsum(w[:, None] * (c - np.average(c, axis=0, weights=w)), axis=0)[:-1]
-        less = np.square(moment).sum(axis=1) * (1.0 / before + 1.0 / (w.sum() - before))
+        less = np.square(moment).sum(axis=1) * (1.0 / before + 1.0 / behind)
         parts[widest : widest + 1] = np.split(parts[widest], [1 + int(np.argmax(less))])
     while len(parts) > MOST_RANGES:
         more = [scatter(np.concatenate(both)) - scatter(both[0]) - scatter(both[1]) for both in pairwise(parts)]

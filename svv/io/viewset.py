@@ -194,6 +194,16 @@ class ViewSet:
             file.unlink(missing_ok=True)
 
 
+def read_classified(folder: str | Path) -> ClassifiedVolume | None:
+    """The classified volume beside the training views of a folder, None where there is none.
+
+    Raises:
+        BadInput: it is damaged.
+    """
+    file = Path(folder) / CLASSIFIED
+    return _read_classified(file) if file.exists() else None
+
+
 def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
     low, size, extent = (np.array(part) for part in astuple(volume.box))
     ranges = np.array([(r.low, r.high, *r.colour) for r in volume.ranges])

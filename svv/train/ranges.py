@@ -90,3 +90,35 @@ def shares_of(samples: Samples, sigma: Tensor, region: Tensor, count: int) -> ND
     _, _, seen = composite(samples, sigma, torch.zeros(len(samples), 1, device=sigma.device))
     share = np.bincount(region.cpu().numpy(), weights=seen.cpu().numpy(), minlength=count)
     return np.asarray(share / max(share.sum(), 1e-9), np.float64)
+
+
+@torch.no_grad()
+def region_overlaps(scene: Scene, views: ViewSet, volume: ClassifiedVolume) -> list[float]:
+    """Intersection over union of each region with the values that it is said to show, over all that the views show.
+
+    Args:
+        scene: With a palette colour network.
+        views: Whose pixels are looked at, ``LOOKED_AT`` of all.
+        volume: Which range of the transfer function a point is of.
+
+    Returns:
+        A number in [0, 1] a region; none where the scene does not say which values its regions show.
+    """
+    assert scene.palette is not None
+    values = [region.values for region in scene.regions]
+    if not all(values):
+        return []
+    # A range lies within the values of the region that it is part of.
+    ranges = np.array([[low, high] for low, high in values])  # type: ignore[misc]
+    middles = np.array([0.5 * (r.low + r.high) for r in volume.ranges])[:, None]
+    region_of_range = np.maximum(ranges[:, 0] - middles, middles - ranges[:, 1]).argmin(axis=1)
+    batch = RayPool(views, scene.occupancy.box, 0, scene.device).batch(0, LOOKED_AT)
+    samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
+    ours, theirs = scene.occupancy.box, volume.box
+    shift = samples.position.new_tensor((np.asarray(ours.low) - np.asarray(theirs.low)) / theirs.size)
+    owner = Owners(volume, region_of_range, scene.device).of(samples.position * (ours.size / theirs.size) + shift)
+    found = scene.palette.material(samples.position)[1].argmax(1)
+    sigma, count = scene.base.extinction(samples), len(values)
+    both = shares_of(samples, sigma, torch.where(owner == found, owner, count), count + 1)[:count]
+    either = shares_of(samples, sigma, owner, count) + shares_of(samples, sigma, found, count) - both
+    return [float(part) for part in both / np.maximum(either, 1e-12)]

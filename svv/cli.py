@@ -129,7 +129,9 @@ def edit(
     out: Out,
     colour: Annotated[str | None, typer.Option(metavar="'#rrggbb'", help="Its new colour.")] = None,
     opacity: Annotated[float | None, typer.Option(min=0, help="Factor on its opacity; 0 hides it.")] = None,
-    lighting: Annotated[float | None, typer.Option(min=0, help="Factor on its light; 0 is flat. Views without shading have none.")] = None,
+    lighting: Annotated[
+        float | None, typer.Option(min=0, help="Factor on its light; 0 is flat. Unshaded views have none.")
+    ] = None,
 ) -> None:
     """Change a region's colour, opacity or lighting. Nothing is trained, it takes a moment."""
     if colour is None and opacity is None and lighting is None:

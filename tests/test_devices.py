@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -106,11 +107,13 @@ def test_a_gpu_without_triton_says_so_once(
 def test_the_plain_reference_can_be_asked_for(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:
     scene, camera = small_scene(), sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 24)[0]
     fast = scene.render(camera).rgba
+    away = replace(camera, camera_to_world=camera.camera_to_world @ np.diag([-1.0, 1.0, -1.0, 1.0]))
     for value, name in (("torch", "torch"), ("", "numba")):
         monkeypatch.setenv(dispatch.KERNELS, value)
         kernels_of.cache_clear()
         assert kernels_of("cpu").NAME == name
         np.testing.assert_allclose(scene.render(camera).rgba, fast, atol=5e-3)
+        assert not scene.render(away).rgba.any()  # no ray of it meets the box
     monkeypatch.setenv(dispatch.KERNELS, "numba")
     kernels_of.cache_clear()
     with pytest.raises(BadInput, match="can be 'torch'"):

@@ -74,7 +74,7 @@ def march(
     near, far = box_span(origins, directions, ends)
     near, far = torch.where(near < far, near, 1.0), torch.where(near < far, far, 0.0)
     first, last = torch.ceil(near / step - shift).long(), torch.floor(far / step - shift).long()
-    number = first[:, None] + torch.arange(max(0, int((last - first).max()) + 1), device=origins.device)  # (R, N)
+    number = first[:, None] + torch.arange(max(1, int((last - first).max()) + 1), device=origins.device)  # (R, N)
     x = origins[:, None] + ((number + shift[:, None]) * step)[:, :, None] * directions[:, None]
     cell = [(x[:, :, k] * cells).long().clamp(0, n - 1) for k, n in enumerate(occupied.shape)]
     there = (number <= last[:, None]) & occupied[cell[0], cell[1], cell[2]]

@@ -30,6 +30,10 @@ def with_fewest_samples(scene: Scene, cameras: Sequence[Camera]) -> tuple[Scene,
         scene: Trained, unedited.
         cameras: Of the training views; three of them, small, decide.
     """
+    finest = replace(scene, stride=1.0, joined=JOINED)
+    if scene.base.density is None:
+        # Every sample goes through the networks: samples are not joined, and the pictures would take half a minute.
+        return finest, "images take all samples, as the density is a network's"
     seen = [cameras[k * len(cameras) // 3] for k in range(3)]
     seen = [camera.resized(SIZE, max(1, round(SIZE * camera.height / camera.width))) for camera in seen]
 
@@ -37,8 +41,7 @@ def with_fewest_samples(scene: Scene, cameras: Sequence[Camera]) -> tuple[Scene,
         images = np.stack([scene.render(camera).rgba for camera in seen])
         return (images[..., :3] - 1.0) * images[..., 3:]  # on white, which is 0
 
-    finest, found = replace(scene, stride=1.0, joined=JOINED), ""
-    fine = draw(finest)
+    fine, found = draw(finest), ""
     for stride, joined in CHOICES:
         coarse = replace(scene, stride=stride, joined=joined)
         error = float(np.square(draw(coarse) - fine).mean())

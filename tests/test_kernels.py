@@ -95,6 +95,7 @@ def test_summed_levels_are_one_level() -> None:
         one = lattice.summed(fewer, 8)
         torch.testing.assert_close(one(x)[:, 0], lattice(x).sum(1), atol=2e-5, rtol=0)
     assert one.levels == 1
+    assert torch.equal(one.summed(fewer, 8).table, one.table)  # a single level is its own sum
 
 
 def test_hash_grid_matches_reference_in_value_and_gradient() -> None:

@@ -18,6 +18,9 @@ from torch import Tensor, nn
 
 from svv.kernels.dispatch import Lattice, kernels_for
 
+PIECE = 1 << 18
+"""Vertices that are looked at together where millions would take hundreds of megabytes."""
+
 
 class _Lookup(torch.autograd.Function):
     """Features at positions; its backward pass fills the encoding's own gradient buffer."""
@@ -183,21 +186,24 @@ class SparseLattice(Encoding):
         Resolutions are nested, so within a fine cell every coarser level is itself trilinear: its values at the fine
         vertices say all. ``occupied`` must be a subset of the cells this lattice was made for.
         """
+        if self.levels == 1:
+            return self.restricted(occupied, cells)
         finest = self.resolutions[-1]
         result = SparseLattice(occupied, cells, (finest,), self.features)
         vertices = result.vertices_of_level(0, occupied, cells)
         table, index = self.table.detach().cpu().numpy(), self.index.cpu().numpy()
         shapes, bases = self.shapes.cpu().numpy(), self.bases.cpu().numpy()
         total = np.zeros((len(vertices), self.features), np.float32)
-        for level, resolution in enumerate(self.resolutions):
-            low, rest = np.divmod(vertices, finest // resolution)
+        pieces = [slice(start, start + PIECE) for start in range(0, len(vertices), PIECE)]
+        for piece, (level, resolution) in itertools.product(pieces, enumerate(self.resolutions)):
+            low, rest = np.divmod(vertices[piece], finest // resolution)
             part = (rest * (resolution / finest)).astype(np.float32)
             shape = shapes[level]
             for corner in itertools.product((0, 1), repeat=3):
                 weight = np.where(corner, part, 1.0 - part).prod(axis=1, dtype=np.float32)
                 x, y, z = np.minimum(low + corner, shape - 1).T  # a corner beyond the edge has weight 0
                 row = index[bases[level] + (x * shape[1] + y) * shape[2] + z]
-                total += np.where(weight > 0, weight, 0.0)[:, None] * table[row]
+                total[piece] += np.where(weight > 0, weight, 0.0)[:, None] * table[row]
         with torch.no_grad():
             result.table.copy_(torch.from_numpy(total))
         return result.to(self.table.device)

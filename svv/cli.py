@@ -265,10 +265,10 @@ def evaluate(
     loaded = _load(scene, device)
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, split, progress)
+    volume = read_classified(views)  # before minutes of work, should it be damaged
     with shown("Evaluating") as progress:
         scores = evaluate_scene(loaded, view_set, (network or Network.pcn).value, progress)
-    volume = read_classified(views)
-    if volume is not None and loaded.palette is not None:
+    if volume is not None and any(region.values for region in loaded.regions):
         scores["region_overlap"] = region_overlaps(loaded, view_set, volume)
     if json is not None:
         write_json(json, scores)

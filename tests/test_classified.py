@@ -27,7 +27,7 @@ from svv.errors import BadInput, Cancelled, silent
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, RayCaster, composite, march
-from svv.io.viewset import CLASSIFIED, ViewSet
+from svv.io.viewset import CLASSIFIED, ViewSet, read_classified
 from svv.kernels.dispatch import CPU
 from svv.train import loop
 from svv.train.config import PRESETS, ReconstructSettings
@@ -177,7 +177,8 @@ def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
 def test_the_command_says_what_it_learned_from(
     views: tuple[ViewSet, ViewSet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: bool
 ) -> None:
-    views[0].write(tmp_path)
+    for each, split in zip(views, ("train", "test"), strict=True):
+        each.write(tmp_path, split)
     report = tmp_path / "report.json"
     words = ["svv", "train", str(tmp_path), "--out", str(tmp_path / "a.svv"), "--preset", "draft"]
     words += ["--time-limit", "1", "--json", str(report)] + ["--views-only"] * alone
@@ -187,6 +188,30 @@ def test_the_command_says_what_it_learned_from(
     assert not ended.value.code
     first = json.loads(report.read_text())["notes"][0]
     assert ("visual hull" in first) == alone and ("volume" in first) != alone
+    words = ["svv", "evaluate", str(tmp_path / "a.svv"), "--views", str(tmp_path), "--json", str(report)]
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert not ended.value.code
+    scores = json.loads(report.read_text())
+    assert ("region_overlap" in scores) != alone  # regions found in the views say no values
+    assert all(0.0 <= part <= 1.0 for part in scores.get("region_overlap", []))
+
+
+def test_a_classified_volume_that_the_views_do_not_name_is_none_of_theirs(
+    views: tuple[ViewSet, ViewSet], tmp_path: Path
+) -> None:
+    assert read_classified(tmp_path) is None
+    views[0].write(tmp_path)
+    assert read_classified(tmp_path) is not None
+    file = tmp_path / "transforms_train.json"
+    content = json.loads(file.read_text())
+    del content["svv_classified"]
+    file.write_text(json.dumps(content))
+    assert read_classified(tmp_path) is None
+    file.write_text("no JSON")
+    with pytest.raises(BadInput, match="make the views again"):
+        read_classified(tmp_path)
 
 
 def test_a_stopped_training_goes_on_to_the_same_scene(views: tuple[ViewSet, ViewSet], tmp_path: Path) -> None:

@@ -15,13 +15,15 @@ from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train.config import PRESETS
 from svv.train.lighting import LEAST, change_aside, shows_light
-from svv.train.pipeline import train_scene
+from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.textures import style_picture
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(
     DRAFT,
     reconstruct=replace(DRAFT.reconstruct, iterations=300, rays=1024, samples=8192),
     recolour=replace(DRAFT.recolour, iterations=60, rays=1024, samples=8192),
+    stylize=replace(DRAFT.stylize, distil_iterations=20, style_iterations=4, style_views=4, style_size=64),
 )
 
 
@@ -76,3 +78,11 @@ def test_light_can_be_turned_off_where_there_is_some(trained: tuple[bool, ViewSe
     shaded, views, scene, _ = trained
     lit, dark = (s.render(views.cameras[3], "pcn").rgba for s in (scene, scene.edited(0, lighting=0.0)))
     assert (np.abs(dark - lit).max() > 0.05) == shaded
+
+
+def test_scenes_are_painted_with_and_without_light(trained: tuple[bool, ViewSet, Scene, str]) -> None:
+    _, views, scene, _ = trained
+    painted, _ = stylize_scene(scene, [style_picture("brush strokes", 64).astype(np.float32)], None, (), SHORT)
+    before, after = scene.render(views.cameras[3], "pcn").rgba, painted.render(views.cameras[3]).rgba
+    np.testing.assert_allclose(after[..., 3], before[..., 3], atol=1e-6)
+    assert np.abs(after - before)[..., :3].max() > 0.05

@@ -195,13 +195,19 @@ class ViewSet:
 
 
 def read_classified(folder: str | Path) -> ClassifiedVolume | None:
-    """The classified volume beside the training views of a folder, None where there is none.
+    """The classified volume that the training views of a folder name, None where there is none.
 
     Raises:
         BadInput: it is damaged.
     """
-    file = Path(folder) / CLASSIFIED
-    return _read_classified(file) if file.exists() else None
+    file, views = Path(folder) / CLASSIFIED, Path(folder) / "transforms_train.json"
+    if not (file.exists() and views.exists()):
+        return None
+    try:
+        named = json.loads(views.read_text(encoding="utf-8")).get("svv_classified")
+    except (OSError, ValueError, AttributeError) as error:
+        raise BadInput(f"Cannot read {views} ({error}); make the views again.") from error
+    return _read_classified(file) if named == CLASSIFIED else None
 
 
 def _write_classified(file: Path, volume: ClassifiedVolume) -> None:

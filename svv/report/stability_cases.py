@@ -192,7 +192,7 @@ def on_unseen_views(bench: Bench, case: Case, preset: Preset, seed: int, progres
 
 
 def before_and_after_saving(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
-    """The scores from the file, whose tables are in half precision, and how many dB it has ``lost``."""
+    """The scores from the file, whose tables are in bytes or half precision, and how many dB it has ``lost``."""
     drawn, scene = bench.trained(case, preset, seed, progress)
     after = scores(as_saved(scene), drawn.known, drawn.test, drawn.classes)
     before = scores(scene, drawn.known, drawn.test, drawn.classes)

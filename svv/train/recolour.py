@@ -62,6 +62,7 @@ class Recolouring:
         self.budget.adjust(number, len(batch.rays), len(samples))
         with torch.no_grad():
             lit = self.field.lighting_mlp is not None
+            # Without light nobody looks at the geometry features, only at how many samples there are.
             sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
         parts = self.field(samples.position, geometry, encode_directions(batch.rays.directions, samples.ray))
         diffuse = parts.diffuse(self.field.colours + parts.offsets)

@@ -14,6 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from svv.core.filling import filled
 from svv.core.nnfm import (
     cell_weights,
     colour_statistics,
@@ -79,23 +80,34 @@ class StyleTarget:
         style: (3, h, w) sRGB in [0, 1], on the network's device.
         settings: Weights and sizes.
         seed: Of the draw of style vectors and of the shifts of renders.
+        mask: (h, w), true where the picture teaches; all of it if not given. Only patches whose centre lies in it are
+            matched, mean and covariance are those of its pixels, and the solid texture is made of it.
     """
 
-    def __init__(self, network: nn.Module, style: Tensor, settings: StyleLossSettings, seed: int = 0) -> None:
+    def __init__(
+        self, network: nn.Module, style: Tensor, settings: StyleLossSettings, seed: int = 0, mask: Tensor | None = None
+    ) -> None:
         self.network, self.settings = network, settings
-        style = resized(style, settings.style_size)
-        self.picture = style
-        self.statistics = colour_statistics(style.flatten(1).T)
+        cover = None if mask is None else mask.to(style)[None]
+        full = style if mask is None else torch.from_numpy(
+            filled(style.permute(1, 2, 0).cpu().numpy(), mask.cpu().numpy(), seed)
+        ).permute(2, 0, 1).to(style)  # fmt: skip
+        self.picture = resized(full, settings.style_size)
+        self.statistics = _statistics(style, cover, settings.style_size)
         self.background = float(luminance(self.statistics[0]))
         """Grey level in [0, 1] behind the region's render: the luminance of the style's mean colour."""
         self._generator = torch.Generator().manual_seed(seed)
-        self._scales = [self._vectors(resized(style, settings.style_size >> k)) for k in range(settings.octaves)]
+        self._scales = [self._vectors(style, cover, settings.style_size >> k) for k in range(settings.octaves)]
 
-    def _vectors(self, style: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean feature (C,) and centred features (M, C) of the style at one scale."""
+    def _vectors(self, style: Tensor, cover: Tensor | None, size: int) -> tuple[Tensor, Tensor]:
+        """Mean feature (C,) and centred features (M, C) of the style, where its mask is, at one scale."""
         with torch.no_grad():
             # The outermost cells have seen the reflection of the picture in its own rim.
-            vectors = self.network(style[None])[0, :, 1:-1, 1:-1].flatten(1).T
+            vectors = self.network(resized(style, size)[None])[0, :, 1:-1, 1:-1].flatten(1).T
+            if cover is not None:
+                share = F.avg_pool2d(resized(cover, size)[None], STRIDE)[0, 0, 1:-1, 1:-1].flatten()
+                # A mask thinner than a cell fills none by half; its best cells speak for it.
+                vectors = vectors[share >= min(0.5, float(share.max()))]
         pick = torch.randperm(len(vectors), generator=self._generator)[: self.settings.most_vectors].to(style.device)
         mean = vectors.mean(0)
         return mean, vectors[pick] - mean
@@ -158,6 +170,12 @@ class StyleTarget:
         at = (position @ axes).gather(1, across) / (pixel * position.new_tensor([width / 2, height / 2]))
         colours = F.grid_sample(self.picture[None], at[None, None], padding_mode="reflection", align_corners=False)
         return colours[0, :, 0].T - self.statistics[0]
+
+
+def _statistics(style: Tensor, cover: Tensor | None, size: int) -> tuple[Tensor, Tensor]:
+    """Mean and covariance of the style's colours at the size it is matched at, where its mask (1, h, w) is."""
+    weights = None if cover is None else resized(cover, size).flatten()
+    return colour_statistics(resized(style, size).flatten(1).T, weights)
 
 
 def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Tensor]:

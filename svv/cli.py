@@ -147,7 +147,7 @@ def edit(
     epilog=examples(
         "svv stylize scene.svv --style brush.jpg --out styled.svv",
         "svv stylize scene.svv --style a.png --style gallery:mosaic --map 0=0,2=1 --keep 1 --out styled.svv",
-        "svv stylize scene.svv --style a.png --style a.png --style-mask 0=sky.png --style-mask 1=tree.png -o styled.svv",
+        "svv stylize scene.svv --style a.png --style a.png --style-mask 0=sky.png --style-mask 1=sea.png -o styled.svv",
         "svv stylize styled.svv --style a.png --style-mask 0=sky.png --map 0=0 --continue --out again.svv",
     )
 )

@@ -33,6 +33,9 @@ TEXTURE = 1.4
 LINKS, LIKENESS = 12, 0.35
 """Neighbours in looks that every superpixel is tied to for a selection, and how strongly beside those in space."""
 
+OTHERWISE = 0.17
+"""How much everything counts as not meant: what is like neither kind of point is not selected."""
+
 
 def superpixels(picture: NDArray[np.floating], count: int = SUPERPIXELS) -> Labels:
     """Cut a picture (h, w, 3), sRGB in [0, 1], into about so many connected pieces. Numbers from 0, (h, w)."""
@@ -153,8 +156,9 @@ def selection(
     else:
         spread = _spread(features, scale)
         towards = np.exp(-_nearest(features, chosen) / spread)
-        # With nothing refused, what looks unlike the chosen is refused.
-        away = np.exp(-_nearest(features, refused) / spread) if len(refused) else np.full(total, 0.35)
+        # What looks unlike the chosen is not meant, the less so where it is said what is not.
+        unlike = OTHERWISE if len(refused) else 2 * OTHERWISE
+        away = np.maximum(np.exp(-_nearest(features, refused) / spread), unlike)
         weight = 0.25
     system = laplacian + weight * diags_array(towards + away + 1e-9)
     free = np.array([k for k in range(total) if k not in seeds], dtype=np.int64)

@@ -108,8 +108,8 @@ def write_selected(
         known = read_selection(refine) or Selection(size, segmenter=by, grown=True)
         if known.size != size:
             raise BadInput(
-                f"The mask {refine} was made in a picture of {known.size[0]} x {known.size[1]} pixels, and this one has "
-                f"{size[0]} x {size[1]}: name the picture it belongs to."
+                f"The mask {refine} was made in a picture of {known.size[0]} x {known.size[1]} pixels, and this one "
+                f"has {size[0]} x {size[1]}: name the picture it belongs to."
             )
         start = mask if known.grown else None
     chosen = known.with_points(positive, negative)

@@ -25,14 +25,16 @@ def streamed(noise: Floats, angle: Floats, length: float) -> Floats:
         angle: Radians, (n, n).
         length: Of the smear to either side, pixels.
     """
-    step_y, step_x = np.sin(angle), np.cos(angle)
+    # Long smears advance by about the width of what is smeared: 24 steps are as good as one for each pixel.
+    stride, last = max(1.0, length / 24), len(noise) - 1
+    step_y, step_x = stride * np.sin(angle), stride * np.cos(angle)
     total = noise.copy()
     for sign in (1.0, -1.0):
         y, x = np.mgrid[: len(noise), : len(noise)].astype(np.float32)
-        for k in range(1, int(length) + 1):
-            dy, dx = (map_coordinates(step, (y, x), order=0, mode="nearest") for step in (step_y, step_x))
-            y, x = y + sign * dy, x + sign * dx
-            total += map_coordinates(noise, (y, x), order=1, mode="reflect") * (1 - (k / (length + 1)) ** 2)
+        for k in range(1, int(length / stride) + 1):
+            at = np.clip(np.rint(y), 0, last).astype(np.intp), np.clip(np.rint(x), 0, last).astype(np.intp)
+            y, x = y + sign * step_y[at], x + sign * step_x[at]
+            total += map_coordinates(noise, (y, x), order=1, mode="reflect") * (1 - (k * stride / (length + 1)) ** 2)
     return rank(total)
 
 
@@ -126,7 +128,7 @@ def pastel(rng: Generator, n: int) -> Floats:
     """Soft chalks on a rough dark paper that shows between the strokes: rose, lilac, peach and a little turquoise."""
     subject = hills(rng, n, 5, steep=0.09)
     unit = n / 512
-    grain = paper_grain(rng, n, 0.9 * unit)
+    grain = paper_grain(rng, n, 1.1 * unit)
     sets = [  # for each part a dark, a middle and a light chalk
         ("b98ac9", "f2a7b5", "ffd9b8"), ("ffc76b", "ffe7a3", "fff7da"), ("8c7fc0", "b59fd6", "d9c3ea"),
         ("6d74b8", "9a8fce", "c9a9d8"), ("4f7fa8", "6fa9b8", "a8d3cf"), ("466a8c", "5b94a0", "8cc4b4"),
@@ -138,9 +140,9 @@ def pastel(rng: Generator, n: int) -> Floats:
         here = subject.part == number
         tone[here] = rank(subject.tone[here] + 0.05 * smooth(rng, n, 0.03 * n)[here])
     canvas = Canvas(np.tile(from_hex("4b4358")[0], (n, n, 1)))
-    for width, gap, tooth in ((8, 1.3, 0.42), (5, 1.5, 0.58), (3, 2.6, 0.7)):
+    for width, gap, tooth in ((9, 1.3, 0.38), (6, 1.5, 0.55), (3.5, 2.4, 0.6)):
         length = 5.5 * width
-        canvas.tooth = np.clip((grain - tooth + 0.25) * 4, 0.03, 1)
+        canvas.tooth = np.clip((grain - tooth + 0.45) * 1.6, 0.0, 1)
         count = int(n * n / (4 * width * length * unit * unit) * 6 / gap)
         for y, x in rng.uniform(0, n, (count, 2)):
             iy, ix = int(y), int(x)

@@ -45,7 +45,7 @@ def watercolour(rng: Generator, n: int) -> Floats:
             flow = np.clip(0.75 + 0.32 * spectrum_noise(rng, n, 1.7), 0.1, 1.8)
             accent = layer == 1
             wet = rank(smooth(rng, n, 0.07 * n)) if accent else 1.0
-            strength = (0.34 + 0.05 * number) * fade * flow * (np.clip(wet * 2.4 - 1.1, 0, 1) if accent else 1.0)
+            strength = (0.46 + 0.07 * number) * fade * flow * (np.clip(wet * 2.4 - 1.1, 0, 1) if accent else 1.0)
             glaze(mask, accents[number] if accent else glazes[number], strength)
     for cy, cx in rng.uniform(0.1, 0.9, (7, 2)) * n:  # blooms: water ran back and pushed the pigment outwards
         y, x = np.mgrid[:n, :n]
@@ -53,9 +53,9 @@ def watercolour(rng: Generator, n: int) -> Floats:
         radius = rng.uniform(18, 44) * unit
         inside = np.clip((radius - ragged) / (6 * unit), 0, 1)
         rim = np.exp(-(((ragged - radius) / (2.2 * unit)) ** 2))
-        light[:] = light + (1 - light) * 0.3 * inside[..., None] - light * 0.12 * rim[..., None]
+        light[:] = light + (1 - light) * 0.22 * inside[..., None] - light * 0.06 * rim[..., None]
     dy, dx = np.gradient(gaussian_filter(grain, 0.8 * unit))
-    return np.clip(light * (1 + 0.25 * (dx + dy))[..., None], 0, 1).astype(np.float32)
+    return np.clip(light * (1 + 0.1 * (dx + dy))[..., None], 0, 1).astype(np.float32)
 
 
 def impasto(rng: Generator, n: int) -> Floats:

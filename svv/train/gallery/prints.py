@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 from scipy.spatial import cKDTree
 
 from svv.train.gallery.drawings import mixed, paper_grain, streamed
 from svv.train.gallery.subjects import flowers, hills, sea
-from svv.train.textures import Floats, from_hex, smooth
+from svv.train.textures import Floats, from_hex, rank, smooth
 
 
 def woodcut(rng: Generator, n: int) -> Floats:
@@ -30,7 +31,7 @@ def woodcut(rng: Generator, n: int) -> Floats:
     rim = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y)) + 0.0015 * smooth(rng, m, 3 * unit)
     black = np.where(rim < 0.022, 1.0, black)
     margin = rim < 0.008
-    grain = streamed(smooth(rng, m, 0.7 * unit), np.full((m, m), 0.02, np.float32), 60 * unit)  # the plank's own
+    grain = rank(gaussian_filter(rng.normal(size=(m, m)), (0.7 * unit, 30 * unit)))  # the plank's own
     red, blue = (subject.part == 1).astype(float), (subject.part == 3) * 1.0
     paper = from_hex("f0e3c4")[0] * (0.96 + 0.04 * paper_grain(rng, m, unit)[..., None])
     print_ = mixed(paper, from_hex("d8391e")[0], shift(red, (1.5 * unit, -1 * unit), order=1) * (0.86 + 0.14 * grain))
@@ -47,7 +48,7 @@ def screen_print(rng: Generator, n: int) -> Floats:
     subject = flowers(rng, m, 6)
     y, x = np.mgrid[:m, :m].astype(np.float32)
 
-    def dots(turn: float, pitch: float, amount: Floats) -> Floats:
+    def dots(turn: float, pitch: float, amount: NDArray) -> Floats:
         u = (x * np.cos(turn) + y * np.sin(turn)) / (pitch * unit)
         v = (y * np.cos(turn) - x * np.sin(turn)) / (pitch * unit)
         away = np.hypot(u - np.rint(u), v - np.rint(v))

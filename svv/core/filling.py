@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-CANDIDATES = 32
+CANDIDATES = 24
 """Pieces that are tried at each place; the one that fits what lies there already is taken."""
 
 SMALLEST = 3
@@ -32,7 +32,8 @@ def filled(picture: NDArray[np.float32], mask: NDArray[np.bool_], seed: int = 0)
         return picture
     # Beyond the picture there is nothing to take from either.
     room = np.asarray(distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]
-    half = int(min(room.max() / 1.5, max(picture.shape[:2]) / 12))
+    # Smaller than the mask's roomiest place: of few different pieces the repetition would show.
+    half = int(min(max(np.quantile(room[mask], 0.85), 0.6 * room.max()) / 1.5, max(mask.shape) / 12))
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     nearest = picture[rows, columns]
     if half < SMALLEST:
@@ -69,6 +70,8 @@ def _covered(
             misfit = (((pieces - out[here]) ** 2).sum(-1) * done[here]).sum((1, 2))
             alpha = soft[np.ix_(ys - y + half, xs - x + half)]
             alpha = np.where(done[here] > 0, alpha * (1 - mask[here]), 1.0)
-            out[here] += alpha[..., None] * (pieces[misfit.argmin()] - out[here])
+            # Not always the very best one: it would often be the same.
+            piece = pieces[np.argsort(misfit)[rng.integers(0, 3)]]
+            out[here] += alpha[..., None] * (piece - out[here])
             done[here] = 1.0
     return np.where(mask[..., None], picture, out).astype(np.float32)

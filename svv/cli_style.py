@@ -45,12 +45,9 @@ def styles(
     Any of them can be given to --style as gallery:NAME. They are painted when they are first used, and kept in the
     user's cache.
     """
-    from svv.train.gallery import GALLERY, PREFIX
+    from svv.train.gallery import GALLERY, PREFIX, gallery_name
 
-    unknown = [name for name in names or () if name not in GALLERY]
-    if unknown:
-        raise BadInput(f"There is no '{unknown[0]}' in the gallery; choose one of {', '.join(GALLERY)}.")
-    chosen = list(dict.fromkeys(names or GALLERY))
+    chosen = list(dict.fromkeys(gallery_name(name) for name in names or GALLERY))
     if out is None:
         for name in chosen:
             print(f"{PREFIX}{name:<15} {GALLERY[name][1]}")

@@ -89,11 +89,13 @@ class StyleTarget:
     ) -> None:
         self.network, self.settings = network, settings
         cover = None if mask is None else mask.to(style)[None]
-        full = style if mask is None else torch.from_numpy(
-            filled(style.permute(1, 2, 0).cpu().numpy(), mask.cpu().numpy(), seed)
-        ).permute(2, 0, 1).to(style)  # fmt: skip
-        self.picture = resized(full, settings.style_size)
-        self.statistics = _statistics(style, cover, settings.style_size)
+        self.picture = resized(style, settings.style_size)
+        share = None if cover is None else resized(cover, settings.style_size)
+        self.statistics = colour_statistics(self.picture.flatten(1).T, None if share is None else share.flatten())
+        if share is not None:
+            inside = (share[0] >= min(0.5, float(share.max()))).cpu().numpy()
+            whole = filled(self.picture.permute(1, 2, 0).cpu().numpy(), inside, seed)
+            self.picture = torch.from_numpy(whole).permute(2, 0, 1).to(style)
         self.background = float(luminance(self.statistics[0]))
         """Grey level in [0, 1] behind the region's render: the luminance of the style's mean colour."""
         self._generator = torch.Generator().manual_seed(seed)
@@ -170,12 +172,6 @@ class StyleTarget:
         at = (position @ axes).gather(1, across) / (pixel * position.new_tensor([width / 2, height / 2]))
         colours = F.grid_sample(self.picture[None], at[None, None], padding_mode="reflection", align_corners=False)
         return colours[0, :, 0].T - self.statistics[0]
-
-
-def _statistics(style: Tensor, cover: Tensor | None, size: int) -> tuple[Tensor, Tensor]:
-    """Mean and covariance of the style's colours at the size it is matched at, where its mask (1, h, w) is."""
-    weights = None if cover is None else resized(cover, size).flatten()
-    return colour_statistics(resized(style, size).flatten(1).T, weights)
 
 
 def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Tensor]:

@@ -48,6 +48,14 @@ GALLERY: dict[str, tuple[Callable[[Generator, int], Floats], str]] = {
 """Name -> what paints it, and what it looks like."""
 
 
+def gallery_name(text: str) -> str:
+    """The name of a picture of the gallery, written with any case, spaces or underscores; BadInput for any other."""
+    name = text.strip().lower().replace("_", "-").replace(" ", "-")
+    if name not in GALLERY:
+        raise BadInput(f"There is no '{text}' in the gallery; choose one of {', '.join(GALLERY)}.")
+    return name
+
+
 def gallery_picture(name: str, size: int = SIZE, seed: int = 0, progress: Progress = silent) -> NDArray[np.float32]:
     """A style picture of the gallery: from the user's cache, or painted (1 to 10 s at 512 pixels) and put there.
 
@@ -63,9 +71,7 @@ def gallery_picture(name: str, size: int = SIZE, seed: int = 0, progress: Progre
     Raises:
         BadInput: an unknown name, a size out of range, or a negative seed.
     """
-    name = name.strip().lower().replace("_", "-").replace(" ", "-")
-    if name not in GALLERY:
-        raise BadInput(f"There is no '{name}' in the gallery; choose one of {', '.join(GALLERY)}.")
+    name = gallery_name(name)
     if not SMALLEST <= size <= LARGEST:
         raise BadInput(f"Pictures of the gallery have {SMALLEST} to {LARGEST} pixels a side, not {size}.")
     if seed < 0:
@@ -105,8 +111,8 @@ def open_style(source: str | Path, progress: Progress = silent) -> tuple[str, ND
     """
     text = str(source)
     if text.startswith(PREFIX):
-        name = text.removeprefix(PREFIX)
-        return name.strip(), gallery_picture(name, progress=progress)
+        name = gallery_name(text.removeprefix(PREFIX))
+        return name, gallery_picture(name, progress=progress)
     if text in GALLERY and not Path(text).exists():
         raise BadInput(f"There is no style picture at {text}; for the one of the gallery write {PREFIX}{text}.")
     return Path(text).stem, read_style(text)

@@ -34,8 +34,9 @@ WHOLE, LEAST_CELLS = 0.95, 16
 """Share of foreground from which on a cell counts for the energy, and how many it takes: outlines would spoil it."""
 
 LEAST_DETAIL = 0.01
-"""A style's detail is taken to be this part of its mean feature at least, squares of both; paintings have 0.15.
-Without it a style of one colour gave losses of 1e8 to 1e10, beside which its colour counted for nothing."""
+"""A style's detail is taken to be this part of its mean feature at least, squares of both; paintings have 0.15. A style
+darker than a middle grey counts as one. Without it a style of one colour gave losses of 1e8 to 1e10, beside which its
+colour counted for nothing."""
 
 FAINTEST = 0.02
 """Opacity from which on a pixel belongs to a region."""
@@ -98,6 +99,10 @@ class StyleTarget:
             self.picture = torch.from_numpy(whole).permute(2, 0, 1).to(style)
         self.background = float(luminance(self.statistics[0]))
         """Grey level in [0, 1] behind the region's render: the luminance of the style's mean colour."""
+        with torch.no_grad():
+            grey = network(style.new_full((1, 3, 24, 24), 0.5))[0, :, 1:-1, 1:-1]
+        self._grey = float(grey.mean((1, 2)).square().sum())
+        """Square of a middle grey's mean feature."""
         self._generator = torch.Generator().manual_seed(seed)
         self._scales = [self._vectors(style, cover, settings.style_size >> k) for k in range(settings.octaves)]
 
@@ -148,7 +153,7 @@ class StyleTarget:
         loss = nnfm_loss(features, vectors, weights, self.settings.balance)
         whole = weights > WHOLE
         if self.settings.energy and int(whole.sum()) >= LEAST_CELLS:
-            floor = LEAST_DETAIL * float(mean.square().sum())
+            floor = LEAST_DETAIL * max(float(mean.square().sum()), self._grey)
             loss = loss + self.settings.energy * energy_loss(features[whole], vectors, floor=floor)
         return loss
 

@@ -121,7 +121,7 @@ def charcoal(rng: Generator, n: int) -> Floats:
     rubbed = np.clip((streamed(smooth(rng, n, 5 * unit), 0 * lines - 0.5, 20 * unit) - 0.9) * 9, 0, 1)
     cover *= 1 - 0.75 * rubbed * (subject.part < 2)
     laid = 0.97 + 0.03 * np.cos(np.arange(n) / (2.6 * unit) * 2 * np.pi)[:, None, None] * grain[..., None]
-    return np.clip(mixed(from_hex("e4ded2")[0] * laid, from_hex("1b1a1c")[0], cover), 0, 1)
+    return np.clip(mixed(from_hex("d6d4d0")[0] * laid, from_hex("232224")[0], cover), 0, 1)
 
 
 def pastel(rng: Generator, n: int) -> Floats:

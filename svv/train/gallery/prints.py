@@ -21,7 +21,7 @@ def woodcut(rng: Generator, n: int) -> Floats:
     cuts = streamed(smooth(rng, m, 1.7 * unit), subject.angle, 34 * unit)
     sky = subject.part == 0
     # Long gouges: how much stays black follows the tone, but never all or nothing in the waves.
-    tone = np.where(sky, 0.8 + 0.1 * subject.tone, np.clip(0.1 + 0.95 * subject.tone, 0.1, 0.8))
+    tone = np.where(sky, 0.8 + 0.1 * subject.tone, np.clip(0.2 + 0.95 * subject.tone, 0.2, 0.8))
     tone = np.where(subject.part == 4, 1.0, np.where(subject.part == 1, 1.0, tone))
     tone = np.where(subject.part == 2, 1.0, tone)
     black = np.clip((cuts - tone) * 22 + 0.5, 0, 1)
@@ -33,9 +33,9 @@ def woodcut(rng: Generator, n: int) -> Floats:
     margin = rim < 0.008
     grain = rank(gaussian_filter(rng.normal(size=(m, m)), (0.7 * unit, 30 * unit)))  # the plank's own
     red, blue = (subject.part == 1).astype(float), (subject.part == 3) * 1.0
-    paper = from_hex("f0e3c4")[0] * (0.96 + 0.04 * paper_grain(rng, m, unit)[..., None])
+    paper = from_hex("f3d78f")[0] * (0.96 + 0.04 * paper_grain(rng, m, unit)[..., None])
     print_ = mixed(paper, from_hex("d8391e")[0], shift(red, (1.5 * unit, -1 * unit), order=1) * (0.86 + 0.14 * grain))
-    print_ = mixed(print_, from_hex("39618c")[0], blue * (0.7 + 0.25 * grain))
+    print_ = mixed(print_, from_hex("2f6da8")[0], blue * (0.7 + 0.25 * grain))
     print_ = mixed(print_, from_hex("14110f")[0], black * (grain > 0.015) * 0.97)
     print_ = np.where(margin[..., None], paper, print_)
     return np.clip(print_.reshape(n, 2, n, 2, 3).mean((1, 3)), 0, 1).astype(np.float32)

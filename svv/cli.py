@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from svv import __version__, cli_chart, cli_job, cli_paraview, cli_stability
+from svv import __version__, cli_chart, cli_job, cli_paraview, cli_stability, cli_style
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.options import (
@@ -146,17 +146,31 @@ def edit(
 @app.command(
     epilog=examples(
         "svv stylize scene.svv --style brush.jpg --out styled.svv",
-        "svv stylize scene.svv --style a.png --style b.png --map 0=0,2=1 --keep 1 --out styled.svv",
+        "svv stylize scene.svv --style a.png --style gallery:mosaic --map 0=0,2=1 --keep 1 --out styled.svv",
+        "svv stylize scene.svv --style a.png --style a.png --style-mask 0=sky.png --style-mask 1=sea.png -o styled.svv",
+        "svv stylize styled.svv --style a.png --style-mask 0=sky.png --map 0=0 --continue --out again.svv",
     )
 )
 def stylize(
     scene: SceneFile,
-    style: Annotated[list[Path], typer.Option(metavar="IMG", help="A picture; may be given several times.")],
+    style: Annotated[
+        list[str], typer.Option(metavar="IMG|gallery:NAME", help="A picture; may be given several times.")
+    ],
     out: Out,
     mapping: Annotated[
-        str | None, typer.Option("--map", metavar="0=0,1=1", help="Region=style pairs; by default in turn.")
+        str | None,
+        typer.Option("--map", metavar="0=0,1=1|colour", help="Region=style pairs, or by likeness; else in turn."),
     ] = None,
     keep: Annotated[list[int] | None, typer.Option(metavar="K", help="A region that stays as it is.")] = None,
+    style_mask: Annotated[
+        list[str] | None,
+        typer.Option("--style-mask", metavar="K=MASK.png", help="Style K learns only where the mask is white."),
+    ] = None,
+    stroke_size: Annotated[float, typer.Option(metavar="F", help="Size of the strokes, 0.25 to 4.")] = 1.0,
+    strength: Annotated[float, typer.Option(metavar="F", help="How much of the style is shown, up to 1.")] = 1.0,
+    go_on: Annotated[
+        bool, typer.Option("--continue", help="Go on with the styles of a styled scene instead of beginning anew.")
+    ] = False,
     preset: PresetOption = Preset.balanced,
     seed: Seed = 0,
     features: Annotated[
@@ -169,18 +183,20 @@ def stylize(
 
     Stopped with Ctrl-C, the same command goes on where it was.
     """
-    from svv.io.images import read_style
     from svv.train.pipeline import stylize_scene
 
     pairs = None if mapping is None else parse_mapping(mapping)
     _check_targets(out, json)
-    styles, names = [read_style(path) for path in style], [path.stem for path in style]
+    names, styles, masks = cli_style.read_styles(style, style_mask or [])
     loaded = _load(scene, device)
     checkpoint = checkpoint_path(out)
     with shown("Stylizing") as progress:
         styled, report = stylize_scene(
-            loaded, styles, pairs, set(keep or ()), preset.value, seed, progress, checkpoint, names, features
-        )
+            loaded, styles, pairs, set(keep or ()), preset.value, seed, progress, checkpoint, names, features,
+            masks=masks, stroke_size=stroke_size, strength=strength, go_on=go_on,
+        )  # fmt: skip
+    for note in report["notes"]:
+        print(note, file=sys.stderr)
     _finish(styled, report, out, json, checkpoint)
 
 
@@ -357,6 +373,8 @@ def _text(value: object) -> str:
     return str(value)
 
 
+app.command(epilog=examples(*cli_style.STYLES))(cli_style.styles)
+app.command("style-mask", epilog=examples(*cli_style.STYLE_MASK))(cli_style.style_mask)
 app.command(epilog=examples(*cli_chart.CHART))(cli_chart.chart)
 app.command(epilog=examples(*cli_stability.STABILITY))(cli_stability.stability)
 cli_paraview.add_to(app)  # last, as in the help

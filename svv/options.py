@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import string
+from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -134,19 +135,59 @@ def parse_size(text: str) -> tuple[int, int]:
     raise BadInput(f"'{text}' is no size; write 800 or 1280x720, at most 16384 pixels along a side.")
 
 
-def parse_mapping(text: str) -> dict[int, int]:
-    """'0=0,2=1' as {region: style}.
+def parse_mapping(text: str) -> dict[int, int] | Literal["colour"]:
+    """'0=0,2=1' as {region: style}; 'colour' (or 'color') stays that word.
 
     Raises:
         BadInput: anything else, or a region that is named twice.
     """
+    if text.strip().lower() in ("colour", "color"):
+        return "colour"
     pairs = [part.split("=") for part in text.split(",")]
     if not all(len(p) == 2 and all(x.strip().isascii() and x.strip().isdigit() for x in p) for p in pairs):
-        raise BadInput(f"'{text}' is no mapping; write region=style pairs, for example --map 0=0,1=1.")
+        raise BadInput(f"'{text}' is no mapping; write region=style pairs, for example --map 0=0,1=1, or colour.")
     mapping = {int(region): int(style) for region, style in pairs}
     if len(mapping) < len(pairs):
         raise BadInput(f"'{text}' names a region twice.")
     return mapping
+
+
+def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
+    """['0=sky.png', '1=tree.png'] as {style: file}.
+
+    Raises:
+        BadInput: anything else, a style that is not there, or one that is named twice.
+    """
+    found: dict[int, Path] = {}
+    for text in texts:
+        number, sign, file = text.partition("=")
+        if not (sign and file and number.strip().isascii() and number.strip().isdigit()):
+            raise BadInput(f"'{text}' is no mask of a style; write style=file, for example --style-mask 0=mask.png.")
+        style = int(number)
+        if style >= styles:
+            raise BadInput(f"There is no style {style} for --style-mask: the styles given are 0 to {styles - 1}.")
+        if style in found:
+            raise BadInput(f"Style {style} has two masks: give its picture twice, and each its mask.")
+        found[style] = Path(file)
+    return found
+
+
+def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]:
+    """['120,40'] as [(120.0, 40.0)].
+
+    Raises:
+        BadInput: anything else.
+    """
+    points = []
+    for text in texts:
+        try:
+            x, y = (float(part) for part in text.split(","))
+        except ValueError:
+            x = y = math.nan
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise BadInput(f"'{text}' is no point; write x,y in pixels, for example {option} 120,40.")
+        points.append((x, y))
+    return points
 
 
 def parse_choices(text: str, option: str, choices: type[Enum]) -> tuple[str, ...]:

@@ -35,7 +35,13 @@ class Distillation:
     """Trains a UCN on the diffuse colours of a scene's PCN, along rays from all around."""
 
     def __init__(
-        self, scene: Scene, transferred: Tensor, targets: dict[int, StyleTarget], settings: StylizeSettings, seed: int
+        self,
+        scene: Scene,
+        transferred: Tensor,
+        targets: dict[int, StyleTarget],
+        settings: StylizeSettings,
+        seed: int,
+        before: UnrestrictedField | None = None,
     ) -> None:
         """Prepare it.
 
@@ -45,6 +51,8 @@ class Distillation:
             targets: Style of each region that gets one.
             settings: Of stage 3.
             seed: Of networks and rays.
+            before: A UCN to begin with: the regions that the scene says are styled keep its colours, and only those
+                that are new in ``targets`` are learnt.
         """
         assert scene.palette is not None
         torch.manual_seed(seed)
@@ -52,12 +60,19 @@ class Distillation:
         self.settings, self.seed = settings, seed
         self.field = UnrestrictedField(scene.settings, scene.occupancy).to(scene.device)
         # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it.
+        self.before = before
         with torch.no_grad():
-            self.field.encoding.table.copy_(self.teacher.encoding.table)
+            if before is None:
+                self.field.encoding.table.copy_(self.teacher.encoding.table)
+            else:
+                self.field.load_state_dict(before.state_dict())
+        styled = [before is not None and r.style is not None for r in scene.regions]
+        self.known = torch.tensor(styled, device=scene.device)
+        """Regions whose colours ``before`` holds. (P,)"""
         rig = scene.camera_rig
         cameras = sphere_cameras(settings.distil_views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)
         self.caster = RayCaster(cameras, scene.occupancy.box, scene.device)
-        self.targets = {region: target for region, target in targets.items() if target.settings.seeded}
+        self.targets = {k: t for k, t in targets.items() if t.settings.seeded and not styled[k]}
         view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
         self.pixel = float(view / settings.style_size)
         pixels = np.random.default_rng(seed).integers(0, settings.distil_views * DISTILLATION_SIZE**2, PROBE)
@@ -82,6 +97,9 @@ class Distillation:
             for number_of, target in self.targets.items():
                 own = region == number_of
                 truth[own] += target.solid_texture(samples.position[own], normal[own], self.pixel)
+            if self.before is not None:
+                there = self.known[region]
+                truth[there] = self.before(samples.position[there])
         loss = (self.field(samples.position) - truth.clamp(0.0, 1.0)).square().mean()
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

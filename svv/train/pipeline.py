@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
+import zlib
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -31,10 +32,14 @@ from svv.train.ranges import regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
+from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
 
 LEAST_VIEWS = 3
+LEAST_STROKE, MOST_STROKE = 0.25, 4.0
+"""Between them a stroke is more than a pixel of the render and less than most regions."""
+
 BASE_PART = 0.68
 """Part of a time limit that goes to stage 1; the rest, less what comes between, is stage 2's."""
 
@@ -169,7 +174,7 @@ def _train(
 def stylize_scene(
     scene: Scene,
     styles: Sequence[NDArray[np.floating]],
-    mapping: dict[int, int] | None = None,
+    mapping: dict[int, int] | Literal["colour"] | None = None,
     keep: Collection[int] = (),
     preset_name: str | Preset = "balanced",
     seed: int = 0,
@@ -178,6 +183,10 @@ def stylize_scene(
     names: Sequence[str] | None = None,
     features: str = "auto",
     loss: StyleLossSettings | None = None,
+    masks: Sequence[NDArray[np.bool_] | None] | None = None,
+    stroke_size: float = 1.0,
+    strength: float = 1.0,
+    go_on: bool = False,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stage 3: colour transfer, distillation and stylization.
 
@@ -185,7 +194,8 @@ def stylize_scene(
         scene: With a palette colour network; its device is where the work is done.
         styles: Pictures (H, W, 3), sRGB in [0, 1].
         mapping: Style of each region to be styled; other regions stay as they are. None gives every region that is
-            not kept a style, in turn.
+            not kept a style, in turn; ``"colour"`` the style whose mean colour is nearest
+            (:func:`svv.train.style_choice.pairs_by_colour`).
         keep: Regions that stay as they are.
         preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``, or settings of your own.
         seed: The same input gives the same scene.
@@ -194,21 +204,48 @@ def stylize_scene(
         names: What to call the styles.
         features: Feature network: ``auto``, ``embedded``, ``vgg16`` or a file.
         loss: What pulls the images towards the styles.
+        masks: For each style (h, w), true where its picture teaches, or None: all of it. One picture with several
+            masks is given several times.
+        stroke_size: Scale of the style pictures against the renders, 0.25 to 4: 2 makes strokes twice as large.
+        strength: How much of the styles is shown, over 0 to 1; can be changed afterwards.
+        go_on: Begin with the scene's own styled network: regions that are styled already go on from where they are
+            instead of being painted anew, and those that are not named keep their style.
 
     Returns:
-        The scene with the network ``styled``, and a report as of :func:`train_scene`.
+        The scene with the network ``styled``, and a report as of :func:`train_scene`; ``notes`` says which styles are
+        not used or shared, and which masks make no difference.
 
     Raises:
-        BadInput: no palette network, no styles, a region or style that does not exist, or nothing left to style.
+        BadInput: no palette network, no styles, a region or style that does not exist, nothing left to style, a mask
+            that is empty or of another size than its picture, a stroke size or strength out of range, or going on with
+            a scene that holds no styled network.
     """
     chosen = preset(preset_name)
-    pairs = style_pairs(len(scene.regions), len(styles), mapping, keep)
+    masks, notes = checked_masks(masks, styles)
+    if mapping == "colour":
+        by_hand = pairs_by_colour(scene.regions, styles, masks, keep) or None
+    else:
+        by_hand = mapping
+    pairs = style_pairs(len(scene.regions), len(styles), by_hand, keep)
     labels = names or [f"style {k}" for k in range(len(styles))]
+    notes += leftovers(pairs, labels)
+    if not LEAST_STROKE <= stroke_size <= MOST_STROKE:
+        raise BadInput(f"The stroke size must lie between {LEAST_STROKE} and {MOST_STROKE:g}, not {stroke_size:g}.")
+    if not 0.0 < strength <= 1.0:
+        raise BadInput(
+            f"The strength must be more than 0 and at most 1, not {strength:g}: at 0 nothing of a style is seen."
+        )
+    if go_on and scene.styled is None:
+        raise BadInput("The scene holds no styled network to go on with: leave --continue out.")
     settings, saved = chosen.stylize, None
+    weights = loss or (PAPER_LOSS if chosen.name == "paper" else StyleLossSettings())
+    weights = replace(weights, style_size=round(weights.style_size * stroke_size))
     if checkpoint is not None:
         content = [float(np.asarray(s, np.float64).sum()) for s in styles]
-        key = {"scene": scene.made, "styles": content, "pairs": sorted(pairs.items()), "settings": asdict(settings),
-               "seed": seed, "features": features, "version": __version__}  # fmt: skip
+        parts = [None if m is None else zlib.crc32(np.packbits(m).tobytes()) for m in masks]
+        key = {"scene": scene.made, "styles": content, "masks": parts, "pairs": sorted(pairs.items()), "go_on": go_on,
+               "settings": asdict(settings), "loss": asdict(weights), "seed": seed, "features": features,
+               "version": __version__}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
     seconds: dict[str, float] = {}
     forget_gpu_peak(scene.device)
@@ -217,7 +254,7 @@ def stylize_scene(
         targets = {
             region: StyleTarget(
                 network, torch.as_tensor(styles[style], dtype=torch.float32, device=scene.device).permute(2, 0, 1),
-                loss or (PAPER_LOSS if chosen.name == "paper" else StyleLossSettings()), seed,
+                weights, seed, None if (mask := masks[style]) is None else torch.from_numpy(mask),
             )
             for region, style in pairs.items()
         }  # fmt: skip
@@ -225,16 +262,22 @@ def stylize_scene(
         transferred = scene.palette.colours.detach().clone()
         for region, target in targets.items():
             transferred[region] = target.statistics[0]
-        distillation = Distillation(scene, transferred, targets, settings, seed)
-        loop = Loop(settings.distil_iterations, None, part(progress, 0.0, 0.25), "distillation")
-        seconds["distil"] = _run_stage(loop, distillation, saved, "distil")
-        stylization = Stylization(scene, distillation.field, targets, settings, part(progress, 0.25, 0.3))
+        before = scene.styled if go_on else None
+        distillation = Distillation(scene, transferred, targets, settings, seed, before)
+        refined = [k for k in pairs if go_on and scene.regions[k].style is not None]
+        steps = 0 if len(refined) == len(pairs) else settings.distil_iterations
+        loop = Loop(steps, None, part(progress, 0.0, 0.25), "distillation")
+        seconds["distil"] = _run_stage(loop, distillation, saved, "distil") if steps else 0.0
+        stylization = Stylization(scene, distillation.field, targets, settings, part(progress, 0.25, 0.3), refined)
         loop = Loop(settings.style_iterations, None, part(progress, 0.3, 1.0), "stylization")
         seconds["stylize"] = _run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds
     distillation.field.requires_grad_(False)
     regions = tuple(
-        replace(r, style=labels[pairs[k]], edited_colour=None) if k in pairs else r for k, r in enumerate(scene.regions)
+        replace(r, style=labels[pairs[k]], strength=float(strength), edited_colour=None)
+        if k in pairs
+        else (r if go_on else replace(r, style=None, strength=1.0))  # a new network knows nothing of older styles
+        for k, r in enumerate(scene.regions)
     )
     styled = replace(scene, styled=distillation.field, regions=regions)
     report = {
@@ -247,6 +290,11 @@ def stylize_scene(
         "preset": chosen.name,
         "features": f"{features}, {network.channels} channels",
         "styles": {str(k): labels[v] for k, v in pairs.items()},
+        "masked": sorted({labels[v] for v in pairs.values() if masks[v] is not None}),
+        "stroke_size": stroke_size,
+        "strength": strength,
+        "continued": refined,
+        "notes": notes,
     }
     return replace(styled, made={**scene.made, "stylized": report}), report
 

@@ -14,6 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from svv.core.filling import filled
 from svv.core.nnfm import (
     cell_weights,
     colour_statistics,
@@ -33,8 +34,9 @@ WHOLE, LEAST_CELLS = 0.95, 16
 """Share of foreground from which on a cell counts for the energy, and how many it takes: outlines would spoil it."""
 
 LEAST_DETAIL = 0.01
-"""A style's detail is taken to be this part of its mean feature at least, squares of both; paintings have 0.15.
-Without it a style of one colour gave losses of 1e8 to 1e10, beside which its colour counted for nothing."""
+"""A style's detail is taken to be this part of its mean feature at least, squares of both; paintings have 0.15. A style
+darker than a middle grey counts as one. Without it a style of one colour gave losses of 1e8 to 1e10, beside which its
+colour counted for nothing."""
 
 FAINTEST = 0.02
 """Opacity from which on a pixel belongs to a region."""
@@ -79,23 +81,40 @@ class StyleTarget:
         style: (3, h, w) sRGB in [0, 1], on the network's device.
         settings: Weights and sizes.
         seed: Of the draw of style vectors and of the shifts of renders.
+        mask: (h, w), true where the picture teaches; all of it if not given. Only patches whose centre lies in it are
+            matched, mean and covariance are those of its pixels, and the solid texture is made of it.
     """
 
-    def __init__(self, network: nn.Module, style: Tensor, settings: StyleLossSettings, seed: int = 0) -> None:
+    def __init__(
+        self, network: nn.Module, style: Tensor, settings: StyleLossSettings, seed: int = 0, mask: Tensor | None = None
+    ) -> None:
         self.network, self.settings = network, settings
-        style = resized(style, settings.style_size)
-        self.picture = style
-        self.statistics = colour_statistics(style.flatten(1).T)
+        cover = None if mask is None else mask.to(style)[None]
+        self.picture = resized(style, settings.style_size)
+        share = None if cover is None else resized(cover, settings.style_size)
+        self.statistics = colour_statistics(self.picture.flatten(1).T, None if share is None else share.flatten())
+        if share is not None:
+            inside = (share[0] >= min(0.5, float(share.max()))).cpu().numpy()
+            whole = filled(self.picture.permute(1, 2, 0).cpu().numpy(), inside, seed)
+            self.picture = torch.from_numpy(whole).permute(2, 0, 1).to(style)
         self.background = float(luminance(self.statistics[0]))
         """Grey level in [0, 1] behind the region's render: the luminance of the style's mean colour."""
+        with torch.no_grad():
+            grey = network(style.new_full((1, 3, 24, 24), 0.5))[0, :, 1:-1, 1:-1]
+        self._grey = float(grey.mean((1, 2)).square().sum())
+        """Square of a middle grey's mean feature."""
         self._generator = torch.Generator().manual_seed(seed)
-        self._scales = [self._vectors(resized(style, settings.style_size >> k)) for k in range(settings.octaves)]
+        self._scales = [self._vectors(style, cover, settings.style_size >> k) for k in range(settings.octaves)]
 
-    def _vectors(self, style: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean feature (C,) and centred features (M, C) of the style at one scale."""
+    def _vectors(self, style: Tensor, cover: Tensor | None, size: int) -> tuple[Tensor, Tensor]:
+        """Mean feature (C,) and centred features (M, C) of the style, where its mask is, at one scale."""
         with torch.no_grad():
             # The outermost cells have seen the reflection of the picture in its own rim.
-            vectors = self.network(style[None])[0, :, 1:-1, 1:-1].flatten(1).T
+            vectors = self.network(resized(style, size)[None])[0, :, 1:-1, 1:-1].flatten(1).T
+            if cover is not None:
+                share = F.avg_pool2d(resized(cover, size)[None], STRIDE)[0, 0, 1:-1, 1:-1].flatten()
+                # A mask thinner than a cell fills none by half; its best cells speak for it.
+                vectors = vectors[share >= min(0.5, float(share.max()))]
         pick = torch.randperm(len(vectors), generator=self._generator)[: self.settings.most_vectors].to(style.device)
         mean = vectors.mean(0)
         return mean, vectors[pick] - mean
@@ -134,7 +153,7 @@ class StyleTarget:
         loss = nnfm_loss(features, vectors, weights, self.settings.balance)
         whole = weights > WHOLE
         if self.settings.energy and int(whole.sum()) >= LEAST_CELLS:
-            floor = LEAST_DETAIL * float(mean.square().sum())
+            floor = LEAST_DETAIL * max(float(mean.square().sum()), self._grey)
             loss = loss + self.settings.energy * energy_loss(features[whole], vectors, floor=floor)
         return loss
 

@@ -12,7 +12,7 @@ computed once.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -36,6 +36,10 @@ RIM = 16
 
 LEAST_PIXELS = 64
 """A region that covers fewer pixels of a view has no place for a stroke in it and is passed over there."""
+
+
+REFINED = 0.1
+"""Part of the anchor's weight that regions keep which were styled before: what holds them is the style they had."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ class Stylization:
         targets: dict[int, StyleTarget],
         settings: StylizeSettings,
         progress: Progress,
+        refined: Collection[int] = (),
     ) -> None:
         """Prepare the views.
 
@@ -86,11 +91,13 @@ class Stylization:
             targets: Style of each region that gets one.
             settings: Of stage 3.
             progress: Called after every view.
+            refined: Regions that were styled before and go on: they are less bound to where they begin.
 
         Raises:
             BadInput: the regions to be styled are hardly seen from anywhere.
         """
         self.field, self.targets, self.settings = field, targets, settings
+        self.anchors = {k: t.settings.anchor * (REFINED if k in refined else 1.0) for k, t in targets.items()}
         self.piece = kernels_of(scene.device.type).SAMPLES
         self.views = visible_from(scene, stylization_cameras(scene, settings), progress)
         self.views = [v for v in self.views if any(self._covers(v, r) for r in targets)]
@@ -118,7 +125,7 @@ class Stylization:
                 image, mask = view.image(colours, region, target.background)
                 own = (view.region == region).nonzero()[:, 0]
                 away = ((colours[own] - start[own]).square().sum(1) * view.weight[own]).sum() / view.weight[own].sum()
-                losses.append(target.loss(image, mask) + target.settings.anchor * away)
+                losses.append(target.loss(image, mask) + self.anchors[region] * away)
         loss = torch.stack(losses).sum()
         (gradient,) = torch.autograd.grad(loss, colours)
         self.networks.zero_grad(set_to_none=True)

@@ -77,6 +77,8 @@ class Canvas:
     """(n, n, 3) in [0, 1]."""
     thickness: Floats = field(init=False)
     """(n, n), about 1 under a dab."""
+    tooth: Floats | None = None
+    """How much of a dab each place takes, (n, n) in [0, 1]: rough paper lets only its heights be painted. None: all."""
 
     def __post_init__(self) -> None:
         self.thickness = np.zeros(self.colours.shape[:2], np.float32)
@@ -108,9 +110,11 @@ class Canvas:
         )
         if bristles > 0.05:  # a dry brush leaves gaps towards the end of its way
             alpha = alpha * np.clip(1.6 - bristles * (1 + streaks) * np.maximum(along, 0) * 1.5, 0.15, 1)
+        here = (slice(y0, y1), slice(x0, x1))
+        if self.tooth is not None:
+            alpha = alpha * self.tooth[here]
         alpha = (alpha * cover)[..., None]
         paint = colour * (1 + 0.22 * bristles * streaks[..., None])
-        here = (slice(y0, y1), slice(x0, x1))
         self.colours[here] += alpha * (paint - self.colours[here])
         body = 0.75 + 0.25 * bristles * streaks + 0.25 * across**2  # paint is pushed to the rims
         self.thickness[here] += alpha[..., 0] * (body - self.thickness[here])
@@ -297,7 +301,7 @@ def style_picture(name: str, size: int = 512, seed: int = 0) -> Floats:
     return STYLE_PICTURES[name](np.random.default_rng(seed), size)
 
 
-def _colours(*codes: str) -> Floats:
+def from_hex(*codes: str) -> Floats:
     return np.array([[int(code[i : i + 2], 16) / 255 for i in (0, 2, 4)] for code in codes], np.float32)
 
 
@@ -314,7 +318,7 @@ def _whirls(rng: Generator, n: int, count: int) -> tuple[Floats, Floats]:
 
 def brush_strokes(rng: Generator, n: int) -> Floats:
     """Oil paint laid thickly along a wind with eddies: night blues, turquoise, ochre and vermilion."""
-    colours = _colours("14213d", "1d3f8a", "2a6fb8", "3fa7b5", "a9d5c2", "f4e3a1", "f2b134", "e4572e", "8c1c2b")
+    colours = from_hex("14213d", "1d3f8a", "2a6fb8", "3fa7b5", "a9d5c2", "f4e3a1", "f2b134", "e4572e", "8c1c2b")
     angles, stream = _whirls(rng, n, 3)
     tone = rank(stream + 0.12 * smooth(rng, n, 0.04 * n))
     canvas = Canvas(ramp(colours, tone) * 0.6)
@@ -338,8 +342,8 @@ def brush_strokes(rng: Generator, n: int) -> Floats:
 
 def stippling(rng: Generator, n: int) -> Floats:
     """Dots of unmixed colour on warm paper, lights against darks: orange, yellow, green, violet and ultramarine."""
-    colours = _colours("2b2d8f", "5b3fa8", "c23b6e", "f0653a", "f9b233", "f6e27f", "7fb84f", "1f8a83", "2455a4")
-    paper = _colours("f3e7cf")[0]
+    colours = from_hex("2b2d8f", "5b3fa8", "c23b6e", "f0653a", "f9b233", "f6e27f", "7fb84f", "1f8a83", "2455a4")
+    paper = from_hex("f3e7cf")[0]
     tone, depth = rank(smooth(rng, n, 0.10 * n)), rank(smooth(rng, n, 0.07 * n))
     canvas = Canvas(np.tile(paper, (n, n, 1)))
     for radius, cover in ((n / 85, 0.75), (n / 110, 0.95), (n / 160, 0.95)):

@@ -1,0 +1,77 @@
+"""A picture of one part's texture alone: what lies outside of a mask is covered with pieces from inside of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+CANDIDATES = 24
+"""Pieces that are tried at each place; the one that fits what lies there already is taken."""
+
+SMALLEST = 3
+"""Half side of a piece in pixels, below which the nearest pixel inside of the mask is repeated instead."""
+
+
+def filled(picture: NDArray[np.float32], mask: NDArray[np.bool_], seed: int = 0) -> NDArray[np.float32]:
+    """The picture with everything outside of a mask replaced by texture from inside of it.
+
+    Square pieces that lie wholly inside are laid over each place outside, in rows, each the best fitting of
+    :data:`CANDIDATES` to what it overlaps, with soft rims (after Efros and Freeman 2001). Where the mask is too thin
+    for pieces, the nearest pixel inside is taken.
+
+    Args:
+        picture: (h, w, 3).
+        mask: True at one place at least. (h, w)
+        seed: Of the choice of pieces.
+
+    Returns:
+        (h, w, 3); untouched inside of the mask.
+    """
+    if mask.all():
+        return picture
+    # Beyond the picture there is nothing to take from either.
+    room = np.asarray(distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]
+    # Smaller than the mask's roomiest place: of few different pieces the repetition would show.
+    half = int(min(max(np.quantile(room[mask], 0.85), 0.6 * room.max()) / 1.5, max(mask.shape) / 12))
+    rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    nearest = picture[rows, columns]
+    if half < SMALLEST:
+        return np.asarray(nearest, dtype=np.float32)
+    rng = np.random.default_rng(seed)
+    # A square of half side s fits where the nearest place outside is more than s sqrt(2) away; a little less will do.
+    centres = np.argwhere(room > 1.4 * half)
+    if len(centres) == 0:
+        centres = np.argwhere(room >= room.max())
+    return _covered(picture, nearest, mask, centres, half, rng)
+
+
+def _covered(
+    picture: NDArray, nearest: NDArray, mask: NDArray[np.bool_], centres: NDArray, half: int, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    height, width = mask.shape
+    reach = np.arange(-half, half + 1)
+    ramp = np.clip((half + 1 - np.abs(reach)) / max(1.0, 0.4 * half), 0, 1)
+    soft = np.minimum.outer(ramp, ramp)
+    out, done = np.where(mask[..., None], picture, nearest).astype(np.float32), mask.astype(np.float32)
+    pitch = max(1, round(1.3 * half))
+    for y in range(0, height + pitch, pitch):
+        for x in range(0, width + pitch, pitch):
+            ys, xs = y + reach, x + reach
+            ys, xs = ys[(ys >= 0) & (ys < height)], xs[(xs >= 0) & (xs < width)]
+            here = np.ix_(ys, xs)
+            if not len(ys) or not len(xs) or mask[here].all():
+                continue
+            picks = centres[rng.integers(0, len(centres), CANDIDATES)]
+            pieces = np.stack([
+                nearest[np.ix_(np.clip(cy + ys - y, 0, height - 1), np.clip(cx + xs - x, 0, width - 1))]
+                for cy, cx in picks
+            ])  # fmt: skip
+            misfit = (((pieces - out[here]) ** 2).sum(-1) * done[here]).sum((1, 2))
+            alpha = soft[np.ix_(ys - y + half, xs - x + half)]
+            alpha = np.where(done[here] > 0, alpha * (1 - mask[here]), 1.0)
+            # Not always the very best one: it would often be the same.
+            piece = pieces[np.argsort(misfit)[rng.integers(0, 3)]]
+            out[here] += alpha[..., None] * (piece - out[here])
+            done[here] = 1.0
+    return np.where(mask[..., None], picture, out).astype(np.float32)

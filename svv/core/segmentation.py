@@ -1,0 +1,216 @@
+"""Parts of a picture: all of it cut into regions that look alike, or the part that a few points ask for.
+
+Both work on superpixels (SLIC), each described by its colour in CIELAB and by how its lightness varies: strokes that
+differ in size or contrast are told apart though their mean colour is one. SLIC, CIELAB: scikit-image.
+
+Letters: h and w are height and width in pixels, K superpixels, D numbers that describe one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from scipy.sparse import coo_array, diags_array
+from scipy.sparse.linalg import spsolve
+
+Points = Sequence[tuple[float, float]]
+"""Places (x, y) in pixels: x to the right, y down, (0, 0) the first pixel's corner."""
+Labels = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SUPERPIXELS = 900
+"""How many a picture is cut into, about: 30 along each side of a square one."""
+
+APART = 1.5
+"""Regions that do not touch are joined only if they are this much more alike: squares of distances."""
+
+TEXTURE = 1.4
+"""Weight of texture beside colour: a deviation of lightness of 1 counts as this much difference of colour."""
+
+LINKS, LIKENESS = 12, 0.35
+"""Neighbours in looks that every superpixel is tied to for a selection, and how strongly beside those in space."""
+
+OTHERWISE = 0.17
+"""How much everything counts as not meant: what is like neither kind of point is not selected."""
+
+
+def superpixels(picture: NDArray[np.floating], count: int = SUPERPIXELS) -> Labels:
+    """Cut a picture (h, w, 3), sRGB in [0, 1], into about so many connected pieces. Numbers from 0, (h, w)."""
+    from skimage.segmentation import slic
+
+    # Strokes and dots are to lie inside a superpixel, not to be its outline: blurred by a fifth of its side.
+    side = (picture.shape[0] * picture.shape[1] / count) ** 0.5
+    labels = slic(picture, count, compactness=12.0, sigma=0.2 * side, start_label=0, channel_axis=-1)
+    return np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int64)
+
+
+def looks(picture: NDArray[np.floating], labels: Labels) -> NDArray[np.float64]:
+    """What tells superpixels apart: mean CIELAB, and the deviation of lightness in two sizes of detail. (K, 5)"""
+    from skimage.color import rgb2lab
+
+    lab = rgb2lab(np.clip(picture, 0, 1))
+    side = (labels.size / (labels.max() + 1)) ** 0.5
+    light = lab[..., 0]
+    fine, coarse = gaussian_filter(light, 0.08 * side), gaussian_filter(light, 0.35 * side)
+    details = [gaussian_filter(d**2, 0.5 * side) ** 0.5 for d in (light - fine, fine - coarse)]
+    planes = [gaussian_filter(lab[..., c], 0.35 * side) for c in range(3)] + [TEXTURE * d for d in details]
+    size = np.bincount(labels.ravel())
+    return np.stack([np.bincount(labels.ravel(), plane.ravel()) / size for plane in planes], 1)
+
+
+def neighbours(labels: Labels) -> NDArray[np.int64]:
+    """Pairs of superpixels that touch, the smaller number first. (E, 2)"""
+    beside = np.concatenate([
+        np.stack([labels[:, 1:].ravel(), labels[:, :-1].ravel()], 1),
+        np.stack([labels[1:].ravel(), labels[:-1].ravel()], 1),
+    ])  # fmt: skip
+    beside = beside[beside[:, 0] != beside[:, 1]]
+    return np.unique(np.sort(beside, 1), axis=0)
+
+
+def regions(picture: NDArray[np.floating], count: int) -> Labels:
+    """Cut a picture into ``count`` regions by colour and texture.
+
+    Superpixels are joined two by two, each time those whose union loses least of what tells them apart (Ward 1963):
+    n_a n_b / (n_a + n_b) |f_a - f_b|^2. Those that do not touch may be joined, too, at :data:`APART` times the price.
+
+    Args:
+        picture: (h, w, 3) sRGB in [0, 1].
+        count: At least 1; fewer are found only where the picture has fewer superpixels.
+
+    Returns:
+        Region of each pixel, numbered by size, the largest 0. (h, w)
+    """
+    labels = superpixels(picture)
+    mean, size = looks(picture, labels), np.bincount(labels.ravel()).astype(np.float64)
+    total = len(size)
+    touch = np.zeros((total, total), bool)
+    touch[tuple(neighbours(labels).T)] = True
+    touch |= touch.T
+    owner = np.arange(total)
+    cost = _prices(mean, size, mean, size) * np.where(touch, 1.0, APART)
+    np.fill_diagonal(cost, np.inf)
+    for _ in range(total - count):
+        a, b = np.unravel_index(int(cost.argmin()), cost.shape)
+        mean[a] = (size[a] * mean[a] + size[b] * mean[b]) / (size[a] + size[b])
+        size[a] += size[b]
+        touch[a] |= touch[b]
+        touch[:, a] = touch[a]
+        owner[owner == b] = a
+        alive = np.isfinite(cost[a])
+        alive[b] = False
+        row = np.full(total, np.inf)
+        row[alive] = _prices(mean[a : a + 1], size[a : a + 1], mean[alive], size[alive])[0]
+        row[alive] *= np.where(touch[a, alive], 1.0, APART)
+        cost[a], cost[:, a] = row, row
+        cost[b], cost[:, b] = np.inf, np.inf
+    areas = np.bincount(owner[labels].ravel(), minlength=total)
+    place = np.empty(total, np.int64)
+    place[np.argsort(-areas, kind="stable")] = np.arange(total)
+    return place[owner[labels]]
+
+
+def _prices(mean: NDArray, size: NDArray, others: NDArray, sizes: NDArray) -> NDArray[np.float64]:
+    square = ((mean[:, None] - others) ** 2).sum(-1)
+    return np.asarray(size[:, None] * sizes / (size[:, None] + sizes) * square)
+
+
+def selection(
+    picture: NDArray[np.floating], positive: Points, negative: Points = (), start: Mask | None = None
+) -> Mask:
+    """The part of a picture that points ask for.
+
+    A random walker on the graph of superpixels with a prior (Grady 2005): x solves
+    (L + g (p + q)) x = g p, with x = 1 at positive and 0 at negative points. L is the Laplacian of a graph that ties
+    superpixels to those that they touch and to those that look most like them; p and q say how much a superpixel
+    looks like a positive or a negative point, or, with ``start``, how much of it the mask covers. Selected is where a
+    walker reaches a positive point first, x > 1/2.
+
+    Args:
+        picture: (h, w, 3) sRGB in [0, 1].
+        positive: Inside of the picture, as is ``negative``.
+        negative: What is not to be selected.
+        start: A mask (h, w) to go on from; without it at least one positive point is needed.
+
+    Returns:
+        (h, w), true where selected: every positive point, no negative one.
+    """
+    labels = superpixels(picture)
+    inside, outside = _places(positive, labels.shape), _places(negative, labels.shape)
+    labels = _split(labels, inside, outside)
+    features = looks(picture, labels)
+    total = len(features)
+    seeds = {int(labels[y, x]): 1.0 for y, x in inside} | {int(labels[y, x]): 0.0 for y, x in outside}
+    pairs = neighbours(labels)
+    step = ((features[pairs[:, 0]] - features[pairs[:, 1]]) ** 2).sum(1)
+    scale = max(float(np.median(step)), 1.0)
+    laplacian = _laplacian(features, pairs, step, scale, total)
+    chosen = features[[k for k, value in seeds.items() if value == 1.0]]
+    refused = features[[k for k, value in seeds.items() if value == 0.0]]
+    if start is not None:
+        towards = np.bincount(labels.ravel(), start.ravel()) / np.bincount(labels.ravel())
+        away, weight = 1 - towards, 0.05
+    else:
+        spread = _spread(features, scale)
+        towards = np.exp(-_nearest(features, chosen) / spread)
+        # What looks unlike the chosen is not meant, the less so where it is said what is not.
+        unlike = OTHERWISE if len(refused) else 2 * OTHERWISE
+        away = np.maximum(np.exp(-_nearest(features, refused) / spread), unlike)
+        weight = 0.25
+    system = laplacian + weight * diags_array(towards + away + 1e-9)
+    free = np.array([k for k in range(total) if k not in seeds], dtype=np.int64)
+    fixed = np.fromiter(seeds, dtype=np.int64, count=len(seeds))
+    x = np.zeros(total)
+    x[fixed] = [seeds[k] for k in fixed.tolist()]
+    if len(free):
+        system = system.tocsr()
+        known = weight * towards[free] - system[free][:, fixed] @ x[fixed]
+        x[free] = spsolve(system[free][:, free].tocsc(), known)
+    return np.asarray(x > 0.5)[labels]
+
+
+def _places(points: Points, shape: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Row and column of the pixel under each point."""
+    return [(min(int(y), shape[0] - 1), min(int(x), shape[1] - 1)) for x, y in points]
+
+
+def _split(labels: Labels, inside: list[tuple[int, int]], outside: list[tuple[int, int]]) -> Labels:
+    """Superpixels that hold points of both kinds are cut: each pixel goes with the nearest of its points."""
+    labels = labels.copy()
+    both = {int(labels[p]) for p in inside} & {int(labels[p]) for p in outside}
+    for number in sorted(both):
+        y, x = np.nonzero(labels == number)
+        kinds = [
+            (p, kind) for points, kind in ((inside, True), (outside, False)) for p in points if labels[p] == number
+        ]
+        far = np.stack([(y - p[0]) ** 2 + (x - p[1]) ** 2 for p, _ in kinds])
+        belongs = np.array([kind for _, kind in kinds])[far.argmin(0)]
+        labels[y[~belongs], x[~belongs]] = labels.max() + 1
+    return labels
+
+
+def _laplacian(features: NDArray, pairs: NDArray, step: NDArray, scale: float, total: int) -> coo_array:
+    from scipy.spatial import cKDTree
+
+    distance, like = cKDTree(features).query(features, k=min(LINKS + 1, total))
+    like, distance = like.reshape(total, -1)[:, 1:], distance.reshape(total, -1)[:, 1:]
+    a = np.concatenate([pairs[:, 0], np.repeat(np.arange(total), like.shape[1])])
+    b = np.concatenate([pairs[:, 1], like.ravel()])
+    w = np.concatenate([np.exp(-step / scale), LIKENESS * np.exp(-(distance.ravel() ** 2) / scale)]) + 1e-6
+    graph = coo_array((np.concatenate([w, w]), (np.concatenate([a, b]), np.concatenate([b, a]))), shape=(total, total))
+    return diags_array(np.asarray(graph.sum(1))) - graph
+
+
+def _spread(features: NDArray, scale: float) -> float:
+    """Squared distance at which looks count as different: a part of the picture's own variety."""
+    return max(4.0 * scale, 0.12 * float(features.var(0).sum()), 25.0)
+
+
+def _nearest(features: NDArray, others: NDArray) -> NDArray[np.float64]:
+    """Squared distance of each to the nearest of the others; (K,)."""
+    if not len(others):
+        return np.full(len(features), np.inf)
+    return np.asarray(((features[:, None] - others) ** 2).sum(-1).min(1))

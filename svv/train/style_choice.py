@@ -1,0 +1,106 @@
+"""Which region gets which style: by hand, in turn, or by likeness of colour; and what is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from svv.errors import BadInput
+from svv.fields.scene import Region
+
+Mask = NDArray[np.bool_]
+
+
+def checked_masks(
+    masks: Sequence[Mask | None] | None, styles: Sequence[NDArray[np.floating]]
+) -> tuple[list[Mask | None], list[str]]:
+    """One mask or None for each style, and what is to be said about them.
+
+    A mask of everything says nothing, so it counts as none.
+
+    Raises:
+        BadInput: a mask of another shape than its style, an empty one, or more or fewer masks than styles.
+    """
+    if masks is None:
+        return [None] * len(styles), []
+    if len(masks) != len(styles):
+        raise BadInput(f"There are {len(masks)} masks for {len(styles)} styles: give one for each style, or None.")
+    found: list[Mask | None] = []
+    notes = []
+    for number, (mask, style) in enumerate(zip(masks, styles, strict=True)):
+        if mask is None:
+            found.append(None)
+            continue
+        mask = np.asarray(mask, dtype=bool)
+        if mask.shape != style.shape[:2]:
+            raise BadInput(
+                f"The mask of style {number} has {mask.shape[1]} x {mask.shape[0]} pixels, its picture "
+                f"{style.shape[1]} x {style.shape[0]}: make it from that picture."
+            )
+        if not mask.any():
+            raise BadInput(f"The mask of style {number} is empty: nothing of the picture is left to learn from.")
+        if mask.all():
+            notes.append(f"The mask of style {number} covers the whole picture, so it is the same as none.")
+        found.append(None if mask.all() else mask)
+    return found, notes
+
+
+def mean_colour(style: NDArray[np.floating], mask: Mask | None = None) -> NDArray[np.float64]:
+    """Mean colour of a style picture, where its mask is, sRGB. (3,)"""
+    pixels = np.asarray(style, np.float64).reshape(-1, 3) if mask is None else np.asarray(style, np.float64)[mask]
+    return np.asarray(pixels.mean(0))
+
+
+def colour_differences(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
+    """CIEDE2000 of sRGB colours (A, 3) and (B, 3): 1 is about the least that is seen. (A, B)"""
+    from skimage.color import deltaE_ciede2000, rgb2lab
+
+    first, second = (rgb2lab(np.clip(np.asarray(c, np.float64), 0, 1)[None])[0] for c in (a, b))
+    return np.asarray(deltaE_ciede2000(first[:, None], second[None]))
+
+
+def pairs_by_colour(
+    regions: Sequence[Region],
+    styles: Sequence[NDArray[np.floating]],
+    masks: Sequence[Mask | None] | None = None,
+    keep: Collection[int] = (),
+) -> dict[int, int]:
+    """Style of each region that is not kept: every region near to its style's mean colour (where the mask is).
+
+    As many regions and styles as there are of the fewer are paired one to one, so that the sum of their CIEDE2000
+    differences is least. Regions left over take the style nearest to them; styles left over are not used
+    (:func:`leftovers` says which). A region's colour is the one shown: edited, if it was.
+
+    Raises:
+        BadInput: no region, no style, or none left to be styled.
+    """
+    free = [k for k in range(len(regions)) if k not in set(keep)]
+    if not free or not styles:
+        return {}
+    shown = np.array([regions[k].edited_colour or regions[k].colour for k in free])
+    means = np.stack([mean_colour(s, m) for s, m in zip(styles, masks or [None] * len(styles), strict=True)])
+    difference = colour_differences(shown, means)
+    rows, columns = linear_sum_assignment(difference)
+    pairs = dict(enumerate(difference.argmin(1).tolist())) | dict(zip(rows.tolist(), columns.tolist(), strict=True))
+    return {free[row]: style for row, style in sorted(pairs.items())}
+
+
+def leftovers(pairs: dict[int, int], names: Sequence[str]) -> list[str]:
+    """Sentences about styles that no region has, and those that several share."""
+    notes = []
+    unused = [k for k in range(len(names)) if k not in set(pairs.values())]
+    if unused:
+        listed = ", ".join(f"{k} ({names[k]})" for k in unused)
+        one = len(unused) == 1
+        notes.append(
+            f"{'Style' if one else 'Styles'} {listed} {'has' if one else 'have'} no region and "
+            f"{'is' if one else 'are'} not used; say where with --map."
+        )
+    for style in sorted(set(pairs.values())):
+        of = [region for region, k in sorted(pairs.items()) if k == style]
+        if len(of) > 1 and len(names) > 1:
+            notes.append(f"Style {style} ({names[style]}) is shared by the regions {', '.join(map(str, of))}.")
+    return notes

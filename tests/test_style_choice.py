@@ -1,0 +1,93 @@
+"""Which style goes where, by colour or in turn, and what is said about those left over."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from svv.errors import BadInput
+from svv.fields.scene import Region
+from svv.train.style_choice import checked_masks, colour_differences, leftovers, mean_colour, pairs_by_colour
+
+COLOURS = st.tuples(*[st.floats(0, 1, width=32)] * 3)
+
+
+def regions(*colours: tuple[float, float, float]) -> list[Region]:
+    return [Region(c, 1 / len(colours)) for c in colours]
+
+
+def flat(*colours: tuple[float, float, float]) -> list[np.ndarray]:
+    return [np.full((4, 4, 3), c, np.float32) for c in colours]
+
+
+def test_differences_are_ciede2000() -> None:
+    """Pairs of Sharma, Wu and Dalal (2005), table 1, brought to sRGB: 8 bits there change little."""
+    from skimage.color import lab2rgb
+
+    pairs = np.array([[[50, 2.5, 0], [50, 0, -2.5]], [[50, 2.5, 0], [61, -5, 29]], [[2.0776, 0.0795, -1.135],
+                      [0.9033, -0.0636, -0.5514]]])  # fmt: skip
+    rgb = lab2rgb(pairs)
+    found = [colour_differences(rgb[k, :1], rgb[k, 1:])[0, 0] for k in range(3)]
+    np.testing.assert_allclose(found, [4.3065, 22.8977, 0.9082], atol=0.02)
+
+
+@given(st.lists(COLOURS, min_size=3, max_size=3), st.lists(COLOURS, min_size=3, max_size=3))
+def test_the_sum_of_differences_is_least(wanted: list, given_: list) -> None:
+    pairs = pairs_by_colour(regions(*wanted), flat(*given_))
+    cost = colour_differences(np.array(wanted), np.array([mean_colour(s) for s in flat(*given_)]))
+    assert sorted(pairs.values()) == [0, 1, 2]
+    least = min(sum(cost[i, p[i]] for i in range(3)) for p in permutations(range(3)))
+    assert sum(cost[i, k] for i, k in pairs.items()) == pytest.approx(least, abs=1e-6)
+
+
+RED, GREEN, BLUE = (0.9, 0.1, 0.1), (0.1, 0.7, 0.2), (0.1, 0.2, 0.9)
+
+
+def test_more_regions_than_styles_share_the_nearest() -> None:
+    pairs = pairs_by_colour(regions(RED, BLUE, (0.8, 0.2, 0.0), (0.2, 0.1, 0.8)), flat(BLUE, RED))
+    assert pairs == {0: 1, 1: 0, 2: 1, 3: 0}
+    notes = leftovers(pairs, ["sea", "fire"])
+    assert notes == ["Style 0 (sea) is shared by the regions 1, 3.", "Style 1 (fire) is shared by the regions 0, 2."]
+
+
+def test_more_styles_than_regions_are_left_out_and_said() -> None:
+    pairs = pairs_by_colour(regions(GREEN), flat(BLUE, GREEN, RED))
+    assert pairs == {0: 1}
+    said = "Styles 0 (a), 2 (c) have no region and are not used; say where with --map."
+    assert leftovers(pairs, ["a", "b", "c"]) == [said]
+    assert leftovers({0: 0}, ["a"]) == [] and leftovers({0: 0, 1: 0}, ["a"]) == []
+
+
+def test_kept_regions_are_left_out_and_edits_count() -> None:
+    scene = [Region(RED, 0.5, edited_colour=BLUE), Region(BLUE, 0.5, edited_colour=RED)]
+    assert pairs_by_colour(scene, flat(RED, BLUE)) == {0: 1, 1: 0}
+    assert pairs_by_colour(scene, flat(RED, BLUE), keep=[0]) == {1: 0}
+    assert pairs_by_colour(scene, flat(RED, BLUE), keep=[0, 1]) == {}
+
+
+def test_only_what_a_mask_shows_has_a_colour() -> None:
+    picture = np.zeros((4, 8, 3), np.float32)
+    picture[:, :4], picture[:, 4:] = RED, BLUE
+    left = np.arange(8)[None].repeat(4, 0) < 4
+    np.testing.assert_allclose(mean_colour(picture, left), RED, atol=1e-6)
+    assert pairs_by_colour(regions(BLUE, RED), [picture, picture], [left, ~left]) == {0: 1, 1: 0}
+
+
+def test_masks_are_checked() -> None:
+    styles = flat(RED, BLUE)
+    half = np.tri(4, dtype=bool)
+    assert checked_masks(None, styles) == ([None, None], [])
+    found, notes = checked_masks([half, np.ones((4, 4), bool)], styles)
+    assert found[1] is None and found[0] is not None
+    assert notes == ["The mask of style 1 covers the whole picture, so it is the same as none."]
+    for masks, words in (
+        ([half], "1 masks for 2 styles"),
+        ([None, np.zeros((4, 4), bool)], "style 1 is empty"),
+        ([np.ones((4, 5), bool), None], "5 x 4 pixels, its picture 4 x 4"),
+    ):
+        with pytest.raises(BadInput, match=words):
+            checked_masks(masks, styles)

@@ -1,0 +1,245 @@
+"""Styles in a scene: masks decide what is learnt, strokes scale, training goes on from where it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from svv.core.cameras import Camera, sphere_cameras
+from svv.core.nnfm import luminance
+from svv.errors import BadInput, Cancelled
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.train.config import PRESETS
+from svv.train.features import load_features
+from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.style_loss import StyleLossSettings, StyleTarget
+from svv.train.stylize import stylization_cameras, visible_from
+
+DRAFT = PRESETS["draft"]
+SHORT = replace(
+    DRAFT,
+    reconstruct=replace(DRAFT.reconstruct, iterations=100, rays=1024, samples=8192, cells=32),
+    recolour=replace(DRAFT.recolour, iterations=300, rays=1024, samples=8192),
+    stylize=replace(DRAFT.stylize, distil_iterations=50, distil_views=12, distil_rays=1024,
+                    network_rate=0.02, style_iterations=4, style_views=4, style_size=64),
+)  # fmt: skip
+SMALL = StyleLossSettings(style_size=96)
+RED, GREEN = np.array([0.85, 0.2, 0.1]), np.array([0.1, 0.7, 0.25])
+SIZE = 96
+
+
+def two_balls(camera: Camera) -> np.ndarray:
+    """An orange and a blue ball side by side, flat, straight alpha. (H, W, 4) uint8"""
+    origins, directions = camera.rays()
+    nearest, image = np.full(directions.shape[:2], np.inf), np.zeros((*directions.shape[:2], 4))
+    for x, colour in ((-0.35, (0.9, 0.5, 0.1, 1.0)), (0.35, (0.1, 0.2, 0.9, 1.0))):
+        towards = np.array([x, 0.0, 0.0]) - origins
+        along = (towards * directions).sum(-1)
+        inside = 0.3**2 - ((towards - along[..., None] * directions) ** 2).sum(-1)
+        t = along - np.sqrt(np.maximum(inside, 0.0))
+        hit = (inside > 0) & (t < nearest)
+        image[hit], nearest = colour, np.where(hit, t, nearest)
+    return (image * 255.0).round().astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    cameras = sphere_cameras(24, (0.0, 0.0, 0.0), 4.0, np.radians(30), 56)
+    names = tuple(f"r_{k:04d}" for k in range(len(cameras)))
+    return train_scene(ViewSet(tuple(cameras), np.stack([two_balls(c) for c in cameras]), names, {}), SHORT)[0]
+
+
+@pytest.fixture(scope="module")
+def picture() -> np.ndarray:
+    """Red stripes at the left, green dots at the right."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    left = x < SIZE // 2
+    mark = np.where(left, y // 4 % 2, (x // 4 % 2) * (y // 4 % 2))
+    return (np.where(left[..., None], RED, GREEN) * (1 - 0.3 * mark[..., None])).astype(np.float32)
+
+
+LEFT = np.arange(SIZE)[None].repeat(SIZE, 0) < SIZE // 2
+
+
+def style(scene: Scene, styles: list[np.ndarray], **options) -> tuple[Scene, dict]:
+    return stylize_scene(scene, styles, preset_name=SHORT, features="embedded", loss=SMALL, **options)
+
+
+def shown(scene: Scene, region: int) -> np.ndarray:
+    """Mean of a region's own colours, without light."""
+    view = visible_from(scene, stylization_cameras(scene, SHORT.stylize)[:1], lambda fraction, label: None)[0]
+    assert scene.palette is not None and scene.styled is not None
+    with torch.no_grad():
+        colours = scene.styled(view.position[view.region == region])
+    return colours.mean(0).numpy()
+
+
+# --- what a mask does to a target ------------------------------------------------------------------------------------
+
+
+def target(picture: np.ndarray, mask: np.ndarray | None, **options) -> StyleTarget:
+    network = load_features("embedded")
+    tensor = torch.from_numpy(picture).permute(2, 0, 1)
+    chosen = replace(SMALL, style_size=max(picture.shape[:2]), **options)
+    return StyleTarget(network, tensor, chosen, 0, None if mask is None else torch.from_numpy(mask))
+
+
+def test_only_masked_patches_and_colours_teach(picture: np.ndarray) -> None:
+    """What a target learns from a half is what it learns from a picture of that half alone."""
+    masked, alone = target(picture, LEFT), target(picture[:, : SIZE // 2], None)
+    torch.testing.assert_close(masked.statistics[0], alone.statistics[0], atol=2e-3, rtol=0)
+    torch.testing.assert_close(masked.statistics[1], alone.statistics[1], atol=2e-3, rtol=0)
+    assert masked.background == pytest.approx(float(luminance(masked.statistics[0])))
+    assert masked.background == pytest.approx(alone.background, abs=2e-3)
+    (mean, vectors), (mean_alone, _) = masked._scales[0], alone._scales[0]
+    # The cells of the left half but for the rim: patches whose centre lies in the mask.
+    assert len(vectors) == (SIZE // 4 - 2) * (SIZE // 8 - 1)
+    assert (mean - mean_alone).norm() < 0.15 * mean.norm()  # patches at the mask's rim look a little over it
+    assert masked.picture[1].max() < 0.35  # the solid texture has nothing of the green
+
+
+def test_a_mask_of_everything_is_none(picture: np.ndarray) -> None:
+    whole, none = target(picture, np.ones((SIZE, SIZE), bool)), target(picture, None)
+    torch.testing.assert_close(whole.statistics, none.statistics)
+    torch.testing.assert_close(whole._scales[0][1], none._scales[0][1])
+    torch.testing.assert_close(whole.picture, none.picture)
+
+
+@pytest.mark.parametrize("octaves", [1, 3])
+def test_barely_masked_styles_still_teach(picture: np.ndarray, octaves: int) -> None:
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[40, 20:23] = True
+    made = target(picture, mask, octaves=octaves)
+    assert all(len(vectors) >= 1 and bool(torch.isfinite(vectors).all()) for _, vectors in made._scales)
+    np.testing.assert_allclose(made.statistics[0], picture[mask].mean(0), atol=0.05)
+    render = torch.rand(3, 64, 64, requires_grad=True)
+    made.loss(render, torch.ones(64, 64)).backward()
+    assert render.grad is not None and bool(torch.isfinite(render.grad).all())
+
+
+@pytest.mark.parametrize(
+    "colours", [np.full((32, 32, 3), 0.5), np.zeros((32, 32, 3)), np.full((16, 16, 3), 0.03), np.ones((24, 400, 3))]
+)
+def test_flat_dark_grey_and_tiny_styles_teach_their_colour(colours: np.ndarray) -> None:
+    made = target(colours.astype(np.float32), None)
+    render = torch.full((3, 64, 64), 0.4, requires_grad=True)
+    loss = made.loss(render, torch.ones(64, 64))
+    loss.backward()
+    assert 0 <= loss.item() < 1000 and render.grad is not None
+    np.testing.assert_allclose(made.statistics[0], colours.mean((0, 1)), atol=1e-3)
+
+
+# --- scenes ----------------------------------------------------------------------------------------------------------
+
+
+def test_one_picture_is_two_styles_and_one_goes_on(scene: Scene, picture: np.ndarray) -> None:
+    count = len(scene.regions)
+    assert count >= 2
+    first, report = style(
+        scene, [picture, picture], masks=[LEFT, ~LEFT], names=["left", "right"], mapping={0: 0, 1: 1}, strength=0.8
+    )
+    assert report["styles"] == {"0": "left", "1": "right"} and report["masked"] == ["left", "right"]
+    assert [(r.style, r.strength) for r in first.regions[:2]] == [("left", 0.8), ("right", 0.8)]
+    red, green = shown(first, 0), shown(first, 1)
+    assert red[0] > red[1] + 0.2 and green[1] > green[0] + 0.2
+    # A refined mask for region 0: distillation is left out, and region 1 keeps what it has.
+    steps: list[str] = []
+    again, report = style(
+        first, [picture], masks=[~LEFT], names=["refined"], mapping={0: 0}, go_on=True,
+        progress=lambda fraction, label: steps.append(label),
+    )  # fmt: skip
+    assert report["continued"] == [0] and report["seconds"]["distil"] == 0.0 and "distillation" not in steps
+    assert [r.style for r in again.regions[:2]] == ["refined", "right"]
+    assert again.styled is not first.styled
+    moved = shown(again, 0)
+    assert np.linalg.norm(moved - GREEN) < np.linalg.norm(red - GREEN)
+    np.testing.assert_allclose(shown(again, 1), green, atol=0.1)
+    np.testing.assert_allclose(shown(first, 0), red)  # the scene given is as it was
+    # Anew, without going on, region 1 is the palette's again.
+    anew, _ = style(first, [picture], mapping={0: 0})
+    assert [r.style for r in anew.regions[:2]] == ["style 0", None]
+
+
+def test_a_new_region_joins_those_that_are_styled(scene: Scene, picture: np.ndarray) -> None:
+    first, _ = style(scene, [picture], masks=[LEFT], mapping={0: 0})
+    both, report = style(first, [picture], masks=[~LEFT], mapping={1: 0}, go_on=True)
+    assert report["continued"] == [] and report["seconds"]["distil"] > 0
+    assert both.regions[0].style and both.regions[1].style
+    np.testing.assert_allclose(shown(both, 0), shown(first, 0), atol=0.12)
+    new = shown(both, 1)
+    assert new[1] > new[0] + 0.15
+
+
+def test_stopped_work_goes_on_only_with_the_same_masks(scene: Scene, picture: np.ndarray, tmp_path: Path) -> None:
+    path = tmp_path / "x.checkpoint"
+
+    def stop(fraction: float, label: str) -> None:
+        if label == "stylization":
+            raise Cancelled
+
+    labels: list[str] = []
+
+    def note(fraction: float, label: str) -> None:
+        labels.append(label)
+
+    with pytest.raises(Cancelled):
+        style(scene, [picture], masks=[LEFT], checkpoint=path, progress=stop)
+    style(scene, [picture], masks=[LEFT], checkpoint=path, progress=note)
+    assert "distillation" not in labels
+    with pytest.raises(Cancelled):
+        style(scene, [picture], masks=[LEFT], checkpoint=path, progress=stop, seed=1)
+    style(scene, [picture], masks=[~LEFT], checkpoint=path, progress=note, seed=1)
+    assert "distillation" in labels
+
+
+def test_strokes_scale_with_their_size(picture: np.ndarray, monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:
+    sides = []
+    made = StyleTarget.__init__
+
+    def watched(self: StyleTarget, *arguments) -> None:
+        made(self, *arguments)
+        sides.append(max(self.picture.shape[1:]))
+
+    monkeypatch.setattr(StyleTarget, "__init__", watched)
+    for stroke_size in (0.5, 2.0):
+        style(scene, [picture], mapping={0: 0}, stroke_size=stroke_size)
+    assert sides == [48, 192]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"strength": 0.0}, "more than 0.*nothing of a style is seen"),
+        ({"strength": 1.5}, "at most 1"),
+        ({"strength": float("nan")}, "more than 0"),
+        ({"stroke_size": 0.0}, "between 0.25 and 4"),
+        ({"stroke_size": 9.0}, "between 0.25 and 4"),
+        ({"masks": [np.zeros((SIZE, SIZE), bool)]}, "is empty"),
+        ({"masks": [None, None]}, "2 masks for 1 styles"),
+        ({"mapping": {9: 0}}, "no region 9"),
+        ({"mapping": {0: 1}}, "no style 1"),
+        ({"mapping": "colour", "keep": range(8)}, "no region"),
+        ({"go_on": True}, "no styled network to go on with"),
+    ],
+)
+def test_stylizations_that_cannot_be(scene: Scene, picture: np.ndarray, options: dict, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        style(scene, [picture], **options)
+
+
+def test_styles_left_over_are_said(scene: Scene, picture: np.ndarray) -> None:
+    last = len(scene.regions)
+    _, report = style(scene, [picture] * (last + 1), masks=[None] * (last + 1))
+    assert report["notes"] == [f"Style {last} (style {last}) has no region and is not used; say where with --map."]
+    assert all(name in report for name in ("stroke_size", "strength", "continued"))
+
+
+def test_likeness_of_colour_pairs_regions_and_styles(scene: Scene) -> None:
+    styles = [np.full((32, 32, 3), r.colour, np.float32) for r in scene.regions]
+    _, report = style(scene, styles[::-1], mapping="colour")
+    assert report["styles"] == {str(k): f"style {len(styles) - 1 - k}" for k in range(len(styles))}

@@ -178,6 +178,7 @@ def stylize_scene(
     names: Sequence[str] | None = None,
     features: str = "auto",
     loss: StyleLossSettings | None = None,
+    variant: str | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stage 3: colour transfer, distillation and stylization.
 
@@ -194,14 +195,17 @@ def stylize_scene(
         names: What to call the styles.
         features: Feature network: ``auto``, ``embedded``, ``vgg16`` or a file.
         loss: What pulls the images towards the styles.
+        variant: What to call the painting, a name that no variant of the scene has; without one it is ``styled``, and
+            replaces a variant of that name.
 
     Returns:
-        The scene with the network ``styled``, and a report as of :func:`train_scene`.
+        The scene with one more variant, which is shown, its edits as they were, and a report as of :func:`train_scene`.
 
     Raises:
-        BadInput: no palette network, no styles, a region or style that does not exist, or nothing left to style.
+        BadInput: no palette network, no styles, a region or style that does not exist, nothing left to style, or a
+            variant that exists.
     """
-    chosen = preset(preset_name)
+    chosen, name = preset(preset_name), scene.free_name(variant)
     pairs = style_pairs(len(scene.regions), len(styles), mapping, keep)
     labels = names or [f"style {k}" for k in range(len(styles))]
     settings, saved = chosen.stylize, None
@@ -233,10 +237,7 @@ def stylize_scene(
         seconds["stylize"] = _run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds
     distillation.field.requires_grad_(False)
-    regions = tuple(
-        replace(r, style=labels[pairs[k]], edited_colour=None) if k in pairs else r for k, r in enumerate(scene.regions)
-    )
-    styled = replace(scene, styled=distillation.field, regions=regions)
+    styled = scene.painted(distillation.field, {k: labels[v] for k, v in pairs.items()}, {}, name)
     report = {
         "seconds": seconds,
         "peak_rss_bytes": cost.peak_rss_bytes,

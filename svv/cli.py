@@ -118,6 +118,7 @@ def train(
 
 
 app.command(epilog=examples(*cli_edit.EDIT))(cli_edit.edit)
+app.command(epilog=examples(*cli_edit.PALETTE))(cli_edit.palette)
 
 
 @app.command(

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from svv.errors import BadInput
-from svv.options import Out, SceneFile, parse_colour, parse_whole
+from svv.options import (
+    Device,
+    DeviceOption,
+    Json,
+    Out,
+    Preset,
+    PresetOption,
+    SceneFile,
+    Seed,
+    TimeLimit,
+    parse_colour,
+    parse_whole,
+)
+from svv.progress import shown
 
 EDIT = (
     "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
@@ -16,6 +31,11 @@ EDIT = (
     "svv edit alone.svv --show all --out all.svv",
     "svv edit red.svv --undo --out scene.svv",
     "svv edit painted.svv --show-variant ink --strength 0.5 --out faint.svv",
+)
+PALETTE = (
+    "svv palette scene.svv --views views --add '#f2a319' --out two.svv",
+    "svv palette scene.svv --views views --merge 0,1 --set 0='#d0a060' --out one.svv",
+    "svv palette scene.svv --views views --remove 2 --preset fast --out less.svv",
 )
 
 
@@ -86,6 +106,80 @@ def edit(
         result = result.with_variant(show_variant)
     result.save(out)
     print(out)
+
+
+def palette(
+    scene: SceneFile,
+    views: Annotated[Path, typer.Option(metavar="VIEWS", help="The views that the scene was trained on.")],
+    out: Out,
+    add: Annotated[
+        list[str] | None, typer.Option(metavar="'#rrggbb'", help="A new region of this colour; several times.")
+    ] = None,
+    merge: Annotated[
+        list[str] | None, typer.Option(metavar="K,K,...", help="Regions that become one; several times.")
+    ] = None,
+    remove: Annotated[list[int] | None, typer.Option(metavar="K", help="A region less; several times.")] = None,
+    colours: Annotated[
+        list[str] | None, typer.Option("--set", metavar="K='#rrggbb'", help="A region's colour; several times.")
+    ] = None,
+    split: Annotated[
+        list[int] | None, typer.Option(metavar="K", help="Make a region of each of its ranges of values.")
+    ] = None,
+    preset: PresetOption = Preset.balanced,
+    time_limit: TimeLimit = None,
+    seed: Seed = 0,
+    views_only: Annotated[
+        bool, typer.Option("--views-only", help="Take the palette as given, whatever the volume says.")
+    ] = False,
+    device: DeviceOption = Device.cpu,
+    json: Json = None,
+) -> None:
+    """Correct a scene's palette by hand and train its regions again; the base network is kept.
+
+    Where two ranges of similar hue were taken for one, add the colour that is missing. All numbers are those of
+    `svv info SCENE.svv`. Where the volume is known, regions stay made of ranges of the transfer function.
+    Stopped with Ctrl-C, the same command goes on where it was.
+    """
+    from dataclasses import replace
+
+    from svv.cli import checkpoint_path, finish
+    from svv.core.correction import Correction
+    from svv.fields.scene import Scene
+    from svv.io.atomic import check_writable
+    from svv.io.viewset import ViewSet
+    from svv.kernels.dispatch import device_named
+    from svv.train.correct import correct_palette
+
+    correction = Correction(
+        tuple(parse_whole(text, "--merge") for text in merge or ()), tuple(remove or ()),
+        dict(parse_set(text) for text in colours or ()), tuple(split or ()), tuple(map(parse_colour, add or ())),
+    )  # fmt: skip
+    for path in filter(None, (out, json)):
+        check_writable(path)
+    loaded = Scene.load(scene).on(device_named(device.value))
+    with shown("Reading") as progress:
+        view_set = ViewSet.read(views, "train", progress)
+    if views_only:
+        view_set = replace(view_set, classified=None)
+    checkpoint = checkpoint_path(out)
+    with shown("Palette") as progress:
+        result, report = correct_palette(
+            loaded, view_set, correction, preset.value, time_limit, seed, progress, checkpoint
+        )
+    print("\n".join(report["notes"][:-1]), file=sys.stderr)
+    finish(result, report, out, json, checkpoint)
+
+
+def parse_set(text: str) -> tuple[int, tuple[float, float, float]]:
+    """'0=#rrggbb' as region and colour.
+
+    Raises:
+        BadInput: anything else.
+    """
+    region, _, colour = text.partition("=")
+    if not (region.strip().isascii() and region.strip().isdigit() and colour):
+        raise BadInput(f"'{text}' sets no colour; write region=colour, for example --set 0='#ff8800'.")
+    return int(region), parse_colour(colour)
 
 
 def regions_in(text: str, option: str) -> tuple[int, ...]:

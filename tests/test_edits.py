@@ -15,7 +15,7 @@ from svv.errors import BadInput
 from svv.fields.edits import IDENTITY, STEPS, edits_of, with_edits
 from svv.fields.scene import Region, Scene
 from svv.io import scene_file
-from tests.conftest import cube_camera
+from tests.cube import cube_camera
 
 REGION, FACTOR = st.integers(0, 2), st.floats(0.0, 4.0)
 COLOUR = st.tuples(*[st.floats(0.0, 1.0)] * 3)

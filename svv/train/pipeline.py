@@ -27,7 +27,7 @@ from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import load_features
 from svv.train.lighting import shows_light
 from svv.train.loop import Loop
-from svv.train.ranges import regions_of
+from svv.train.ranges import hull_of, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
@@ -78,7 +78,7 @@ def train_scene(
         )
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
-    saved = None if checkpoint is None else Checkpoint(checkpoint, _key(views, chosen, time_limit, seed))
+    saved = None if checkpoint is None else Checkpoint(checkpoint, key_of(views, chosen, time_limit, seed))
     forget_gpu_peak(device)
     with measured() as cost:
         scene, seconds, notes = _train(views, chosen, time_limit, seed, progress, saved, device)
@@ -157,8 +157,9 @@ def _train(
         views, scene.base, scene.occupancy, scene.marching, palette.colours, scene.settings, chosen.recolour, seed,
         left, part(progress, 0.7, 1.0), saved, None if known is None else known.owners,
     )  # fmt: skip
+    ranges = ((),) * len(shares) if known is None else known.ranges
     regions = tuple(
-        Region(tuple(colour), float(share), values=None if known is None else known.values[i])
+        Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
         for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
     )
     with _timed(seconds, "sampling"):
@@ -314,7 +315,7 @@ def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
     seconds[name] = time.monotonic() - begin
 
 
-def _key(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:
+def key_of(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:
     """What a training run depends on: a checkpoint of anything else is not gone on from."""
     pixels = views.images[:: max(1, len(views.images) // 8), ::16, ::16].astype(np.int64)
     return {

@@ -68,7 +68,8 @@ class Recolouring:
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
-        mixed = 1.0 - parts.weights.square().sum(dim=1) if self.owners is None else torch.zeros_like(offsets)
+        single = self.owners is not None and not self.owners.shared
+        mixed = torch.zeros_like(offsets) if single else 1.0 - parts.weights.square().sum(dim=1)
         values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
         out, _, _ = composite(samples, sigma, values)
         error = (out[:, :3] - batch.premultiplied).square().mean()
@@ -81,6 +82,8 @@ class Recolouring:
             # A thin shell has as much of a say as the fog that it lies in.
             each = 1.0 / torch.bincount(owner, minlength=parts.weights.shape[1]).clamp(min=1)[owner]
             own = parts.weights.gather(1, owner[:, None])[:, 0]
+            if self.owners.shared:
+                own = (parts.weights * self.owners.member[self.owners.range_of(samples.position)]).sum(dim=1)
             loss = loss - s.owner_weight * (each * own.log()).sum() / parts.weights.shape[1]
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

@@ -23,6 +23,7 @@ from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, preset
+from svv.train.likeness import Likeness
 from svv.train.pipeline import camera_rig, key_of
 from svv.train.ranges import Owners, hull_of, membership
 from svv.train.recolour import recolour
@@ -82,10 +83,14 @@ def correct_palette(
     ]
     ranges = () if volume is None else volume.ranges
     entries, notes = corrected(before, correction, ranges)
-    owners = None
+    palette = np.array([entry.colour for entry in entries])
+    owners: Owners | Likeness = Likeness(palette, scene.device)
     if volume is not None:
         member = np.array([[r in entry.ranges for entry in entries] for r in range(len(ranges))])
-        owners = Owners(volume, member, scene.device)
+        if (member.sum(axis=1) > 1).any():
+            owners = Likeness(palette, scene.device, volume, member)
+        else:
+            owners = Owners(volume, member.argmax(axis=1), scene.device)
     saved = None
     if checkpoint is not None:
         key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries]}
@@ -93,8 +98,8 @@ def correct_palette(
     forget_gpu_peak(scene.device)
     with measured() as cost:
         network, shares, spent = recolour(
-            views, scene.base, scene.occupancy, scene.marching, np.array([entry.colour for entry in entries]),
-            scene.settings, chosen.recolour, seed, time_limit, part(progress, 0.0, 0.98), saved, owners,
+            views, scene.base, scene.occupancy, scene.marching, palette, scene.settings, chosen.recolour, seed,
+            time_limit, part(progress, 0.0, 0.98), saved, owners,
         )  # fmt: skip
         begin = time.monotonic()
         regions = []

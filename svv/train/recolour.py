@@ -20,6 +20,7 @@ from svv.kernels.dispatch import CPU
 from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import RecolourSettings
+from svv.train.likeness import Likeness
 from svv.train.loop import Loop, falling
 from svv.train.ranges import Owners, shares_of
 
@@ -37,8 +38,8 @@ class Recolouring:
     marching: Marching
     pool: RayPool
     settings: RecolourSettings
-    owners: Owners | None = None
-    """Where the volume says which region a point belongs to."""
+    owners: Owners | Likeness | None = None
+    """What says which region a point belongs to: the volume, or whoever made the palette by hand."""
 
     def __post_init__(self) -> None:
         s = self.settings
@@ -60,16 +61,19 @@ class Recolouring:
         batch = self.pool.batch(number, self.budget.rays)
         samples = march(batch.rays, self.occupancy, self.base.density, self.marching, seed=number + 1)
         self.budget.adjust(number, len(batch.rays), len(samples))
+        looks = self.owners is not None and self.owners.looks
         with torch.no_grad():
-            lit = self.field.lighting_mlp is not None
+            lit = self.field.lighting_mlp is not None or looks
             # Without light nobody looks at the geometry features, only at how many samples there are.
             sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
-        parts = self.field(samples.position, geometry, encode_directions(batch.rays.directions, samples.ray))
+            directions = encode_directions(batch.rays.directions, samples.ray)
+            seen = self.base(geometry, directions) if looks else None
+        parts = self.field(samples.position, geometry, directions)
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
-        single = self.owners is not None and not self.owners.shared
-        mixed = torch.zeros_like(offsets) if single else 1.0 - parts.weights.square().sum(dim=1)
+        settled = self.owners is not None and not looks
+        mixed = torch.zeros_like(offsets) if settled else 1.0 - parts.weights.square().sum(dim=1)
         values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
         out, _, _ = composite(samples, sigma, values)
         error = (out[:, :3] - batch.premultiplied).square().mean()
@@ -78,13 +82,10 @@ class Recolouring:
         penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, s.mixing_weight])
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
         if self.owners is not None and len(samples):
-            owner = self.owners.of(samples.position)
+            owner, log_weight = self.owners.told(parts.weights, samples.position, seen)
             # A thin shell has as much of a say as the fog that it lies in.
             each = 1.0 / torch.bincount(owner, minlength=parts.weights.shape[1]).clamp(min=1)[owner]
-            own = parts.weights.gather(1, owner[:, None])[:, 0]
-            if self.owners.shared:
-                own = (parts.weights * self.owners.member[self.owners.range_of(samples.position)]).sum(dim=1)
-            loss = loss - s.owner_weight * (each * own.log()).sum() / parts.weights.shape[1]
+            loss = loss - s.owner_weight * (each * log_weight).sum() / parts.weights.shape[1]
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         rate = falling(fraction, s.decay)
@@ -124,7 +125,7 @@ def recolour(
     limit: float | None,
     progress: Progress,
     checkpoint: Checkpoint | None = None,
-    owners: Owners | None = None,
+    owners: Owners | Likeness | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
     """Train the palette colour network for a palette (P, 3).
 
@@ -138,7 +139,7 @@ def recolour(
         limit: Seconds allowed.
         progress: Called several times a second; stops the training when it raises.
         checkpoint: Where to go on from, and to save to.
-        owners: The region that each point belongs to, where that is known.
+        owners: What says to which region each point belongs, where something does.
 
     Returns:
         The frozen network, each region's share of the visible light (P,), and the seconds spent.

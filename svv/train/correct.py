@@ -23,7 +23,6 @@ from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, preset
-from svv.train.likeness import Likeness
 from svv.train.pipeline import camera_rig, key_of
 from svv.train.ranges import Owners, hull_of, membership
 from svv.train.recolour import recolour
@@ -32,6 +31,12 @@ from svv.train.sampling import with_fewest_samples
 ELSEWHERE = 0.05
 """Views whose cameras stand around another place or at another distance, by more than this part of it, are of another
 scene."""
+
+FIRST_OFFSETS = 100.0
+"""Factor on the weight of the offsets at the start, where the views decide which point is of which colour. Colours of
+similar hue can stand in for one another with small offsets, and then chance decides: asked to be pure from the
+start, the weights take either. So here the weights come first, which mix the given colours as the views want it,
+then purity, and the offsets last."""
 
 
 def correct_palette(
@@ -83,14 +88,11 @@ def correct_palette(
     ]
     ranges = () if volume is None else volume.ranges
     entries, notes = corrected(before, correction, ranges)
-    palette = np.array([entry.colour for entry in entries])
-    owners: Owners | Likeness = Likeness(palette, scene.device)
+    owners, settings = None, chosen.recolour
     if volume is not None:
-        member = np.array([[r in entry.ranges for entry in entries] for r in range(len(ranges))])
-        if (member.sum(axis=1) > 1).any():
-            owners = Likeness(palette, scene.device, volume, member)
-        else:
-            owners = Owners(volume, member.argmax(axis=1), scene.device)
+        owners = Owners(volume, np.array([[r in e.ranges for e in entries] for r in range(len(ranges))]), scene.device)
+    if owners is None or owners.shared:
+        settings = replace(settings, offset_start=max(FIRST_OFFSETS, settings.offset_start), mixing_start=0.0)
     saved = None
     if checkpoint is not None:
         key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries]}
@@ -98,8 +100,8 @@ def correct_palette(
     forget_gpu_peak(scene.device)
     with measured() as cost:
         network, shares, spent = recolour(
-            views, scene.base, scene.occupancy, scene.marching, palette, scene.settings, chosen.recolour, seed,
-            time_limit, part(progress, 0.0, 0.98), saved, owners,
+            views, scene.base, scene.occupancy, scene.marching, np.array([entry.colour for entry in entries]),
+            scene.settings, settings, seed, time_limit, part(progress, 0.0, 0.98), saved, owners,
         )  # fmt: skip
         begin = time.monotonic()
         regions = []

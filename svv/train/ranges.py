@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,26 +25,42 @@ at once, so more would need gigabytes."""
 
 
 class Owners:
-    """The region that points belong to, as a classified volume says."""
+    """The regions that points may belong to, as a classified volume says."""
 
-    looks = False
-    """Whether it needs to know what points look like."""
+    def __init__(self, volume: ClassifiedVolume, regions: NDArray[Any], device: torch.device) -> None:
+        """Take a volume's ranges.
 
-    def __init__(self, volume: ClassifiedVolume, regions: NDArray[np.integer], device: torch.device) -> None:
-        """``regions``: the region that each of the volume's ranges is part of."""
-        self._region = torch.from_numpy(regions.astype(np.uint8)[volume.owner]).to(device)
+        Args:
+            volume: R ranges.
+            regions: The region that each range is part of (R,), whole numbers; or whether it may be part of each
+                region, where several share one (R, P).
+            device: Where points will be.
+        """
+        member = np.eye(int(regions.max()) + 1)[regions] if regions.ndim == 1 else regions > 0
+        self.shared = bool((member.sum(axis=1) > 1).any())
+        """Whether several regions share a range, so that the views have to say which part is whose."""
+        self._member = torch.from_numpy(member.astype(np.float32)).to(device)
+        self._range = torch.from_numpy(volume.owner).to(device)
+        self._first = self._member.argmax(dim=1)
         self._cells = volume.cells
 
-    def of(self, position: Tensor) -> Tensor:
-        """Region at the vertex next to each point of the box: (S, 3) in [0, 1] -> (S,) int64."""
+    def range_of(self, position: Tensor) -> Tensor:
+        """Range at the vertex next to each point of the box: (S, 3) in [0, 1] -> (S,) int64."""
         vertex = (position * self._cells + 0.5).long()
-        x, y, z = (v.clamp(0, size - 1) for v, size in zip(vertex.unbind(1), self._region.shape, strict=True))
-        return self._region[x, y, z].long()
+        x, y, z = (v.clamp(0, size - 1) for v, size in zip(vertex.unbind(1), self._range.shape, strict=True))
+        return self._range[x, y, z].long()
 
-    def told(self, weights: Tensor, position: Tensor, colour: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Region of points (S,), and the logarithm of its palette weight, of all weights (S, P). (S,)"""
-        owner = self.of(position)
-        return owner, weights.gather(1, owner[:, None])[:, 0].log()
+    def of(self, position: Tensor) -> Tensor:
+        """Region of each point, the first of those that share it: (S, 3) in [0, 1] -> (S,) int64."""
+        return self._first[self.range_of(position)]
+
+    def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
+        """Region of points (S,), and what the regions that share them have of the weights (S, P), in (0, 1]. (S,)"""
+        number = self.range_of(position)
+        owner = self._first[number]
+        if not self.shared:
+            return owner, weights.gather(1, owner[:, None])[:, 0]
+        return owner, (weights * self._member[number]).sum(dim=1)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from svv.kernels.dispatch import CPU
 from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import RecolourSettings
-from svv.train.likeness import Likeness
 from svv.train.loop import Loop, falling
 from svv.train.ranges import Owners, shares_of
 
@@ -38,8 +37,8 @@ class Recolouring:
     marching: Marching
     pool: RayPool
     settings: RecolourSettings
-    owners: Owners | Likeness | None = None
-    """What says which region a point belongs to: the volume, or whoever made the palette by hand."""
+    owners: Owners | None = None
+    """Where the volume says which region a point belongs to."""
 
     def __post_init__(self) -> None:
         s = self.settings
@@ -61,31 +60,29 @@ class Recolouring:
         batch = self.pool.batch(number, self.budget.rays)
         samples = march(batch.rays, self.occupancy, self.base.density, self.marching, seed=number + 1)
         self.budget.adjust(number, len(batch.rays), len(samples))
-        looks = self.owners is not None and self.owners.looks
         with torch.no_grad():
-            lit = self.field.lighting_mlp is not None or looks
+            lit = self.field.lighting_mlp is not None
             # Without light nobody looks at the geometry features, only at how many samples there are.
             sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
-            directions = encode_directions(batch.rays.directions, samples.ray)
-            seen = self.base(geometry, directions) if looks else None
-        parts = self.field(samples.position, geometry, directions)
+        parts = self.field(samples.position, geometry, encode_directions(batch.rays.directions, samples.ray))
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
-        settled = self.owners is not None and not looks
+        settled = self.owners is not None and not self.owners.shared
         mixed = torch.zeros_like(offsets) if settled else 1.0 - parts.weights.square().sum(dim=1)
         values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
         out, _, _ = composite(samples, sigma, values)
         error = (out[:, :3] - batch.premultiplied).square().mean()
         drift = (self.field.colours - self.start).square().sum()
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
-        penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, s.mixing_weight])
+        pure = s.mixing_weight * (s.mixing_start + (1.0 - s.mixing_start) * fraction)
+        penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, pure])
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
         if self.owners is not None and len(samples):
-            owner, log_weight = self.owners.told(parts.weights, samples.position, seen)
+            owner, own = self.owners.told(parts.weights, samples.position)
             # A thin shell has as much of a say as the fog that it lies in.
             each = 1.0 / torch.bincount(owner, minlength=parts.weights.shape[1]).clamp(min=1)[owner]
-            loss = loss - s.owner_weight * (each * log_weight).sum() / parts.weights.shape[1]
+            loss = loss - s.owner_weight * (each * own.log()).sum() / parts.weights.shape[1]
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         rate = falling(fraction, s.decay)
@@ -125,7 +122,7 @@ def recolour(
     limit: float | None,
     progress: Progress,
     checkpoint: Checkpoint | None = None,
-    owners: Owners | Likeness | None = None,
+    owners: Owners | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
     """Train the palette colour network for a palette (P, 3).
 
@@ -139,7 +136,7 @@ def recolour(
         limit: Seconds allowed.
         progress: Called several times a second; stops the training when it raises.
         checkpoint: Where to go on from, and to save to.
-        owners: What says to which region each point belongs, where something does.
+        owners: The region that each point belongs to, where that is known.
 
     Returns:
         The frozen network, each region's share of the visible light (P,), and the seconds spent.

@@ -1,3 +1,62 @@
-"""Expressive volume visualization: radiance fields of direct volume renderings, edited and stylized by region."""
+"""Expressive volume visualization: radiance fields of direct volume renderings, edited and stylized by region.
+
+The Python interface: scenes, what makes and paints them, and what they are made from (docs/python.md). Nothing is
+loaded before it is used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from svv.core.cameras import Camera as Camera
+    from svv.core.correction import Correction as Correction
+    from svv.errors import BadInput as BadInput
+    from svv.errors import Cancelled as Cancelled
+    from svv.fields.scene import Region as Region
+    from svv.fields.scene import Rendering as Rendering
+    from svv.fields.scene import Scene as Scene
+    from svv.io.camera_file import read_camera as read_camera
+    from svv.io.images import read_style as read_style
+    from svv.io.output import write_png as write_png
+    from svv.io.viewset import ViewSet as ViewSet
+    from svv.report.render import orbit as orbit
+    from svv.train.correct import correct_palette as correct_palette
+    from svv.train.pipeline import evaluate_scene as evaluate_scene
+    from svv.train.pipeline import stylize_scene as stylize_scene
+    from svv.train.pipeline import train_scene as train_scene
 
 __version__ = "0.1.0"
+
+PUBLIC = {
+    "BadInput": "svv.errors",
+    "Camera": "svv.core.cameras",
+    "Cancelled": "svv.errors",
+    "Correction": "svv.core.correction",
+    "Region": "svv.fields.scene",
+    "Rendering": "svv.fields.scene",
+    "Scene": "svv.fields.scene",
+    "ViewSet": "svv.io.viewset",
+    "correct_palette": "svv.train.correct",
+    "evaluate_scene": "svv.train.pipeline",
+    "orbit": "svv.report.render",
+    "read_camera": "svv.io.camera_file",
+    "read_style": "svv.io.images",
+    "stylize_scene": "svv.train.pipeline",
+    "train_scene": "svv.train.pipeline",
+    "write_png": "svv.io.output",
+}
+"""Where each name of the interface is defined; it is imported when it is first asked for (PEP 562)."""
+
+
+def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
+    if name not in PUBLIC:
+        raise AttributeError(f"module 'svv' has no attribute '{name}'")
+    value = globals()[name] = getattr(import_module(PUBLIC[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *PUBLIC})

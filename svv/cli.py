@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from svv import __version__, cli_chart, cli_job, cli_paraview, cli_stability, cli_style
+from svv import __version__, cli_chart, cli_edit, cli_job, cli_paraview, cli_stability, cli_style
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.options import (
@@ -114,33 +114,11 @@ def train(
     with shown("Training") as progress:
         name = None if encoding is None else encoding.value
         scene, report = train_scene(view_set, preset.value, time_limit, seed, progress, checkpoint, where, name)
-    _finish(scene, report, out, json, checkpoint)
+    finish(scene, report, out, json, checkpoint)
 
 
-@app.command(
-    epilog=examples(
-        "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
-        "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
-    )
-)
-def edit(
-    scene: SceneFile,
-    region: Annotated[int, typer.Option(min=0, help="Which region; `svv info` lists them.")],
-    out: Out,
-    colour: Annotated[str | None, typer.Option(metavar="'#rrggbb'", help="Its new colour.")] = None,
-    opacity: Annotated[float | None, typer.Option(min=0, help="Factor on its opacity; 0 hides it.")] = None,
-    lighting: Annotated[
-        float | None, typer.Option(min=0, help="Factor on its light; 0 is flat. Unshaded views have none.")
-    ] = None,
-) -> None:
-    """Change a region's colour, opacity or lighting. Nothing is trained, it takes a moment."""
-    if colour is None and opacity is None and lighting is None:
-        raise BadInput("Nothing to change: give --colour, --opacity or --lighting.")
-    rgb = None if colour is None else parse_colour(colour)
-    _check_targets(out)
-    edited = _load(scene).edited(region, rgb, opacity, lighting)
-    edited.save(out)
-    print(out)
+app.command(epilog=examples(*cli_edit.EDIT))(cli_edit.edit)
+app.command(epilog=examples(*cli_edit.PALETTE))(cli_edit.palette)
 
 
 @app.command(
@@ -149,6 +127,7 @@ def edit(
         "svv stylize scene.svv --style a.png --style gallery:mosaic --map 0=0,2=1 --keep 1 --out styled.svv",
         "svv stylize scene.svv --style a.png --style a.png --style-mask 0=sky.png --style-mask 1=sea.png -o styled.svv",
         "svv stylize styled.svv --style a.png --style-mask 0=sky.png --map 0=0 --continue --out again.svv",
+        "svv stylize styled.svv --style ink.png --variant ink --out two.svv",
     )
 )
 def stylize(
@@ -176,6 +155,9 @@ def stylize(
     features: Annotated[
         str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
     ] = "auto",
+    variant: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Keep the scene's paintings and add one of this name.")
+    ] = None,
     device: DeviceOption = Device.cpu,
     json: Json = None,
 ) -> None:
@@ -193,11 +175,11 @@ def stylize(
     with shown("Stylizing") as progress:
         styled, report = stylize_scene(
             loaded, styles, pairs, set(keep or ()), preset.value, seed, progress, checkpoint, names, features,
-            masks=masks, stroke_size=stroke_size, strength=strength, go_on=go_on,
+            masks=masks, stroke_size=stroke_size, strength=strength, go_on=go_on, variant=variant,
         )  # fmt: skip
     for note in report["notes"]:
         print(note, file=sys.stderr)
-    _finish(styled, report, out, json, checkpoint)
+    finish(styled, report, out, json, checkpoint)
 
 
 @app.command(
@@ -219,6 +201,7 @@ def render(
     frame: Annotated[int, typer.Option(min=0, help="Which view of a transforms file.")] = 0,
     size: Annotated[str | None, typer.Option(metavar="N|WxH", help="Pixels; 800 by default.")] = None,
     network: Annotated[Network | None, typer.Option(help="By default the last one trained.")] = None,
+    variant: Annotated[str | None, typer.Option(metavar="NAME", help="Which of the scene's paintings.")] = None,
     background: Annotated[
         str | None, typer.Option(metavar="COLOUR", help="white, black or '#rrggbb'; movies: white, else transparent.")
     ] = None,
@@ -240,6 +223,10 @@ def render(
     if out.suffix.lower() not in ("", ".png", ".vti", ".mp4") and out.suffix[1:].isalpha() and not out.is_dir():
         raise BadInput(f"Cannot tell what to write into {out}: name it .png or .vti (one view), .mp4, or a folder.")
     loaded = _load(scene, device)
+    if variant is not None:
+        if network not in (None, Network.styled):
+            raise BadInput(f"A variant is a painting: leave --network {network.value} away.")
+        loaded = loaded.with_variant(variant)
     width, height = pixels or (800, 800)
     if camera is not None:
         cameras = [read_camera(camera, pixels, frame)]
@@ -327,7 +314,7 @@ def _load(path: Path, device: Device = Device.cpu) -> Scene:
     return Scene.load(path).on(where)
 
 
-def _finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, checkpoint: Path) -> None:
+def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, checkpoint: Path) -> None:
     """Save a trained scene and what its training reports, then drop the checkpoint that is no longer needed."""
     from svv.io.atomic import write_json
 

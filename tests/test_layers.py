@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import svv
 
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "svv").rglob("*.py"))
@@ -25,7 +28,9 @@ BELOW["train"] |= {"io", "measure"}
 BELOW["report"] |= {"io", "dvr", "progress", "measure", "ending"}
 BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending", "measure"}
 BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "ending", "pv"}
-FACES = {"cli", "cli_chart", "cli_job", "cli_paraview", "cli_stability", "cli_style", "options", "__main__"}
+FACES = {
+    "cli", "cli_chart", "cli_edit", "cli_job", "cli_paraview", "cli_stability", "cli_style", "options", "__main__",
+}  # fmt: skip
 """Modules of the command line, one layer."""
 
 ALLOWED = {
@@ -62,8 +67,21 @@ def imported(path: Path, source: str) -> set[str]:
     return {"svv" if name == "svv.__version__" else name for name in names}
 
 
+def without_interface(source: str) -> str:
+    """The source of ``svv/__init__.py`` without the names that it promises to type checkers and never imports itself.
+
+    They lie in layers above and are imported when somebody asks for them; that nothing heavy is loaded before is
+    tested below.
+    """
+    tree = ast.parse(source)
+    tree.body = [n for n in tree.body if not (isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")]
+    return ast.unparse(tree)
+
+
 def violations(path: Path, source: str) -> list[str]:
     """What a module imports against the layers."""
+    if path == Path("svv/__init__.py"):
+        source = without_interface(source)
     own = layer_of(".".join(path.with_suffix("").parts).removesuffix(".__init__"))
     if own not in BELOW:
         return [f"{path}: '{own}' is no layer; name it in {Path(__file__).name}"]
@@ -102,6 +120,9 @@ def test_imports_point_down(path: Path) -> None:
         ("svv/report/x.py", "from svv.cli import main"),
         ("svv/errors.py", "from svv.core import colour"),
         ("svv/elsewhere.py", ""),
+        ("svv/__init__.py", "from svv.fields.scene import Scene"),
+        ("svv/__init__.py", "def f():\n    import svv.core.colour"),
+        ("svv/core/x.py", "if TYPE_CHECKING:\n    from svv.fields.scene import Scene"),
     ],
 )
 def test_an_upward_import_is_found(path: str, source: str) -> None:
@@ -115,6 +136,7 @@ def test_an_upward_import_is_found(path: str, source: str) -> None:
         ("svv/dvr/__init__.py", "from .views import draw\nfrom ..core import cameras"),
         ("svv/dvr/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
         ("svv/pv/x.py", "from paraview import simple"),
+        ("svv/__init__.py", "if TYPE_CHECKING:\n    from svv.fields.scene import Scene as Scene"),
     ],
 )
 def test_a_downward_import_is_not(path: str, source: str) -> None:
@@ -144,3 +166,17 @@ def test_importing_loads_nothing_heavy(modules: list[str], heavy: set[str]) -> N
     loaded = {name.split(".")[0] for name in done.stdout.split()}
     assert "svv" in loaded
     assert loaded.isdisjoint(heavy)
+
+
+def test_the_interface_is_what_it_promises() -> None:
+    """Each name of ``svv`` is one object, the one that type checkers are told of."""
+    tree = ast.parse((ROOT / "svv/__init__.py").read_text())
+    (promised,) = (node for node in tree.body if isinstance(node, ast.If))
+    imports = [node for node in promised.body if isinstance(node, ast.ImportFrom)]
+    told = {alias.asname: node.module for node in imports for alias in node.names}
+    assert told == svv.PUBLIC
+    for name, module in svv.PUBLIC.items():
+        assert getattr(svv, name) is getattr(importlib.import_module(module), name)
+        assert name in dir(svv)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = svv.nonsense

@@ -89,7 +89,7 @@ def composite(
     scene: Scene, samples: Samples, rays: Rays, colour: Tensor, region: Tensor, faint: float, *images: Tensor
 ) -> None:
     """Write what rays see into ``images``: rgba (R, 4), depth (R,), region (R,) int16; other pixels stay."""
-    opacity = torch.tensor([r.opacity for r in scene.regions])
+    opacity = torch.tensor([r.seen_opacity for r in scene.regions])
     kernels.composite(
         *_arrays(samples.position, samples.sigma, samples.skipped, colour, region, opacity, rays.origins),
         *_arrays(samples.start, samples.count, samples.tail), np.float32(samples.step),

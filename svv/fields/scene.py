@@ -17,6 +17,7 @@ from svv.core.cameras import Camera
 from svv.core.colour import shift_colours
 from svv.errors import BadInput, Progress, silent
 from svv.fields import image as fused
+from svv.fields.edits import Editing, History
 from svv.fields.networks import (
     BaseField,
     FieldSettings,
@@ -28,6 +29,7 @@ from svv.fields.networks import (
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
 from svv.fields.scene_arrays import NETWORKS, arrays_of, parts_of
+from svv.fields.variants import Variant, Variants
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.dispatch import kernels_of
 
@@ -58,7 +60,16 @@ class Region:
     strength: float = 1.0
     """How much of the style is shown: 0 the palette's colours, 1 the style's."""
     values: tuple[float, float] | None = None
-    """The volume's scalar values that it shows, where they are known."""
+    """The volume's scalar values that it shows, from the smallest to the largest, where they are known,"""
+    ranges: tuple[tuple[float, float], ...] = ()
+    """and the ranges of the transfer function that it is made of."""
+    hidden: bool = False
+    """Whether it is left out of images, whatever its opacity."""
+
+    @property
+    def seen_opacity(self) -> float:
+        """Factor on the extinction in images."""
+        return 0.0 if self.hidden else self.opacity
 
 
 @dataclass(frozen=True)
@@ -75,8 +86,11 @@ class Rendering:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """Networks, geometry and edits of a scene. Edits make a new scene that shares the networks."""
+class Scene(Editing, Variants):
+    """Networks, geometry and edits of a scene. Edits make a new scene that shares the networks.
+
+    Edits: :class:`svv.fields.edits.Editing`. Paintings: :class:`svv.fields.variants.Variants`.
+    """
 
     settings: FieldSettings
     occupancy: Occupancy
@@ -91,6 +105,12 @@ class Scene:
     """Sample distance of images in steps of the training's, and"""
     joined: float = JOINED
     """the weight in a pixel until which samples are joined: both as :mod:`svv.train.sampling` chose them."""
+    history: History = field(default_factory=History)
+    """What undoes the edits."""
+    painting: str | None = None
+    """Name of the variant whose network is ``styled``, and"""
+    others: tuple[Variant, ...] = ()
+    """the variants that are not shown."""
 
     @property
     def networks(self) -> tuple[str, ...]:
@@ -107,66 +127,14 @@ class Scene:
         """This scene on another device: itself where it is there already, else with networks of its own."""
         if device.type == self.device.type:
             return self
-        base, palette, styled = copy.deepcopy((self.base, self.palette, self.styled))
+        base, palette, styled, others = copy.deepcopy((self.base, self.palette, self.styled, self.others))
         return replace(
             self,
             base=base.to(device),
             palette=None if palette is None else palette.to(device),
             styled=None if styled is None else styled.to(device),
+            others=tuple(replace(other, network=other.network.to(device)) for other in others),
         )
-
-    def edited(
-        self,
-        region: int,
-        colour: Sequence[float] | None = None,
-        opacity: float | None = None,
-        lighting: float | None = None,
-    ) -> Scene:
-        """A scene with one region's colour, opacity or lighting changed (photorealistic style editing).
-
-        Raises:
-            BadInput: no such region, a colour outside [0, 1], a negative or infinite factor, or a new colour for a
-                region that is styled.
-        """
-        if not 0 <= region < len(self.regions):
-            raise BadInput(f"There is no region {region}: the scene has the regions 0 to {len(self.regions) - 1}.")
-        changes: dict[str, Any] = {}
-        if colour is not None:
-            if len(colour) != 3 or not all(0.0 <= c <= 1.0 for c in colour):
-                raise BadInput(f"The colour {tuple(colour)} is none: give red, green and blue between 0 and 1.")
-            if self.regions[region].style is not None:
-                raise BadInput(
-                    f"Region {region} is styled: its colours come from the style, not from the palette, so only its "
-                    "opacity and lighting can be edited; stylize again with --keep to recolour it."
-                )
-            changes["edited_colour"] = tuple(float(c) for c in colour)
-        for name, factor in (("opacity", opacity), ("lighting", lighting)):
-            if factor is not None:
-                if not (np.isfinite(factor) and factor >= 0):
-                    raise BadInput(f"The {name} factor must be a number of at least 0, not {factor}.")
-                changes[name] = float(factor)
-        regions = list(self.regions)
-        regions[region] = replace(regions[region], **changes)
-        return replace(self, regions=tuple(regions))
-
-    def with_strength(self, strength: float) -> Scene:
-        """A scene whose styles are shown as strongly as said, from 0 (the palette's colours) to 1.
-
-        Raises:
-            BadInput: a strength outside of [0, 1].
-        """
-        if not 0.0 <= strength <= 1.0:
-            raise BadInput(f"The strength of a style must lie between 0 and 1, not {strength}.")
-        return replace(self, regions=tuple(replace(r, strength=float(strength)) for r in self.regions))
-
-    def with_edits_of(self, other: Scene) -> Scene:
-        """This scene with the edits of another that has the same regions; a styled region keeps its style's colours."""
-        regions = (
-            replace(theirs, style=own.style, strength=own.strength,
-                    edited_colour=None if own.style is not None else theirs.edited_colour)
-            for own, theirs in zip(self.regions, other.regions, strict=True)
-        )  # fmt: skip
-        return replace(self, regions=tuple(regions))
 
     # --- rendering -------------------------------------------------------------------------------------------------
 
@@ -246,8 +214,8 @@ class Scene:
             return self.base(geometry, directions), region, sigma
         parts = self.palette(samples.position, geometry, directions)
         region = parts.region
-        if any(r.opacity != 1.0 for r in self.regions):
-            sigma = sigma * sigma.new_tensor([r.opacity for r in self.regions])[region]
+        if any(r.seen_opacity != 1.0 for r in self.regions):
+            sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]
         return self.light(parts, self.diffuse(parts, samples.position, network)), region, sigma
 
     def diffuse(self, parts: PaletteColours, position: Tensor, network: str) -> Tensor:
@@ -291,7 +259,7 @@ class Scene:
 
     def _marching_as_edited(self) -> Marching:
         """A region made more transparent shows what lies behind it, so rays no longer end at their old depth."""
-        return replace(self.marching_for_images, fade=min((r.opacity for r in self.regions), default=1.0))
+        return replace(self.marching_for_images, fade=min((r.seen_opacity for r in self.regions), default=1.0))
 
     # --- files -----------------------------------------------------------------------------------------------------
 
@@ -333,11 +301,14 @@ class Scene:
     def from_arrays(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]]) -> Scene:
         """The inverse of :meth:`to_arrays`."""
         parts = parts_of(header, tensors)
-        return cls(**{**parts, "regions": tuple(Region(**values) for values in parts["regions"])})
+        regions = tuple(Region(**values) for values in parts["regions"])
+        history = History.from_json(header["history"], regions) if "history" in header else History()
+        return cls(**{**parts, "regions": regions, "history": history})
 
     def info(self) -> dict[str, Any]:
         """What the scene is and how it was made, as plain values."""
         networks = dict(zip(NETWORKS, (self.base, self.palette, self.styled), strict=True))
+        networks |= {f"variant {other.name}": other.network for other in self.others}
         parameters = {k: sum(p.numel() for p in n.parameters()) for k, n in networks.items() if n is not None}
         return {
             "networks": self.networks,
@@ -349,6 +320,10 @@ class Scene:
             "image_step_world_units": self.stride * self.marching.step * self.occupancy.box.size,
             "bounds": self.occupancy.box.bounds.tolist(),
             "regions": [vars(r) for r in self.regions],
+            "variant": self.variant,
+            "variants": {v.name: {str(k): s for k, s in enumerate(v.styles) if s} for v in self.every_variant},
+            "undo": [step.what for step in self.history.past],
+            "redo": [step.what for step in self.history.future],
             "camera_rig": self.camera_rig,
             "made": self.made,
         }

@@ -14,6 +14,7 @@ from svv.fields.encodings import Encoding, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching
+from svv.fields.variants import Variant
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -36,11 +37,16 @@ def arrays_of(scene: Scene, packed: bool) -> tuple[dict[str, Any], Arrays]:
         "density_resolutions": None if scene.base.density is None else scene.base.density.resolutions,
         "networks": scene.networks,
         "regions": [vars(r) for r in scene.regions],
+        "history": scene.history.to_json(),
+        "painting": scene.painting,
+        "variants": [{"name": v.name, "styles": v.styles, "made": v.made} for v in scene.others],
         "camera_rig": scene.camera_rig,
         "made": scene.made,
     }
     tensors: Arrays = {"occupied": np.packbits(scene.occupancy.occupied > 0)}
-    for name, network in zip(NETWORKS, (scene.base, scene.palette, scene.styled), strict=True):
+    named = [*zip(NETWORKS, (scene.base, scene.palette, scene.styled), strict=True)]
+    named += [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
+    for name, network in named:
         if network is not None:
             for key, value in network.state_dict().items():
                 tensors[f"{name}.{key}"] = value.cpu().numpy()
@@ -68,7 +74,11 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         palette = PaletteField(settings, occupancy, base.geometry_width, torch.zeros(len(regions), 3))
     if "styled" in header["networks"]:
         styled = UnrestrictedField(settings, occupancy)
-    for name, network in zip(NETWORKS, (base, palette, styled), strict=True):
+    told = header.get("variants", [])
+    others = [UnrestrictedField(settings, occupancy) for _ in told]
+    named = [*zip(NETWORKS, (base, palette, styled), strict=True)]
+    named += [(f"variant{number}", network) for number, network in enumerate(others)]
+    for name, network in named:
         if network is not None:
             own = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
             state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in own.items()}
@@ -81,9 +91,15 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     m = header["marching"]
     marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
     images = {name: float(value) for name, value in header.get("images", {}).items()}
+    variants = [
+        Variant(v["name"], network, _tuple(v["styles"]), v["made"]) for v, network in zip(told, others, strict=True)
+    ]
+    if any(len(v.styles) != len(regions) for v in variants):
+        raise ValueError("a variant is of other regions")
     return {
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette": palette,
         "styled": styled, "regions": regions, "camera_rig": header["camera_rig"], "made": header["made"], **images,
+        "painting": header.get("painting"), "others": tuple(variants),
     }  # fmt: skip
 
 
@@ -94,4 +110,8 @@ def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
 
 def _values(region: dict[str, Any]) -> dict[str, Any]:
     """What JSON turned into lists are tuples."""
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in region.items()}
+    return {key: _tuple(value) for key, value in region.items()}
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(map(_tuple, value)) if isinstance(value, list) else value

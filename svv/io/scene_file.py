@@ -19,11 +19,12 @@ from safetensors.numpy import load, save
 from svv.errors import BadInput
 from svv.io.atomic import atomic_path, to_json
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 """Raised whenever an older program could not make sense of a newer file, or the other way round."""
 
-READABLE = (1,)
-"""Older formats that can be read as well: their tables are half floats instead of bytes."""
+READABLE = (1, 2)
+"""Older formats that can be read as well: without variants and a history of edits, the first with tables of half floats
+instead of bytes."""
 
 _KEY = "svv"
 _REMEDY = "copy it again or make it anew"

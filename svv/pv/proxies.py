@@ -158,7 +158,7 @@ class StyleRFEdit(Filter):
         super().__init__(1, 1, "vtkTable")
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
-        scene = scene_of(inputs[0])
+        scene = before = scene_of(inputs[0])
         for region in range(REGIONS):
             name = f"Region{region}"
             colour = self.values[f"{name}Colour"] if self.values[f"{name}Recolour"] else None
@@ -169,7 +169,7 @@ class StyleRFEdit(Filter):
             )
             if (colour, opacity, lighting) != (None, None, None):
                 scene = scene.edited(region, colour, opacity, lighting)
-        put_scene(scene, outputs[0])
+        put_scene(scene.as_one_step(before), outputs[0])
 
 
 @smproxy.filter(label="StyleRF Stylize", support_reload=False)

@@ -28,7 +28,7 @@ from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import load_features
 from svv.train.lighting import shows_light
 from svv.train.loop import Loop
-from svv.train.ranges import regions_of
+from svv.train.ranges import hull_of, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
@@ -83,7 +83,7 @@ def train_scene(
         )
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
-    saved = None if checkpoint is None else Checkpoint(checkpoint, _key(views, chosen, time_limit, seed))
+    saved = None if checkpoint is None else Checkpoint(checkpoint, key_of(views, chosen, time_limit, seed))
     forget_gpu_peak(device)
     with measured() as cost:
         scene, seconds, notes = _train(views, chosen, time_limit, seed, progress, saved, device)
@@ -162,8 +162,9 @@ def _train(
         views, scene.base, scene.occupancy, scene.marching, palette.colours, scene.settings, chosen.recolour, seed,
         left, part(progress, 0.7, 1.0), saved, None if known is None else known.owners,
     )  # fmt: skip
+    ranges = ((),) * len(shares) if known is None else known.ranges
     regions = tuple(
-        Region(tuple(colour), float(share), values=None if known is None else known.values[i])
+        Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
         for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
     )
     with _timed(seconds, "sampling"):
@@ -187,6 +188,7 @@ def stylize_scene(
     stroke_size: float = 1.0,
     strength: float = 1.0,
     go_on: bool = False,
+    variant: str | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stage 3: colour transfer, distillation and stylization.
 
@@ -210,17 +212,21 @@ def stylize_scene(
         strength: How much of the styles is shown, over 0 to 1; can be changed afterwards.
         go_on: Begin with the scene's own styled network: regions that are styled already go on from where they are
             instead of being painted anew, and those that are not named keep their style.
+        variant: What to call the painting, a name that no variant of the scene has; without one it is ``styled``, and
+            replaces a variant of that name; going on without one replaces the variant that is shown.
 
     Returns:
-        The scene with the network ``styled``, and a report as of :func:`train_scene`; ``notes`` says which styles are
-        not used or shared, and which masks make no difference.
+        The scene with one more variant, which is shown, its edits as they were, and a report as of :func:`train_scene`;
+        ``notes`` says which styles are not used or shared, and which masks make no difference.
 
     Raises:
         BadInput: no palette network, no styles, a region or style that does not exist, nothing left to style, a mask
             that is empty or of another size than its picture, a stroke size or strength out of range, or going on with
-            a scene that holds no styled network.
+            a scene that holds no styled network, or a variant that exists.
     """
-    chosen = preset(preset_name)
+    chosen, name = preset(preset_name), scene.free_name(variant)
+    if go_on and variant is None and scene.variant is not None:
+        name = scene.variant
     masks, notes = checked_masks(masks, styles)
     if mapping == "colour":
         by_hand = pairs_by_colour(scene.regions, styles, masks, keep) or None
@@ -273,13 +279,13 @@ def stylize_scene(
         seconds["stylize"] = _run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds
     distillation.field.requires_grad_(False)
+    own = {k: r.style for k, r in enumerate(scene.regions) if go_on and r.style is not None}
     regions = tuple(
-        replace(r, style=labels[pairs[k]], strength=float(strength), edited_colour=None)
-        if k in pairs
-        else (r if go_on else replace(r, style=None, strength=1.0))  # a new network knows nothing of older styles
+        replace(r, strength=float(strength)) if k in pairs else r if k in own else replace(r, strength=1.0)
         for k, r in enumerate(scene.regions)
     )
-    styled = replace(scene, styled=distillation.field, regions=regions)
+    styles_of = {**own, **{k: labels[v] for k, v in pairs.items()}}
+    styled = replace(scene, regions=regions).painted(distillation.field, styles_of, {}, name)
     report = {
         "seconds": seconds,
         "peak_rss_bytes": cost.peak_rss_bytes,
@@ -361,7 +367,7 @@ def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
     seconds[name] = time.monotonic() - begin
 
 
-def _key(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:
+def key_of(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:
     """What a training run depends on: a checkpoint of anything else is not gone on from."""
     pixels = views.images[:: max(1, len(views.images) // 8), ::16, ::16].astype(np.int64)
     return {

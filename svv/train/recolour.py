@@ -68,19 +68,20 @@ class Recolouring:
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
-        mixed = 1.0 - parts.weights.square().sum(dim=1) if self.owners is None else torch.zeros_like(offsets)
+        settled = self.owners is not None and not self.owners.shared
+        mixed = torch.zeros_like(offsets) if settled else 1.0 - parts.weights.square().sum(dim=1)
         values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
         out, _, _ = composite(samples, sigma, values)
         error = (out[:, :3] - batch.premultiplied).square().mean()
         drift = (self.field.colours - self.start).square().sum()
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
-        penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, s.mixing_weight])
+        pure = s.mixing_weight * (s.mixing_start + (1.0 - s.mixing_start) * fraction)
+        penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, pure])
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
         if self.owners is not None and len(samples):
-            owner = self.owners.of(samples.position)
+            owner, own = self.owners.told(parts.weights, samples.position)
             # A thin shell has as much of a say as the fog that it lies in.
             each = 1.0 / torch.bincount(owner, minlength=parts.weights.shape[1]).clamp(min=1)[owner]
-            own = parts.weights.gather(1, owner[:, None])[:, 0]
             loss = loss - s.owner_weight * (each * own.log()).sum() / parts.weights.shape[1]
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

@@ -1,0 +1,139 @@
+"""A palette corrected by hand: stage 2 is trained again for it, on the base network that is there.
+
+The paper's cure for regions of similar hue (StyleRF-VolVis, section limitations): the palette that is found joins them,
+and somebody who knows better says so.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from svv.core.correction import Correction, Entry, corrected
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.edits import History, edits_of, with_edits
+from svv.fields.scene import Region, Scene
+from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import device_report, forget_gpu_peak
+from svv.measure import measured
+from svv.train.checkpoint import Checkpoint
+from svv.train.config import Preset, preset
+from svv.train.pipeline import camera_rig, key_of
+from svv.train.ranges import Owners, hull_of, membership
+from svv.train.recolour import recolour
+from svv.train.sampling import with_fewest_samples
+
+ELSEWHERE = 0.05
+"""Views whose cameras stand around another place or at another distance, by more than this part of it, are of another
+scene."""
+
+FIRST_OFFSETS = 100.0
+"""Factor on the weight of the offsets at the start, where the views decide which point is of which colour. Colours of
+similar hue can stand in for one another with small offsets, and then chance decides: asked to be pure from the
+start, the weights take either. So here the weights come first, which mix the given colours as the views want it,
+then purity, and the offsets last."""
+
+
+def correct_palette(
+    scene: Scene,
+    views: ViewSet,
+    correction: Correction,
+    preset_name: str | Preset = "balanced",
+    time_limit: float | None = None,
+    seed: int = 0,
+    progress: Progress = silent,
+    checkpoint: Path | None = None,
+) -> tuple[Scene, dict[str, Any]]:
+    """Correct the palette of a scene and train its palette colour network again; the base network stays.
+
+    Where the scene knows which values its regions show and the views carry the classified volume, regions stay made of
+    ranges of the transfer function: they are merged and taken apart, and a removed region's go to their neighbours.
+    Else the corrected palette is taken as given, and the views decide which point is of which colour.
+
+    Args:
+        scene: With a palette network; its device is where the work is done.
+        views: Those it was trained on, or others of the same scene.
+        correction: What to do.
+        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``, or settings of one's own, for how long to train.
+        time_limit: Seconds; a longer schedule is shortened to fit.
+        seed: Same input, same result, as of :func:`svv.train.pipeline.train_scene`.
+        progress: Called several times a second; stops the training when it raises.
+        checkpoint: File to save to now and then, and to go on from if it is there.
+
+    Returns:
+        The scene with its new regions: those that took over an old one keep its edits, without a history. Its
+        paintings are gone, for they are of the old regions. And a report as of :func:`train_scene`, whose ``notes``
+        say what was done.
+
+    Raises:
+        BadInput: no palette network, views of another scene, or a correction that cannot be
+            (:func:`svv.core.correction.corrected`).
+    """
+    if scene.palette is None:
+        raise BadInput("The scene holds no palette network to correct; train it again.")
+    if time_limit is not None and not time_limit > 0:
+        raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
+    _check_views(scene, views)
+    chosen = preset(preset_name, scene.settings.encoding)
+    volume = views.classified if all(region.values for region in scene.regions) else None
+    member = np.zeros((0, len(scene.regions)), bool) if volume is None else membership(scene.regions, volume)
+    before = [
+        Entry(region.colour, region.share, (number,), tuple(int(r) for r in np.flatnonzero(member[:, number])))
+        for number, region in enumerate(scene.regions)
+    ]
+    ranges = () if volume is None else volume.ranges
+    entries, notes = corrected(before, correction, ranges)
+    owners, settings = None, chosen.recolour
+    if volume is not None:
+        owners = Owners(volume, np.array([[r in e.ranges for e in entries] for r in range(len(ranges))]), scene.device)
+    if owners is None or owners.shared:
+        settings = replace(settings, offset_start=max(FIRST_OFFSETS, settings.offset_start), mixing_start=0.0)
+    saved = None
+    if checkpoint is not None:
+        key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries]}
+        saved = Checkpoint(checkpoint, key)
+    forget_gpu_peak(scene.device)
+    with measured() as cost:
+        network, shares, spent = recolour(
+            views, scene.base, scene.occupancy, scene.marching, np.array([entry.colour for entry in entries]),
+            scene.settings, settings, seed, time_limit, part(progress, 0.0, 0.98), saved, owners,
+        )  # fmt: skip
+        begin = time.monotonic()
+        regions = []
+        for entry, colour, share in zip(entries, network.colours.tolist(), shares, strict=True):
+            shown = tuple((ranges[r].low, ranges[r].high) for r in entry.ranges)
+            regions.append(Region(tuple(colour), float(share), values=hull_of(shown), ranges=shown))
+        plain = replace(scene, palette=network, regions=tuple(regions), history=History(), styled=None, painting=None,
+                        others=())  # fmt: skip
+        plain, reason = with_fewest_samples(plain, views.cameras)
+        progress(1.0, "palette colour network")
+    if scene.variants:
+        notes = (*notes, f"paintings of the old regions dropped: {', '.join(scene.variants)}")
+    kept = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
+    result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, kept, strict=True)))
+    seconds = {"pcn": spent, "sampling": time.monotonic() - begin}
+    report = {
+        "seconds": {**seconds, "total": sum(seconds.values())},
+        "peak_rss_bytes": cost.peak_rss_bytes,
+        "parameters": result.info()["parameters"]["total"],
+        **device_report(scene.device),
+        "threads": torch.get_num_threads(),
+        "seed": seed,
+        "preset": chosen.name,
+        "encoding": scene.settings.encoding,
+        "notes": [*notes, reason],
+    }
+    made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
+    return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
+
+
+def _check_views(scene: Scene, views: ViewSet) -> None:
+    rig, ours = camera_rig(views), scene.camera_rig
+    far = np.linalg.norm(np.subtract(rig["centre"], ours["centre"])) + abs(rig["radius"] - ours["radius"])
+    if not far <= ELSEWHERE * ours["radius"]:
+        raise BadInput("These views are of another scene: give those that it was trained on.")

@@ -1,0 +1,52 @@
+"""A scene that nobody trained, for tests of what is done to scenes."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from svv.core.box import Box
+from svv.core.cameras import Camera
+from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Marching
+from svv.fields.scene import Region, Scene
+
+
+def cube_scene(seed: int = 0) -> Scene:
+    """A scene that nobody trained: a translucent cube, in which three regions lie about at random."""
+
+    torch.manual_seed(seed)
+    field = FieldSettings(resolutions=(4, 8), width=16)
+    occupancy = Occupancy(Box((-0.5,) * 3, 1.0, (1.0,) * 3), 4, np.ones((4, 4, 4), np.uint8))
+    base = BaseField(field, occupancy)
+    assert base.density is not None
+    for encoding in base.encodings:
+        encoding.randomize(1.0, torch.Generator().manual_seed(3))
+    with torch.no_grad():
+        base.density.table.add_(0.5)
+    colours = ((0.9, 0.2, 0.1), (0.1, 0.3, 0.9), (0.2, 0.8, 0.3))
+    palette = PaletteField(field, occupancy, base.geometry_width, torch.tensor(colours))
+    palette.encoding.randomize(3.0, torch.Generator().manual_seed(4))
+    rig = {"centre": [0.0, 0.0, 0.0], "radius": 3.0, "fov_x": 0.5, "size": [24, 24]}
+    regions = tuple(Region(colour, 1 / 3) for colour in colours)
+    networks = base.requires_grad_(False), palette.requires_grad_(False)
+    scene = Scene(field, occupancy, Marching(1 / 16), *networks, regions=regions, camera_rig=rig)
+    return Scene.from_bytes(scene.to_bytes())  # as a file holds it
+
+
+def cube_paint(scene: Scene, seed: int) -> UnrestrictedField:
+    """A painting of the cube in colours that come as they may."""
+
+    torch.manual_seed(seed)
+    network = UnrestrictedField(scene.settings, scene.occupancy).requires_grad_(False)
+    network.encoding.randomize(2.0, torch.Generator().manual_seed(seed))
+    return network
+
+
+def cube_camera(size: int = 24) -> Camera:
+    """The cube from the front."""
+
+    pose = np.eye(4)
+    pose[2, 3] = 3.0
+    return Camera(pose, 0.5, size, size)

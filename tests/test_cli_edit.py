@@ -1,0 +1,124 @@
+"""`svv edit`, and what `svv render` and `svv info` make of edited scenes: a command is a step, which can be undone."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from svv import cli
+from svv.errors import BadInput
+from svv.fields.scene import Scene
+from tests.cube import cube_paint
+
+Run = Callable[..., None]
+
+
+@pytest.fixture
+def svv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cube: Scene) -> Run:
+    """Run a command in a folder with `cube.svv` and the painted `two.svv`."""
+    monkeypatch.chdir(tmp_path)
+    cube.save("cube.svv")
+    ink = cube.painted(cube_paint(cube, 1), {0: "brush"}, {}, "ink")
+    ink.painted(cube_paint(cube, 2), {0: "oil", 1: "oil"}, {}, "oil").save("two.svv")
+
+    def run(*arguments: str) -> None:
+        cli.app(list(arguments), prog_name="svv", standalone_mode=False)
+
+    return run
+
+
+def test_one_command_is_one_step(svv: Run) -> None:
+    svv("edit", "cube.svv", "--region", "0", "--opacity", "0.5", "--hide", "1,2", "--out", "a.svv")
+    edited = Scene.load("a.svv")
+    assert edited.regions[0].opacity == 0.5
+    assert [r.hidden for r in edited.regions] == [False, True, True]
+    assert len(edited.history.past) == 1
+    svv("edit", "a.svv", "--show", "all", "--out", "b.svv")
+    assert [r.hidden for r in Scene.load("b.svv").regions] == [False] * 3
+    svv("edit", "b.svv", "--undo", "--undo", "--out", "c.svv")
+    assert Scene.load("c.svv").regions == Scene.load("cube.svv").regions
+    svv("edit", "c.svv", "--redo", "--out", "c.svv")
+    assert Scene.load("c.svv").regions == edited.regions
+    svv("edit", "c.svv", "--reset", "0", "--isolate", "1", "--out", "d.svv")
+    assert Scene.load("d.svv").regions[0].opacity == 1.0
+    assert [r.hidden for r in Scene.load("d.svv").regions] == [True, False, True]
+
+
+def test_a_picture_of_each_variant(svv: Run) -> None:
+    pictures = {}
+    for name in ("ink", "oil"):
+        svv("render", "two.svv", "--variant", name, "--size", "32", "--out", f"{name}.png")
+        pictures[name] = np.asarray(Image.open(f"{name}.png"))
+    svv("edit", "two.svv", "--drop-variant", "oil", "--out", "one.svv")
+    svv("render", "one.svv", "--size", "32", "--out", "one.png")
+    np.testing.assert_array_equal(np.asarray(Image.open("one.png")), pictures["ink"])
+    assert not np.array_equal(pictures["ink"], pictures["oil"])
+    svv("edit", "two.svv", "--show-variant", "ink", "--strength", "0", "--out", "faint.svv")
+    svv("render", "faint.svv", "--size", "32", "--out", "faint.png")
+    svv("render", "two.svv", "--network", "pcn", "--size", "32", "--out", "plain.png")
+    faint, plain = (np.asarray(Image.open(f"{name}.png"), int) for name in ("faint", "plain"))
+    np.testing.assert_allclose(faint, plain, atol=1)
+
+
+def test_info_lists_variants_and_history(svv: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    svv("edit", "two.svv", "--isolate", "1", "--out", "a.svv")
+    capsys.readouterr()
+    svv("info", "a.svv", "--json", "a.json")
+    shown, content = capsys.readouterr().out, json.loads(Path("a.json").read_text())
+    assert content["variants"] == {"ink": {"0": "brush"}, "oil": {"0": "oil", "1": "oil"}}
+    assert (content["variant"], content["undo"], content["redo"]) == ("oil", ["isolate 1"], [])
+    assert "isolate 1" in shown and "ink" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["edit", "cube.svv"], "Nothing to change"),
+        (["edit", "cube.svv", "--region", "0"], "Nothing to change"),
+        (["edit", "cube.svv", "--opacity", "0.5"], "--region K"),
+        (["edit", "cube.svv", "--region", "9", "--opacity", "0.5"], "no region 9"),
+        (["edit", "cube.svv", "--isolate", "9"], "no region 9"),
+        (["edit", "cube.svv", "--hide", "all"], "whole numbers"),
+        (["edit", "cube.svv", "--show", "x"], "whole numbers"),
+        (["edit", "cube.svv", "--reset", "4"], "no region 4"),
+        (["edit", "cube.svv", "--undo"], "nothing to undo"),
+        (["edit", "cube.svv", "--redo"], "nothing to redo"),
+        (["edit", "cube.svv", "--undo", "--hide", "0"], "alone"),
+        (["edit", "cube.svv", "--undo", "--redo"], "alone"),
+        (["edit", "cube.svv", "--show-variant", "ink"], "never painted"),
+        (["edit", "two.svv", "--drop-variant", "gold"], "no variant 'gold'"),
+        (["edit", "two.svv", "--region", "0", "--colour", "#ff0000"], "is styled"),
+        (["render", "two.svv", "--variant", "gold"], "no variant 'gold'"),
+        (["render", "two.svv", "--variant", "ink", "--network", "pcn"], "leave --network pcn away"),
+        (["palette", "cube.svv", "--views", "none", "--set", "0"], "sets no colour"),
+        (["palette", "cube.svv", "--views", "none", "--set", "x=#ff0000"], "sets no colour"),
+        (["palette", "cube.svv", "--views", "none", "--merge", "0;1"], "whole numbers"),
+        (["palette", "cube.svv", "--views", "none", "--add", "red"], "is no colour"),
+        (["palette", "cube.svv", "--views", "none", "--add", "#ff0000"], "none"),
+        (["stylize", "two.svv", "--style", "none.png", "--variant", "ink"], "none.png"),
+    ],
+)
+def test_bad_use_is_one_sentence_and_writes_nothing(
+    svv: Run, arguments: list[str], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(Path().iterdir())
+    monkeypatch.setattr(sys, "argv", ["svv", *arguments, "--out", "x.svv" if arguments[0] != "render" else "x.png"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    error = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert error.startswith("svv: ") and error.count("\n") == 1 and said in error, error
+    assert sorted(Path().iterdir()) == before
+
+
+def test_a_painting_of_a_name_that_is_there_is_refused_before_work_begins(svv: Run) -> None:
+    Image.fromarray(np.zeros((32, 32, 3), np.uint8)).save("style.png")
+    with pytest.raises(BadInput, match="'ink' already"):
+        svv("stylize", "two.svv", "--style", "style.png", "--variant", "ink", "--out", "x.svv")
+    assert not Path("x.svv").exists()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from svv import __version__, cli_chart, cli_edit, cli_job, cli_paraview, cli_stability, cli_style
+from svv import __version__, cli_chart, cli_edit, cli_job, cli_paraview, cli_sheet, cli_stability, cli_style
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.options import (
@@ -362,6 +362,8 @@ def _text(value: object) -> str:
 
 app.command(epilog=examples(*cli_style.STYLES))(cli_style.styles)
 app.command("style-mask", epilog=examples(*cli_style.STYLE_MASK))(cli_style.style_mask)
+app.command(epilog=examples(*cli_sheet.SHEET))(cli_sheet.sheet)
+app.command(epilog=examples(*cli_sheet.FIGURES))(cli_sheet.figures)
 app.command(epilog=examples(*cli_chart.CHART))(cli_chart.chart)
 app.command(epilog=examples(*cli_stability.STABILITY))(cli_stability.stability)
 cli_paraview.add_to(app)  # last, as in the help

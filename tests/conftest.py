@@ -21,3 +21,11 @@ def cube() -> Scene:
     from tests.cube import cube_scene
 
     return cube_scene()
+
+
+@pytest.fixture(scope="session")
+def balls() -> Scene:
+    """An orange and a blue ball side by side: two regions that do not mix."""
+    from tests.balls import balls_scene
+
+    return balls_scene()

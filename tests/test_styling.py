@@ -9,49 +9,23 @@ import numpy as np
 import pytest
 import torch
 
-from svv.core.cameras import Camera, sphere_cameras
 from svv.core.nnfm import luminance
 from svv.errors import BadInput, Cancelled
 from svv.fields.scene import Scene
-from svv.io.viewset import ViewSet
-from svv.train.config import PRESETS
 from svv.train.features import load_features
-from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import StyleLossSettings, StyleTarget
 from svv.train.stylize import stylization_cameras, visible_from
+from tests.balls import SHORT
 
-DRAFT = PRESETS["draft"]
-SHORT = replace(
-    DRAFT,
-    reconstruct=replace(DRAFT.reconstruct, iterations=100, rays=1024, samples=8192, cells=32),
-    recolour=replace(DRAFT.recolour, iterations=300, rays=1024, samples=8192),
-    stylize=replace(DRAFT.stylize, distil_iterations=50, distil_views=12, distil_rays=1024,
-                    network_rate=0.02, style_iterations=4, style_views=4, style_size=64),
-)  # fmt: skip
 SMALL = StyleLossSettings(style_size=96)
 RED, GREEN = np.array([0.85, 0.2, 0.1]), np.array([0.1, 0.7, 0.25])
 SIZE = 96
 
 
-def two_balls(camera: Camera) -> np.ndarray:
-    """An orange and a blue ball side by side, flat, straight alpha. (H, W, 4) uint8"""
-    origins, directions = camera.rays()
-    nearest, image = np.full(directions.shape[:2], np.inf), np.zeros((*directions.shape[:2], 4))
-    for x, colour in ((-0.35, (0.9, 0.5, 0.1, 1.0)), (0.35, (0.1, 0.2, 0.9, 1.0))):
-        towards = np.array([x, 0.0, 0.0]) - origins
-        along = (towards * directions).sum(-1)
-        inside = 0.3**2 - ((towards - along[..., None] * directions) ** 2).sum(-1)
-        t = along - np.sqrt(np.maximum(inside, 0.0))
-        hit = (inside > 0) & (t < nearest)
-        image[hit], nearest = colour, np.where(hit, t, nearest)
-    return (image * 255.0).round().astype(np.uint8)
-
-
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    cameras = sphere_cameras(24, (0.0, 0.0, 0.0), 4.0, np.radians(30), 56)
-    names = tuple(f"r_{k:04d}" for k in range(len(cameras)))
-    return train_scene(ViewSet(tuple(cameras), np.stack([two_balls(c) for c in cameras]), names, {}), SHORT)[0]
+@pytest.fixture
+def scene(balls: Scene) -> Scene:
+    return balls
 
 
 @pytest.fixture(scope="module")

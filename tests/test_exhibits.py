@@ -1,0 +1,92 @@
+"""Sheets of paintings: every scene in every style, nothing painted twice, and figures that show what was asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from svv.errors import BadInput
+from svv.fields.scene import Scene
+from svv.io.output import write_png
+from svv.report.exhibits import Exhibit, paint_figures, paint_sheet
+from svv.train.config import PRESETS, StylizeSettings
+
+HOW = Exhibit("draft", 48)
+SHORT = StylizeSettings(distil_iterations=60, distil_views=4, distil_rays=1024, network_rate=0.02, style_iterations=3,
+                        style_views=3, style_size=48)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(PRESETS, "draft", replace(PRESETS["draft"], stylize=SHORT))
+
+
+@pytest.fixture
+def scene(tmp_path: Path, balls: Scene) -> Path:
+    path = tmp_path / "balls.svv"
+    balls.save(path)
+    return path
+
+
+@pytest.fixture
+def styles(tmp_path: Path) -> list[str]:
+    rng, found = np.random.default_rng(0), []
+    for name, colour in (("red", (0.8, 0.2, 0.2)), ("green", (0.2, 0.7, 0.2))):
+        found.append(str(tmp_path / f"{name}.png"))
+        write_png(found[-1], np.clip(rng.normal(colour, 0.1, (64, 64, 3)), 0, 1))
+    return found
+
+
+def panel(path: Path, row: int, column: int) -> np.ndarray:
+    """A picture of a sheet, levels. (48, 48, 3)"""
+    picture, head = np.asarray(Image.open(path)).astype(float), 18
+    return picture[head + row * 54 : head + row * 54 + 48, column * 54 : column * 54 + 48, :3]
+
+
+def ink(picture: np.ndarray) -> np.ndarray:
+    """How much of each colour is missing from white: what was painted has less of that. (3,)"""
+    return (255.0 - picture).mean(axis=(0, 1))
+
+
+def test_a_sheet_has_a_row_a_scene_and_a_column_a_style_and_is_not_painted_twice(
+    scene: Path, styles: list[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "sheet"
+    path = paint_sheet([scene], styles, out, HOW)
+    assert np.asarray(Image.open(path)).shape[:2] == (18 + 2 * 54 - 6, 3 * 54 - 6)
+    assert ink(panel(path, 1, 1)).argmin() == 0 and ink(panel(path, 1, 2)).argmin() == 1
+    made = {file: file.stat().st_mtime_ns for file in out.glob("*.svv")}
+    assert sorted(file.name for file in made) == ["balls-green.svv", "balls-red.svv"]
+    paint_sheet([scene], styles[:1], out, HOW)
+    assert {file: file.stat().st_mtime_ns for file in out.glob("*.svv")} == made
+
+
+def test_figures_show_parts_alone_together_and_edited(scene: Path, styles: list[str], tmp_path: Path) -> None:
+    out = tmp_path / "figures"
+    several, parts, edits = paint_figures(scene, styles, out, HOW)
+    regions = len(Scene.load(scene).regions)
+    assert [r.style is not None for r in Scene.load(out / "only-1.svv").regions] == [k == 1 for k in range(regions)]
+    own, alone, all_of_them = (panel(several, 0, column) for column in (0, 2, 2 + regions + 1))
+    assert np.abs(own - alone).mean() > 1 and np.abs(alone - all_of_them).mean() > 1
+    assert (panel(parts, 0, 1).mean(axis=2) > 250).mean() > 0.1  # beyond the part it is white
+    painted, faint, bright = (panel(edits, 0, column) for column in (1, 2, 5))
+    assert ink(faint).sum() < ink(painted).sum() and np.abs(bright - painted).mean() > 0.1
+
+
+def test_bad_input_is_told_before_anything_is_painted(scene: Path, styles: list[str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(BadInput, match="two styles"):
+        paint_figures(scene, styles[:1], out, HOW)
+    with pytest.raises(BadInput, match="Two styles are called 'red'"):
+        paint_sheet([scene], [styles[0], styles[0]], out, HOW)
+    with pytest.raises(BadInput, match="0 to 180"):
+        Exhibit(frame=181)
+    plain = tmp_path / "plain.svv"
+    replace(Scene.load(scene), palette=None, regions=()).save(plain)
+    with pytest.raises(BadInput, match="no palette network"):
+        paint_sheet([plain], styles, out, HOW)
+    assert not out.exists()

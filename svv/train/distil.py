@@ -51,9 +51,10 @@ class Distillation:
         self.scene, self.teacher, self.palette = scene, scene.palette, transferred
         self.settings, self.seed = settings, seed
         self.field = UnrestrictedField(scene.settings, scene.occupancy).to(scene.device)
-        # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it.
+        # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it;
+        # what the student has beside, finer levels behind the teacher's, begins with zeros.
         with torch.no_grad():
-            self.field.encoding.table.copy_(self.teacher.encoding.table)
+            self.field.encoding.table[: len(self.teacher.encoding.table)] = self.teacher.encoding.table
         rig = scene.camera_rig
         cameras = sphere_cameras(settings.distil_views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)
         self.caster = RayCaster(cameras, scene.occupancy.box, scene.device)

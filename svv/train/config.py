@@ -88,7 +88,7 @@ class RecolourSettings:
     mixing_weight: float = 0.01
     """Weight of 1 - sum w_i^2: each point belongs to one range of the transfer function, and an edit of one region
     must not bleed into another. Where the volume says which range that is, it stands for this instead:"""
-    owner_weight: float = 0.03
+    owner_weight: float = 0.1
     """Weight of -ln w of a sample's own range, mean over the samples of each range and over the ranges."""
 
 

@@ -14,7 +14,7 @@ from svv.fields.rendering import RayCaster, composite, march
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 
-RAYS = 16384
+RAYS = 8192
 """Pixels that are looked at."""
 
 LEAST_GAIN = 0.05

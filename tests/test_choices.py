@@ -17,6 +17,7 @@ from svv.core.box import Box
 from svv.core.cameras import sphere_cameras
 from svv.dvr.mappers import Shading
 from svv.dvr.views import make_views
+from svv.errors import silent
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import BaseField, FieldSettings
 from svv.fields.occupancy import Occupancy
@@ -24,16 +25,17 @@ from svv.fields.rendering import Marching
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.report.stability_scenes import NESTED, SCENES, Array, KnownScene, Range, shells
-from svv.train.config import PRESETS
+from svv.train.config import PRESETS, fitted_field
 from svv.train.levels import without_finer
 from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.reconstruct import first_occupancy
 from svv.train.textures import style_picture
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(
     DRAFT,
-    reconstruct=replace(DRAFT.reconstruct, iterations=200, rays=1024, samples=8192),
-    recolour=replace(DRAFT.recolour, iterations=40, rays=512, samples=4096),
+    reconstruct=replace(DRAFT.reconstruct, iterations=120, rays=512, samples=4096, cells=64),
+    recolour=replace(DRAFT.recolour, iterations=10, rays=256, samples=2048),
     stylize=replace(DRAFT.stylize, distil_iterations=4, style_iterations=2, style_views=2, style_size=48),
 )
 
@@ -56,6 +58,12 @@ def solid(point: Array) -> Array:
     return np.asarray(0.75 + 0.25 * np.sign(0.9 - np.sqrt((point**2).sum(axis=0))))
 
 
+def corners(point: Array) -> Array:
+    """Two small balls in opposite corners."""
+    distance = [np.sqrt(((point - side * 0.65) ** 2).sum(axis=0)) for side in (-1.0, 1.0)]
+    return np.asarray(0.75 + 0.25 * np.sign(0.25 - np.min(distance, axis=0)))
+
+
 @dataclass(frozen=True)
 class Made:
     """A scene that is made so that its choices are known."""
@@ -73,6 +81,7 @@ MADE = {
     "many hues": Made(
         KnownScene(shells, tuple(Range(0.1 + 0.14 * k, 0.22 + 0.14 * k, 0.1 + 0.1 * k, c) for k, c in enumerate(HUES)))
     ),
+    "two corners": Made(KnownScene(corners, (Range(0.8, 1.2, 0.9, HUES[0]),))),
     "solid": Made(KnownScene(solid, (Range(0.8, 1.2, 0.9, HUES[0]),))),
     "huge empty box": Made(KnownScene(small_ring, SCENES["one-region"].ranges), resolution=96, size=168),
 }
@@ -89,11 +98,19 @@ def views_of(name: str) -> ViewSet:
 
 
 @cache
-def trained(name: str, alone: bool = False) -> tuple[Scene, str]:
-    """The scene and its notes, from the views ``alone`` or with the volume."""
-    views = views_of(name)
-    scene, report = train_scene(replace(views, classified=None) if alone else views, SHORT)
+def trained(name: str) -> tuple[Scene, str]:
+    """The scene and its notes."""
+    scene, report = train_scene(views_of(name), SHORT)
     return scene, "\n".join(report["notes"])
+
+
+def before_training(name: str, alone: bool = False) -> tuple[Occupancy, FieldSettings, str]:
+    """Box and occupancy, the levels that pixels can tell apart, and why; from views ``alone`` or with the volume."""
+    views = views_of(name)
+    views = replace(views, classified=None) if alone else views
+    occupancy, why = first_occupancy(views, SHORT.reconstruct, SHORT.field, silent)
+    field, reason = fitted_field(SHORT.field, views.cameras, occupancy.box)
+    return occupancy, field, f"{why}\n{reason}"
 
 
 @pytest.mark.parametrize(("name", "count"), [("opaque, one region", 1), ("nested translucent", 3), ("many hues", 6)])
@@ -113,18 +130,18 @@ def test_a_lighting_network_is_there_where_light_is(name: str) -> None:
 @pytest.mark.parametrize("alone", [False, True], ids=["with the volume", "from views alone"])
 def test_a_huge_empty_box_costs_nothing(alone: bool) -> None:
     """A scene in a small part of its volume gets the box, the resolution and the occupancy of one that fills it."""
-    fills, lost = (trained(name, alone)[0] for name in ("opaque, one region", "huge empty box"))
-    assert lost.occupancy.box.size / fills.occupancy.box.size == pytest.approx(0.25, rel=0.1)
-    finest = [scene.settings.resolutions + scene.settings.finer for scene in (fills, lost)]
-    assert finest[0] == finest[1]
-    assert lost.occupancy.fraction == pytest.approx(fills.occupancy.fraction, rel=0.35)
+    fills, lost = (before_training(name, alone) for name in ("opaque, one region", "huge empty box"))
+    assert lost[0].box.size / fills[0].box.size == pytest.approx(0.25, rel=0.1)
+    assert lost[1].resolutions == fills[1].resolutions
+    assert lost[0].fraction == pytest.approx(fills[0].fraction, rel=0.35)
 
 
-def test_occupied_is_what_is_visible() -> None:
-    ring, notes = trained("opaque, one region")
-    ball = trained("solid")[0]
-    assert ring.occupancy.fraction < 0.35 < ball.occupancy.fraction < 0.75  # a ball is 0.52 of its box
-    assert f"{ring.occupancy.fraction:.1%} of the box is left" in notes
+@pytest.mark.parametrize("alone", [False, True], ids=["with the volume", "from views alone"])
+def test_occupied_is_what_is_visible(alone: bool) -> None:
+    """A ball is 0.52 of its box; two small ones in opposite corners are a fiftieth of theirs."""
+    (few, _, said), (ball, _, _) = (before_training(name, alone) for name in ("two corners", "solid"))
+    assert few.fraction < 0.1 < 0.45 < ball.fraction < 0.75
+    assert f"{few.fraction:.1%} of the box" in said
 
 
 def test_one_flat_colour_needs_no_fine_levels() -> None:

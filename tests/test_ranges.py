@@ -20,6 +20,7 @@ from svv.dvr.views import make_views
 from svv.errors import BadInput
 from svv.fields.rendering import march
 from svv.io.viewset import ViewSet
+from svv.report.stability_scenes import SCENES
 from svv.train.batches import RayPool
 from svv.train.config import PRESETS, Preset, ReconstructSettings
 from svv.train.pipeline import train_scene
@@ -158,6 +159,15 @@ def test_trained_regions_are_the_ranges(hue: tuple[float, float, float]) -> None
     assert len(overlap) == 2
     assert overlap.min() > 0.9
     np.testing.assert_allclose(told, overlap, atol=0.02)  # of other rays
+
+
+def test_a_short_training_tells_a_white_in_the_shade_from_a_grey() -> None:
+    """They look alike, so colours pull a white region's weights towards the grey: the volume has the last word."""
+    known = SCENES["greys"]
+    views, _ = make_views(known.volume(32), known.transfer_function(), 16, 96, mapper="cpu", rescale=False)
+    short = replace(SHORT, reconstruct=replace(SHORT.reconstruct, iterations=100, samples=4096))
+    short = replace(short, recolour=replace(SHORT.recolour, iterations=60, samples=4096))
+    assert accuracy(views, short)[0].min() > 0.85
 
 
 def test_a_range_that_is_not_seen_is_no_region() -> None:

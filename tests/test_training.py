@@ -20,9 +20,9 @@ from svv.io.viewset import ViewSet
 from svv.train import pipeline
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings, fitted_field
-from svv.train.pipeline import style_pairs, stylize_scene, train_scene
+from svv.train.pipeline import stylize_scene, train_scene
 from svv.train.sampling import with_fewest_samples
-from svv.train.stylize import StyledView, visible_from
+from svv.train.stylize import visible_from
 
 SIZE = 64
 RED, BLUE = np.array([0.9, 0.1, 0.1]), np.array([0.1, 0.2, 0.9])
@@ -344,41 +344,6 @@ def test_region_images_keep_their_occluders(trained: tuple[Scene, dict[str, obje
     assert near.max() > 0.9
     assert float(far.mean()) < 0.15 * float(near.mean())
     assert float((hidden - 0.25).abs().mean()) < 0.15
-
-
-def test_region_image_is_weighted_colour_over_background() -> None:
-    view = StyledView(
-        torch.zeros(3, 3), torch.tensor([0.5, 0.25, 0.25]), torch.tensor([0, 0, 1]), torch.tensor([0, 1, 0]), 1, 2
-    )
-    image, mask = view.image(torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), 0, 0.2)
-    torch.testing.assert_close(mask, torch.tensor([[0.5, 0.25]]))
-    torch.testing.assert_close(image[:, 0, 0], torch.tensor([0.6, 0.1, 0.1]))
-    torch.testing.assert_close(image[:, 0, 1], torch.tensor([0.15, 0.15, 0.4]))
-
-
-@pytest.mark.parametrize(
-    ("regions", "styles", "mapping", "keep", "words"),
-    [
-        (2, 0, None, (), "at least one style"),
-        (2, 1, {5: 0}, (), "no region 5"),
-        (2, 1, {0: 3}, (), "no style 3"),
-        (2, 1, None, (4,), "no region 4"),
-        (2, 1, {0: 0}, (0,), "at once"),
-        (2, 1, None, (0, 1), "every one is kept"),
-        (0, 1, None, (), "no regions"),
-    ],
-)
-def test_pairs_that_cannot_be(
-    regions: int, styles: int, mapping: dict[int, int] | None, keep: tuple[int, ...], words: str
-) -> None:
-    with pytest.raises(BadInput, match=words):
-        style_pairs(regions, styles, mapping, keep)
-
-
-def test_pairs_in_turn() -> None:
-    assert style_pairs(3, 2, None, ()) == {0: 0, 1: 1, 2: 0}
-    assert style_pairs(3, 2, None, (0,)) == {1: 0, 2: 1}
-    assert style_pairs(3, 2, {2: 1}, ()) == {2: 1}
 
 
 @pytest.mark.parametrize("colours", [1, 2, 8])

@@ -6,7 +6,7 @@ Letters: S samples, P palette colours, G geometry features.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import torch
 from torch import Tensor, nn
@@ -50,6 +50,8 @@ class FieldSettings:
     """Whether the lighting MLP also scales the diffuse colour, as a headlight does; the paper's only adds a grey."""
     lit: bool = True
     """Whether there is a lighting MLP; views drawn without shading need none."""
+    finer: tuple[int, ...] = ()
+    """Levels of a lattice beyond ``resolutions`` that the scene's own colours do not need, but its paint may."""
 
     def encode(self, occupancy: Occupancy) -> Encoding:
         """A new table for this scene."""
@@ -211,7 +213,7 @@ class UnrestrictedField(nn.Module):
 
     def __init__(self, settings: FieldSettings, occupancy: Occupancy) -> None:
         super().__init__()
-        self.encoding = settings.encode(occupancy)
+        self.encoding = replace(settings, resolutions=settings.resolutions + settings.finer).encode(occupancy)
         self.colour_mlp = mlp(self.encoding.width, settings.width, 2, 3)
 
     def forward(self, position: Tensor) -> Tensor:

@@ -66,7 +66,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     bits = np.unpackbits(tensors["occupied"], count=int(np.prod(shape)))
     occupancy = Occupancy(box, int(header["cells"]), np.ascontiguousarray(bits.reshape(shape)))
     s = header["settings"]
-    settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"])})
+    settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"]), "finer": tuple(s.get("finer", ()))})
     base = BaseField(settings, occupancy, header["density_resolutions"])
     palette, styled = None, None
     regions = [_values(r) for r in header["regions"]]

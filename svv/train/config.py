@@ -87,10 +87,10 @@ class RecolourSettings:
     """Weight of (m - 1)^2, which keeps the material's brightness in I and the light's in m."""
     mixing_weight: float = 0.01
     """Weight of 1 - sum w_i^2: each point belongs to one range of the transfer function, and an edit of one region
-    must not bleed into another. Where the volume says which range that is, it stands for this instead:"""
+    must not bleed into another. Where the volume says which range that is, ``owner_weight`` counts instead."""
     mixing_start: float = 1.0
     """Factor on it at the start, which comes to 1 at the end."""
-    owner_weight: float = 0.03
+    owner_weight: float = 0.1
     """Weight of -ln w of a sample's own range, mean over the samples of each range and over the ranges."""
 
 

@@ -59,11 +59,12 @@ class Distillation:
         self.scene, self.teacher, self.palette = scene, scene.palette, transferred
         self.settings, self.seed = settings, seed
         self.field = UnrestrictedField(scene.settings, scene.occupancy).to(scene.device)
-        # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it.
+        # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it;
+        # what the student has beside, finer levels behind the teacher's, begins with zeros.
         self.before = before
         with torch.no_grad():
             if before is None:
-                self.field.encoding.table.copy_(self.teacher.encoding.table)
+                self.field.encoding.table[: len(self.teacher.encoding.table)] = self.teacher.encoding.table
             else:
                 self.field.load_state_dict(before.state_dict())
         styled = [before is not None and r.style is not None for r in scene.regions]

@@ -26,6 +26,7 @@ from svv.train.config import Preset, fitted_field, preset
 from svv.train.distil import Distillation
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import load_features
+from svv.train.levels import with_fewest_levels
 from svv.train.lighting import shows_light
 from svv.train.loop import Loop
 from svv.train.ranges import hull_of, regions_of
@@ -149,6 +150,9 @@ def _train(
             saved.finish("base", {"header": header, "seconds": seconds, "notes": notes}, arrays)
     known = None
     with _timed(seconds, "palette"):
+        if chosen.fitted:
+            scene, reason = with_fewest_levels(scene, views, seed)
+            notes.append(reason)
         if views.classified is not None and chosen.reconstruct.use_volume:
             known = regions_of(views.classified, views, scene, seed)
         palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette

@@ -1,4 +1,4 @@
-"""The filters in the real ParaView: what flows, what is kept, what is refused, and how it is stopped."""
+"""The filters in the real ParaView: what flows, what is kept and what is refused."""
 
 from __future__ import annotations
 
@@ -6,48 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
+from filter_script import VOLUME  # type: ignore[import-not-found]
 
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-
-VOLUME = """
-import json, os, sys, tempfile
-from paraview.simple import *
-from paraview import servermanager as sm
-
-def shown(extent=12):
-    wavelet = Wavelet(WholeExtent=[-extent, extent] * 3)
-    view = CreateView("RenderView")
-    display = Show(wavelet, view)
-    display.SetRepresentationType("Volume")
-    ColorBy(display, ("POINTS", "RTData"))
-    return wavelet, display
-
-def small(filter):
-    filter.Views, filter.ViewSize = 8, 64
-    return filter
-
-def trained(volume, **values):
-    filter = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0, **values))
-    filter.UpdatePipeline()
-    return filter
-
-def status(filter):
-    filter.UpdatePropertyInformation()
-    return filter.Status
-
-def image(filter, time=0.0):
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    filter.UpdatePipeline(time)
-    data = sm.Fetch(filter)
-    arrays = data.GetPointData()
-    return data.GetDimensions(), {arrays.GetArrayName(i): vtk_to_numpy(arrays.GetArray(i)).copy() for i in range(arrays.GetNumberOfArrays())}
-
-def scene(filter):
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    array = sm.Fetch(filter).GetFieldData().GetArray("StyleRF Scene")
-    return None if array is None else vtk_to_numpy(array).tobytes()
-"""  # noqa: E501
 
 
 @pytest.fixture(scope="module")
@@ -240,64 +202,6 @@ said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
     assert "Traceback" not in result.stderr
 
 
-def test_stopping_keeps_what_was_there_before(pvpython, tmp_path) -> None:
-    result = pvpython(
-        VOLUME
-        + """
-volume, display = shown()
-train = trained(volume)
-first = scene(train)
-algorithm = train.GetClientSideObject()
-def stop(*_):
-    if algorithm.GetProgress() > 0.3:
-        algorithm.SetAbortExecute(1)
-tag = algorithm.AddObserver("ProgressEvent", stop)
-train.Seed = 1
-train.UpdatePipeline()
-print("SAID", status(train))
-assert scene(train) == first
-algorithm.RemoveObserver(tag)
-train.Seed = 2
-train.UpdatePipeline()
-assert scene(train) not in (first, None)
-""",
-    )
-    assert "SAID Stopped" in result.stdout
-
-
-def test_two_trainings_at_once_and_what_is_deleted_meanwhile(pvpython) -> None:
-    result = pvpython(
-        VOLUME
-        + """
-volume, display = shown()
-one, two = (small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0, Seed=seed)) for seed in (0, 1))
-image = StyleRFRender(Input=one, ImageSize=[40, 40])
-said = []
-def meanwhile(*_):
-    if not said and one.GetClientSideObject().GetProgress() > 0.3:
-        said.append("")  # handled once
-        two.UpdatePipeline()
-        said.append(status(two))
-        Delete(display)
-        Delete(volume)
-one.GetClientSideObject().AddObserver("ProgressEvent", meanwhile)
-one.UpdatePipeline()
-print("SAID two:", said[1])
-print("SAID one:", status(one))
-first = scene(one)
-assert first is not None
-two.UpdatePipeline()
-Delete(one)
-image.UpdatePipeline()
-print("SAID image:", status(image))
-""",
-    )
-    said = dict(line[5:].split(": ", 1) for line in result.stdout.splitlines() if line.startswith("SAID "))
-    assert "StyleRFTrain is at work" in said["two"] and "regions" in said["one"], said
-    assert "pixels" in said["image"] or "no scene" in said["image"], said
-    assert "Traceback" not in result.stderr
-
-
 def test_what_filters_kept_goes_with_them(trained: Path, pvpython) -> None:
     pvpython(
         VOLUME
@@ -320,22 +224,6 @@ assert not any(ref() for ref in alive)
 """,
         trained,
     )
-
-
-def test_without_torch_a_filter_says_what_to_do(pvpython, tmp_path) -> None:
-    (tmp_path / "torch.py").write_text("raise ImportError('no torch here', name='torch')")
-    result = pvpython(
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
-        + VOLUME
-        + """
-volume, display = shown()
-train = trained(volume)
-print("SAID", status(train))
-""",
-        tmp_path,
-    )
-    assert "SAID torch is missing in ParaView's Python" in result.stdout
-    assert "Traceback" not in result.stderr
 
 
 def test_the_image_follows_the_camera(trained: Path, pvpython) -> None:
@@ -383,42 +271,3 @@ assert all(d.MapScalars == 1 for d in again), "a state was overruled later"
 """,
         trained, tmp_path / "state.pvsm",
     )  # fmt: skip
-
-
-def test_ranks_work_as_one_process_does(pvpython, mpiexec, tmp_path) -> None:
-    script = (
-        VOLUME
-        + """
-import numpy as np
-volume, display = shown()
-views = small(StyleRFViews(Input=volume))
-views.UpdatePipeline(2.0)
-data = sm.Fetch(views)
-from vtkmodules.util.numpy_support import vtk_to_numpy
-np.save(sys.argv[1], vtk_to_numpy(data.GetPointData().GetArray("RGBA")))
-"""
-    )
-    import numpy as np
-
-    pvpython(script, tmp_path / "one.npy")
-    mpiexec(script, tmp_path / "two.npy")
-    assert np.array_equal(np.load(tmp_path / "one.npy"), np.load(tmp_path / "two.npy"))
-
-
-def test_a_server_learns_what_the_client_shows(pvpython, pvserver) -> None:
-    pvpython(
-        VOLUME
-        + """
-Connect("127.0.0.1", int(sys.argv[1]))
-volume, display = shown()
-train = trained(volume)
-first = scene(train)
-assert train.TransferFunction is not None and first is not None, status(train)
-lut = GetColorTransferFunction("RTData")
-lut.RGBPoints = [*lut.RGBPoints[:1], 1.0, 0.0, 0.0, *lut.RGBPoints[4:]]
-train.TakeAsEdited()
-train.UpdatePipeline()
-assert scene(train) != first, "the client's edit did not reach the server"
-""",
-        pvserver,
-    )

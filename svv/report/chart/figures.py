@@ -32,6 +32,8 @@ DASHES: dict[str, Any] = {
     "balanced": (0, (5, 1.5)),
     "paper": (0, (5, 1.5, 1, 1.5)),
 }
+PLACES = ((-9, 3), "right"), ((9, -9), "left")
+"""Of labels beside their points, in turn, so that those of neighbours do not overlap: offset in points, alignment."""
 DVR = "#555555"
 DPI = 160
 PANEL = 4.0, 3.1
@@ -152,11 +154,12 @@ def _markers(axes: Axes, members: list[Row], x: list[float], y: list[float]) -> 
 
 
 def _ring(axes: Axes, x: list[float], y: list[float], best: list[bool], labels: list[str] | None) -> None:
-    for k, on in enumerate(best):
-        if on:
-            axes.plot(x[k], y[k], marker="o", markersize=11, color="black", markerfacecolor="none", zorder=4)
-            if labels:
-                axes.annotate(labels[k], (x[k], y[k]), (-9, 3), textcoords="offset points", ha="right", fontsize=7.5)
+    for number, k in enumerate(sorted((k for k, on in enumerate(best) if on), key=lambda k: x[k])):
+        axes.plot(x[k], y[k], marker="o", markersize=11, color="black", markerfacecolor="none", zorder=4)
+        if labels:
+            # A front rises to the right, so above and left of its points, and below and right, there is room.
+            place, side = PLACES[number % 2]
+            axes.annotate(labels[k], (x[k], y[k]), place, textcoords="offset points", ha=side, fontsize=7.5)
 
 
 def _labels(members: list[Row]) -> list[str]:

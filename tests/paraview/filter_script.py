@@ -1,0 +1,42 @@
+"""Begins the scripts of the filters' tests: a volume that is shown, small filters on it, and what to ask of them."""
+
+from __future__ import annotations
+
+VOLUME = """
+import json, os, sys, tempfile
+from paraview.simple import *
+from paraview import servermanager as sm
+
+def shown(extent=12):
+    wavelet = Wavelet(WholeExtent=[-extent, extent] * 3)
+    view = CreateView("RenderView")
+    display = Show(wavelet, view)
+    display.SetRepresentationType("Volume")
+    ColorBy(display, ("POINTS", "RTData"))
+    return wavelet, display
+
+def small(filter):
+    filter.Views, filter.ViewSize = 8, 64
+    return filter
+
+def trained(volume, **values):
+    filter = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0, **values))
+    filter.UpdatePipeline()
+    return filter
+
+def status(filter):
+    filter.UpdatePropertyInformation()
+    return filter.Status
+
+def image(filter, time=0.0):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    filter.UpdatePipeline(time)
+    data = sm.Fetch(filter)
+    arrays = data.GetPointData()
+    return data.GetDimensions(), {arrays.GetArrayName(i): vtk_to_numpy(arrays.GetArray(i)).copy() for i in range(arrays.GetNumberOfArrays())}
+
+def scene(filter):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    array = sm.Fetch(filter).GetFieldData().GetArray("StyleRF Scene")
+    return None if array is None else vtk_to_numpy(array).tobytes()
+"""  # noqa: E501

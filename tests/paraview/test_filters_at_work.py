@@ -1,0 +1,118 @@
+"""The filters in the real ParaView: stopped, side by side, without torch, on ranks and on a server."""
+
+from __future__ import annotations
+
+from filter_script import VOLUME  # type: ignore[import-not-found]
+
+
+def test_stopping_keeps_what_was_there_before(pvpython, tmp_path) -> None:
+    result = pvpython(
+        VOLUME
+        + """
+volume, display = shown()
+train = trained(volume)
+first = scene(train)
+algorithm = train.GetClientSideObject()
+def stop(*_):
+    if algorithm.GetProgress() > 0.3:
+        algorithm.SetAbortExecute(1)
+tag = algorithm.AddObserver("ProgressEvent", stop)
+train.Seed = 1
+train.UpdatePipeline()
+print("SAID", status(train))
+assert scene(train) == first
+algorithm.RemoveObserver(tag)
+train.Seed = 2
+train.UpdatePipeline()
+assert scene(train) not in (first, None)
+""",
+    )
+    assert "SAID Stopped" in result.stdout
+
+
+def test_two_trainings_at_once_and_what_is_deleted_meanwhile(pvpython) -> None:
+    result = pvpython(
+        VOLUME
+        + """
+volume, display = shown()
+one, two = (small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0, Seed=seed)) for seed in (0, 1))
+image = StyleRFRender(Input=one, ImageSize=[40, 40])
+said = []
+def meanwhile(*_):
+    if not said and one.GetClientSideObject().GetProgress() > 0.3:
+        said.append("")  # handled once
+        two.UpdatePipeline()
+        said.append(status(two))
+        Delete(display)
+        Delete(volume)
+one.GetClientSideObject().AddObserver("ProgressEvent", meanwhile)
+one.UpdatePipeline()
+print("SAID two:", said[1])
+print("SAID one:", status(one))
+first = scene(one)
+assert first is not None
+two.UpdatePipeline()
+Delete(one)
+image.UpdatePipeline()
+print("SAID image:", status(image))
+""",
+    )
+    said = dict(line[5:].split(": ", 1) for line in result.stdout.splitlines() if line.startswith("SAID "))
+    assert "StyleRFTrain is at work" in said["two"] and "regions" in said["one"], said
+    assert "pixels" in said["image"] or "no scene" in said["image"], said
+    assert "Traceback" not in result.stderr
+
+
+def test_without_torch_a_filter_says_what_to_do(pvpython, tmp_path) -> None:
+    (tmp_path / "torch.py").write_text("raise ImportError('no torch here', name='torch')")
+    result = pvpython(
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        + VOLUME
+        + """
+volume, display = shown()
+train = trained(volume)
+print("SAID", status(train))
+""",
+        tmp_path,
+    )
+    assert "SAID torch is missing in ParaView's Python" in result.stdout
+    assert "Traceback" not in result.stderr
+
+
+def test_ranks_work_as_one_process_does(pvpython, mpiexec, tmp_path) -> None:
+    script = (
+        VOLUME
+        + """
+import numpy as np
+volume, display = shown()
+views = small(StyleRFViews(Input=volume))
+views.UpdatePipeline(2.0)
+data = sm.Fetch(views)
+from vtkmodules.util.numpy_support import vtk_to_numpy
+np.save(sys.argv[1], vtk_to_numpy(data.GetPointData().GetArray("RGBA")))
+"""
+    )
+    import numpy as np
+
+    pvpython(script, tmp_path / "one.npy")
+    mpiexec(script, tmp_path / "two.npy")
+    assert np.array_equal(np.load(tmp_path / "one.npy"), np.load(tmp_path / "two.npy"))
+
+
+def test_a_server_learns_what_the_client_shows(pvpython, pvserver) -> None:
+    pvpython(
+        VOLUME
+        + """
+Connect("127.0.0.1", int(sys.argv[1]))
+volume, display = shown()
+train = trained(volume)
+first = scene(train)
+assert train.TransferFunction is not None and first is not None, status(train)
+lut = GetColorTransferFunction("RTData")
+lut.RGBPoints = [*lut.RGBPoints[:1], 1.0, 0.0, 0.0, *lut.RGBPoints[4:]]
+train.TakeAsEdited()
+train.UpdatePipeline()
+assert scene(train) != first, "the client's edit did not reach the server"
+""",
+        pvserver,
+    )

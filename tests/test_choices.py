@@ -1,0 +1,191 @@
+"""What a scene needs is chosen by rules: each is asked of scenes made so that different choices are right.
+
+Beside these: lighting network (test_lighting.py), palette from views (test_palette.py), ranges that are not seen
+(test_ranges.py), samples of images and the finest resolution by pixels (test_training.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+from svv.core.box import Box
+from svv.core.cameras import sphere_cameras
+from svv.dvr.mappers import Shading
+from svv.dvr.views import make_views
+from svv.errors import silent
+from svv.fields.encodings import SparseLattice
+from svv.fields.networks import BaseField, FieldSettings
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Marching
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.report.stability_scenes import NESTED, SCENES, Array, KnownScene, Range, shells
+from svv.train.config import PRESETS, fitted_field
+from svv.train.levels import without_finer
+from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.reconstruct import first_occupancy
+from svv.train.textures import style_picture
+
+DRAFT = PRESETS["draft"]
+SHORT = replace(
+    DRAFT,
+    reconstruct=replace(DRAFT.reconstruct, iterations=120, rays=512, samples=4096, cells=64),
+    recolour=replace(DRAFT.recolour, iterations=10, rays=256, samples=2048),
+    stylize=replace(DRAFT.stylize, distil_iterations=4, style_iterations=3, style_views=3, style_size=48),
+)
+
+HUES = ((0.9, 0.1, 0.1), (0.9, 0.8, 0.1), (0.1, 0.8, 0.2), (0.1, 0.8, 0.9), (0.1, 0.2, 0.9), (0.9, 0.1, 0.8))
+
+
+def small_ring(point: Array) -> Array:
+    """The ring at a quarter of its size, in a volume that is empty otherwise."""
+    return np.asarray(SCENES["one-region"].field(4.0 * point))
+
+
+def stripes(point: Array) -> Array:
+    """A ball in stripes, each hardly wider than a cell of the coarsest level."""
+    radius = np.sqrt((point**2).sum(axis=0))
+    return np.asarray(np.where(radius < 0.9, 0.5 + 0.5 * np.sign(np.sin(30.0 * point[0])), 0.5))
+
+
+def solid(point: Array) -> Array:
+    """A ball that fills its box as far as a ball can."""
+    return np.asarray(0.75 + 0.25 * np.sign(0.9 - np.sqrt((point**2).sum(axis=0))))
+
+
+def corners(point: Array) -> Array:
+    """Two small balls in opposite corners."""
+    distance = [np.sqrt(((point - side * 0.65) ** 2).sum(axis=0)) for side in (-1.0, 1.0)]
+    return np.asarray(0.75 + 0.25 * np.sign(0.25 - np.min(distance, axis=0)))
+
+
+@dataclass(frozen=True)
+class Made:
+    """A scene that is made so that its choices are known."""
+
+    known: KnownScene
+    shaded: bool = True
+    resolution: int = 32
+    size: int = 64
+
+
+MADE = {
+    "opaque, one region": Made(SCENES["one-region"], shaded=False, size=168),
+    "striped": Made(KnownScene(stripes, SCENES["easy"].ranges), shaded=False, size=168),
+    "nested translucent": Made(NESTED),
+    "many hues": Made(
+        KnownScene(shells, tuple(Range(0.1 + 0.14 * k, 0.22 + 0.14 * k, 0.1 + 0.1 * k, c) for k, c in enumerate(HUES)))
+    ),
+    "two corners": Made(KnownScene(corners, (Range(0.8, 1.2, 0.9, HUES[0]),))),
+    "solid": Made(KnownScene(solid, (Range(0.8, 1.2, 0.9, HUES[0]),))),
+    "huge empty box": Made(KnownScene(small_ring, SCENES["one-region"].ranges), resolution=96, size=168),
+}
+
+
+@cache
+def views_of(name: str) -> ViewSet:
+    """Training views of a scene."""
+    made = MADE[name]
+    return make_views(
+        made.known.volume(made.resolution), made.known.transfer_function(), 16, made.size, mapper="cpu", rescale=False,
+        shading=Shading(on=made.shaded),
+    )[0]  # fmt: skip
+
+
+@cache
+def trained(name: str) -> tuple[Scene, str]:
+    """The scene and its notes."""
+    scene, report = train_scene(views_of(name), SHORT)
+    return scene, "\n".join(report["notes"])
+
+
+def before_training(name: str, alone: bool = False) -> tuple[Occupancy, FieldSettings, str]:
+    """Box and occupancy, the levels that pixels can tell apart, and why; from views ``alone`` or with the volume."""
+    views = views_of(name)
+    views = replace(views, classified=None) if alone else views
+    occupancy, why = first_occupancy(views, SHORT.reconstruct, SHORT.field, silent)
+    field, reason = fitted_field(SHORT.field, views.cameras, occupancy.box)
+    return occupancy, field, f"{why}\n{reason}"
+
+
+@pytest.mark.parametrize(("name", "count"), [("opaque, one region", 1), ("nested translucent", 3), ("many hues", 6)])
+def test_a_palette_has_as_many_colours_as_there_are(name: str, count: int) -> None:
+    scene, notes = trained(name)
+    assert len(scene.regions) == count
+    assert f"{count} visible range" in notes
+
+
+@pytest.mark.parametrize("name", ["opaque, one region", "nested translucent"])
+def test_a_lighting_network_is_there_where_light_is(name: str) -> None:
+    scene, notes = trained(name)
+    assert scene.settings.lit == MADE[name].shaded
+    assert "with shading" in notes or "without shading" in notes
+
+
+@pytest.mark.parametrize("alone", [False, True], ids=["with the volume", "from views alone"])
+def test_a_huge_empty_box_costs_nothing(alone: bool) -> None:
+    """A scene in a small part of its volume gets the box, the resolution and the occupancy of one that fills it."""
+    fills, lost = (before_training(name, alone) for name in ("opaque, one region", "huge empty box"))
+    assert lost[0].box.size / fills[0].box.size == pytest.approx(0.25, rel=0.1)
+    assert lost[1].resolutions == fills[1].resolutions
+    assert lost[0].fraction == pytest.approx(fills[0].fraction, rel=0.35)
+
+
+@pytest.mark.parametrize("alone", [False, True], ids=["with the volume", "from views alone"])
+def test_occupied_is_what_is_visible(alone: bool) -> None:
+    """A ball is 0.52 of its box; two small ones in opposite corners are a fiftieth of theirs."""
+    (few, _, said), (ball, _, _) = (before_training(name, alone) for name in ("two corners", "solid"))
+    assert few.fraction < 0.1 < 0.45 < ball.fraction < 0.75
+    assert f"{few.fraction:.1%} of the box" in said
+
+
+def test_one_flat_colour_needs_no_fine_levels() -> None:
+    scene, notes = trained("opaque, one region")
+    assert len(scene.settings.resolutions) == 1 and len(scene.settings.finer) >= 1
+    assert "would add" in notes and "left out" in notes
+    assert scene.palette is not None
+    assert scene.base.encoding.levels == scene.palette.encoding.levels == 1  # type: ignore[union-attr]
+
+
+def test_fine_stripes_need_all_levels() -> None:
+    scene, notes = trained("striped")
+    assert len(scene.settings.resolutions) > 1 and not scene.settings.finer
+    assert f"all {len(scene.settings.resolutions)} levels of features stay" in notes
+
+
+def test_features_that_follow_from_coarser_ones_go_without_a_trace() -> None:
+    """A finer level that is an affine map of the coarser one at every point says nothing new."""
+    occupancy = Occupancy.full(Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0)), 8)
+    settings = FieldSettings(resolutions=(4, 8), width=16)
+    base, random = BaseField(settings, occupancy), torch.Generator().manual_seed(0)
+    lattice = base.encoding
+    assert isinstance(lattice, SparseLattice) and base.density is not None
+    lattice.randomize(8.0, random)
+    fine = torch.from_numpy(lattice.vertices_of_level(1, occupancy.occupied, 8) / 8).float()
+    with torch.no_grad():
+        base.density.table.fill_(0.5)
+        coarser = lattice.look_up(fine)[:, :4]
+        lattice.table[lattice.rows_of_level(1)] = coarser @ torch.randn(4, 4, generator=random) + torch.randn(4)
+    scene = Scene(settings, occupancy, Marching(1 / 16), base.requires_grad_(False))
+    cameras = sphere_cameras(4, (0.5, 0.5, 0.5), 3.0, 0.5, 24)
+    images = np.random.default_rng(0).integers(0, 256, (4, 24, 24, 4)).astype(np.uint8)
+    less = without_finer(scene, 1, ViewSet(tuple(cameras), images, ("a", "b", "c", "d")), 0)
+    assert (less.settings.resolutions, less.settings.finer) == ((4,), (8,))
+    before, after = (one.render(cameras[1], "base").rgba for one in (scene, less))
+    assert np.ptp(before[..., :3][before[..., 3] > 0.5]) > 0.05
+    np.testing.assert_allclose(after, before, atol=1e-3)
+
+
+def test_paint_has_the_levels_that_colours_do_without() -> None:
+    scene = trained("opaque, one region")[0]
+    painted, _ = stylize_scene(scene, [style_picture("brush strokes", 48).astype(np.float32)], None, (), SHORT)
+    assert painted.styled is not None and isinstance(painted.styled.encoding, SparseLattice)
+    assert painted.styled.encoding.resolutions == scene.settings.resolutions + scene.settings.finer
+    again, camera = Scene.from_bytes(painted.to_bytes()), views_of("opaque, one region").cameras[2].resized(48, 48)
+    assert again.settings == painted.settings
+    np.testing.assert_allclose(again.render(camera).rgba, painted.render(camera).rgba, atol=0.05)

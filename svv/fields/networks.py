@@ -16,6 +16,7 @@ from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import CEILING, Extinction, Samples
+from svv.kernels.dispatch import kernels_for
 
 DIRECTION_WIDTH = 16
 """Spherical harmonics of degree 4."""
@@ -62,13 +63,21 @@ class FieldSettings:
         return asdict(self)
 
 
+class Layers(nn.Sequential):
+    """Linear layers with ReLU between, run as one by the kernels of their device."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(S, I) -> (S, O)"""
+        return kernels_for(x).network(x, [layer.weight for layer in self if isinstance(layer, nn.Linear)])
+
+
 def mlp(inputs: int, width: int, hidden: int, outputs: int) -> nn.Sequential:
     """Linear layers with ReLU between, without biases, as Instant-NGP's."""
     layers: list[nn.Module] = []
     for _ in range(hidden):
         layers += [nn.Linear(inputs, width, bias=False), nn.ReLU(inplace=True)]
         inputs = width
-    return nn.Sequential(*layers, nn.Linear(inputs, outputs, bias=False))
+    return Layers(*layers, nn.Linear(inputs, outputs, bias=False))
 
 
 def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core.networks import relu_layers
 from svv.kernels import hashing, lattice, marching, rays
 from svv.kernels.dispatch import Lattice, Limits, Samples
 
@@ -112,6 +113,10 @@ def composite_backward(
         g_transmittance.numpy(), g_sigma.numpy(), g_values.numpy(),
     )  # fmt: skip
     return g_sigma, g_values
+
+
+def network(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+    return relu_layers(x, weights)
 
 
 def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:

@@ -132,6 +132,12 @@ class Kernels(Protocol):
     ) -> tuple[Tensor, Tensor]:  # fmt: skip
         """Gradients of :meth:`composite` with respect to ``sigma`` (S,) and ``values`` (S, C)."""
 
+    def network(self, x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+        """A small network without biases, ReLU between its layers: (S, I) -> (S, O), differentiable in everything.
+
+        ``weights``: of each layer, (to, from). See :func:`svv.core.networks.relu_layers`.
+        """
+
 
 @cache
 def kernels_of(kind: str) -> Kernels:

@@ -8,7 +8,7 @@ import torch
 import triton
 from torch import Tensor
 
-from svv.kernels import fused_rays, fused_tables
+from svv.kernels import fused_networks, fused_rays, fused_tables
 from svv.kernels.dispatch import Lattice, Limits, Samples
 
 NAME = "triton"
@@ -142,3 +142,7 @@ def composite_backward(
             num_warps=1,
         )  # fmt: skip
     return g_sigma, g_values
+
+
+def network(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+    return fused_networks.run(x, weights)

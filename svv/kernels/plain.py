@@ -11,6 +11,7 @@ from torch import Tensor
 from svv.core import marching
 from svv.core.compositing import composite_samples
 from svv.core.encodings import hash_corners, hash_features, lattice_corners, lattice_features
+from svv.core.networks import relu_layers
 from svv.kernels.dispatch import Lattice, Limits, Samples
 
 NAME = "torch"
@@ -116,3 +117,7 @@ def composite_backward(
         again = composite(*twins, samples)[:2]
         g_sigma, g_values = torch.autograd.grad(again, twins, (g_out, g_transmittance))
     return g_sigma, g_values
+
+
+def network(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+    return relu_layers(x, weights)

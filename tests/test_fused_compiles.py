@@ -10,12 +10,14 @@ from typing import Any
 
 TYPES = {
     "*fp32": "x g_out scales table out gradient first second rotations positions focal origins directions tail "
-    "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts",
-    "*i64": "shapes bases resolutions offsets pixels start count",
+    "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
+    "begin end passed shift",
+    "*i64": "shapes bases resolutions offsets pixels start count own chosen place taken",
     "*i32": "index age ray",
-    "*u8": "used distance",
-    "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade",
-    "i32": "samples rows finer width height rays nx ny nz seed inputs outputs",
+    "*u8": "used distance known nearest",
+    "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
+    "cuts",
+    "i32": "samples rows finer width height rays nx ny nz seed inputs outputs size stride length",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}
@@ -36,6 +38,10 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("march", {**IMAGE, "WRITES": True}),
     ("composite", RAYS),
     ("composite_backward", RAYS),
+    ("cuts_of_rays", {"BLOCK": 32}),
+    ("representatives", {"BLOCK": 32}),
+    ("harmonics", {"BLOCK": 128}),
+    ("nearest_along", {"BLOCK": 128}),
     ("network", NETWORK),
     ("network", PALETTE),
     ("network_backward", {**NETWORK, "INWARD": True}),

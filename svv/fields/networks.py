@@ -12,7 +12,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
-from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import CEILING, Extinction, Samples
@@ -82,9 +81,7 @@ def mlp(inputs: int, width: int, hidden: int, outputs: int) -> nn.Sequential:
 
 def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
     """Spherical harmonics of each sample's ray: (R, 3) and (S,) -> (S, 16)."""
-    if len(ray) < len(directions):
-        return spherical_harmonics(directions[ray.long()], 4)
-    return spherical_harmonics(directions, 4)[ray.long()]
+    return kernels_for(directions).directions_of_samples(directions, ray)
 
 
 class BaseField(nn.Module):

@@ -65,10 +65,11 @@ def relu(x):  # type: ignore[no-untyped-def]
 
 
 @triton.jit
-def unit_of(g):  # type: ignore[no-untyped-def]
-    """What to divide gradients by so that the largest becomes 2^15."""
+def scaled(g):  # type: ignore[no-untyped-def]
+    """Gradients as operands, the largest 2^15, and what to multiply their products with."""
     largest = tl.max(tl.max(tl.abs(g), axis=1), axis=0)
-    return tl.where(largest < 1e-30, 1.0, largest * (1.0 / 32768.0))
+    unit = tl.where(largest < 1e-30, 1.0, largest * (1.0 / 32768.0))
+    return (g / unit).to(tl.float16), unit
 
 
 @triton.jit
@@ -132,17 +133,14 @@ def network_backward(  # type: ignore[no-untyped-def]
             h = half(relu(tl.dot(h_1, tl.trans(w_middle))))
         at, there = rows_of(block * BLOCK, samples, outputs, BLOCK, WIDE_OUT)
         g = tl.load(g_out + at, mask=there, other=0.0)
-        unit = unit_of(g)
-        small = (g / unit).to(tl.float16)
+        small, unit = scaled(g)
         sum_last += tl.dot(tl.trans(small), h) * unit
         g = tl.where(h > 0.0, tl.dot(small, w_last) * unit, 0.0)
         if DEEP:
-            unit = unit_of(g)
-            small = (g / unit).to(tl.float16)
+            small, unit = scaled(g)
             sum_middle += tl.dot(tl.trans(small), h_1) * unit
             g = tl.where(h_1 > 0.0, tl.dot(small, w_middle) * unit, 0.0)
-        unit = unit_of(g)
-        small = (g / unit).to(tl.float16)
+        small, unit = scaled(g)
         sum_first += tl.dot(tl.trans(small), h_0) * unit
         if INWARD:
             tl.store(g_x + at_x, tl.dot(small, w_first) * unit, mask=there_x)

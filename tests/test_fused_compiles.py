@@ -27,6 +27,12 @@ FULL = {"LEVELS": 2, "KEEPS": True, "MERGE": False, "JITTERS": True, "BLOCK": 32
 IMAGE = {"LEVELS": 1, "KEEPS": False, "MERGE": True, "JITTERS": False, "BLOCK": 32}
 NETWORK = {"WIDE_IN": 64, "WIDE": 64, "WIDE_OUT": 64, "DEEP": True}
 PALETTE = {"WIDE_IN": 16, "WIDE": 64, "WIDE_OUT": 16, "DEEP": False}
+NETWORKS: list[tuple[str, dict[str, Any]]] = [
+    ("network", NETWORK),
+    ("network", PALETTE),
+    ("network_backward", {**NETWORK, "INWARD": True}),
+    ("network_backward", {**PALETTE, "INWARD": False}),
+]
 KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("lattice_encode", TABLE),
     ("lattice_backward", TABLE),
@@ -42,14 +48,10 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("representatives", {"BLOCK": 32}),
     ("harmonics", {"BLOCK": 128}),
     ("nearest_along", {"BLOCK": 128}),
-    ("network", NETWORK),
-    ("network", PALETTE),
-    ("network_backward", {**NETWORK, "INWARD": True}),
-    ("network_backward", {**PALETTE, "INWARD": False}),
 ]
 SHARED = 65536
 """Bytes of shared memory that a program of the networks may use: what every GPU from Ampere on has."""
-HOPPER = 90
+HOPPER, AMPERE = 90, 80
 
 
 def compile_all() -> None:
@@ -61,14 +63,16 @@ def compile_all() -> None:
     from svv.kernels import fused_networks, fused_rays, fused_tables
 
     blocks = {"network": fused_networks.FORWARD.block, "network_backward": fused_networks.BACKWARD.block}
-    for name, values in KERNELS:
+    for name, values in [*KERNELS, *NETWORKS]:
         kernel = next(getattr(m, name) for m in (fused_tables, fused_rays, fused_networks) if hasattr(m, name))
         constants = values if name not in blocks else {**values, "BLOCK": blocks[name]}
         signature = {k: "constexpr" if k in constants else TYPE_OF[k] for k in kernel.arg_names}
         source = ASTSource(kernel, signature, constants)
         options = {"num_warps": 1 if constants["BLOCK"] == 32 else 4} | ({"num_stages": 1} if name in blocks else {})
-        done = triton.compile(source, target=GPUTarget("cuda", HOPPER, 32), options=options)
-        print(name, len(done.asm["cubin"]), done.metadata.shared, done.asm["ptx"].count("wgmma.mma_async"))
+        for capability in (HOPPER, AMPERE) if name in blocks else (HOPPER,):
+            done = triton.compile(source, target=GPUTarget("cuda", capability, 32), options=options)
+            products = done.asm["ptx"].count("wgmma.mma_async") + done.asm["ptx"].count("mma.sync")
+            print(name, len(done.asm["cubin"]), done.metadata.shared, products)
 
 
 def test_every_kernel_compiles(tmp_path: Path) -> None:
@@ -78,8 +82,9 @@ def test_every_kernel_compiles(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
     made = [line.split() for line in done.stdout.splitlines()]
-    assert [line[0] for line in made] == [name for name, _ in KERNELS]
     networks = [line for line in made if line[0].startswith("network")]
+    assert [name for name, *_ in made if not name.startswith("network")] == [name for name, _ in KERNELS]
+    assert [line[0] for line in networks] == [name for name, _ in NETWORKS for _ in (HOPPER, AMPERE)]
     assert all(int(shared) <= SHARED and int(products) > 0 for _, _, shared, products in networks)
 
 

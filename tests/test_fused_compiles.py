@@ -10,12 +10,14 @@ from typing import Any
 
 TYPES = {
     "*fp32": "x g_out scales table out gradient first second rotations positions focal origins directions tail "
-    "position skipped sigma values transmittance weights g_transmittance g_sigma g_values",
-    "*i64": "shapes bases resolutions offsets pixels start count",
+    "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
+    "begin end passed shift",
+    "*i64": "shapes bases resolutions offsets pixels start count own chosen place taken",
     "*i32": "index age ray",
-    "*u8": "used distance",
-    "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade",
-    "i32": "samples rows finer width height rays nx ny nz seed",
+    "*u8": "used distance known nearest",
+    "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
+    "cuts",
+    "i32": "samples rows finer width height rays nx ny nz seed inputs outputs size stride length",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}
@@ -23,6 +25,14 @@ TABLE = {"LEVELS": 4, "FEATURES": 3, "WIDE": 4, "BLOCK": 128}
 RAYS = {"CHANNELS": 6, "WIDE": 8, "BLOCK": 32}
 FULL = {"LEVELS": 2, "KEEPS": True, "MERGE": False, "JITTERS": True, "BLOCK": 32}
 IMAGE = {"LEVELS": 1, "KEEPS": False, "MERGE": True, "JITTERS": False, "BLOCK": 32}
+NETWORK = {"WIDE_IN": 64, "WIDE": 64, "WIDE_OUT": 64, "DEEP": True}
+PALETTE = {"WIDE_IN": 16, "WIDE": 64, "WIDE_OUT": 16, "DEEP": False}
+NETWORKS: list[tuple[str, dict[str, Any]]] = [
+    ("network", NETWORK),
+    ("network", PALETTE),
+    ("network_backward", {**NETWORK, "INWARD": True}),
+    ("network_backward", {**PALETTE, "INWARD": False}),
+]
 KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("lattice_encode", TABLE),
     ("lattice_backward", TABLE),
@@ -34,8 +44,14 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("march", {**IMAGE, "WRITES": True}),
     ("composite", RAYS),
     ("composite_backward", RAYS),
+    ("cuts_of_rays", {"BLOCK": 32}),
+    ("representatives", {"BLOCK": 32}),
+    ("harmonics", {"BLOCK": 128}),
+    ("nearest_along", {"BLOCK": 128}),
 ]
-HOPPER = 90
+SHARED = 65536
+"""Bytes of shared memory that a program of the networks may use: what every GPU from Ampere on has."""
+HOPPER, AMPERE = 90, 80
 
 
 def compile_all() -> None:
@@ -44,15 +60,19 @@ def compile_all() -> None:
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
 
-    from svv.kernels import fused_rays, fused_tables
+    from svv.kernels import fused_networks, fused_rays, fused_tables
 
-    for name, constants in KERNELS:
-        kernel = getattr(fused_tables, name, None) or getattr(fused_rays, name)
+    blocks = {"network": fused_networks.FORWARD.block, "network_backward": fused_networks.BACKWARD.block}
+    for name, values in [*KERNELS, *NETWORKS]:
+        kernel = next(getattr(m, name) for m in (fused_tables, fused_rays, fused_networks) if hasattr(m, name))
+        constants = values if name not in blocks else {**values, "BLOCK": blocks[name]}
         signature = {k: "constexpr" if k in constants else TYPE_OF[k] for k in kernel.arg_names}
         source = ASTSource(kernel, signature, constants)
-        warps = 1 if constants["BLOCK"] == 32 else 4
-        done = triton.compile(source, target=GPUTarget("cuda", HOPPER, 32), options={"num_warps": warps})
-        print(name, len(done.asm["cubin"]))
+        options = {"num_warps": 1 if constants["BLOCK"] == 32 else 4} | ({"num_stages": 1} if name in blocks else {})
+        for capability in (HOPPER, AMPERE) if name in blocks else (HOPPER,):
+            done = triton.compile(source, target=GPUTarget("cuda", capability, 32), options=options)
+            products = done.asm["ptx"].count("wgmma.mma_async") + done.asm["ptx"].count("mma.sync")
+            print(name, len(done.asm["cubin"]), done.metadata.shared, products)
 
 
 def test_every_kernel_compiles(tmp_path: Path) -> None:
@@ -61,7 +81,11 @@ def test_every_kernel_compiles(tmp_path: Path) -> None:
     environment |= {"TRITON_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(root)}
     done = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
-    assert [line.split()[0] for line in done.stdout.splitlines()] == [name for name, _ in KERNELS]
+    made = [line.split() for line in done.stdout.splitlines()]
+    networks = [line for line in made if line[0].startswith("network")]
+    assert [name for name, *_ in made if not name.startswith("network")] == [name for name, _ in KERNELS]
+    assert [line[0] for line in networks] == [name for name, _ in NETWORKS for _ in (HOPPER, AMPERE)]
+    assert all(int(shared) <= SHARED and int(products) > 0 for _, _, shared, products in networks)
 
 
 if __name__ == "__main__":

@@ -57,6 +57,21 @@ def spherical_harmonics(directions: Tensor, degree: int = 4) -> Tensor:
     return torch.stack(bands, dim=-1)
 
 
+def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
+    """Spherical harmonics of degree 4 of each sample's ray.
+
+    Args:
+        directions: Unit vectors of R rays. (R, 3)
+        ray: Of S samples. (S,)
+
+    Returns:
+        (S, 16)
+    """
+    if len(ray) < len(directions):
+        return spherical_harmonics(directions[ray.long()], 4)
+    return spherical_harmonics(directions, 4)[ray.long()]
+
+
 def lattice_corners(
     x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index: Tensor
 ) -> tuple[Tensor, Tensor]:

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
-from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import CEILING, Extinction, Samples
+from svv.kernels.dispatch import kernels_for
 
 DIRECTION_WIDTH = 16
 """Spherical harmonics of degree 4."""
@@ -64,20 +64,26 @@ class FieldSettings:
         return asdict(self)
 
 
+class Layers(nn.Sequential):
+    """Linear layers with ReLU between, run as one by the kernels of their device."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(S, I) -> (S, O)"""
+        return kernels_for(x).network(x, [layer.weight for layer in self if isinstance(layer, nn.Linear)])
+
+
 def mlp(inputs: int, width: int, hidden: int, outputs: int) -> nn.Sequential:
     """Linear layers with ReLU between, without biases, as Instant-NGP's."""
     layers: list[nn.Module] = []
     for _ in range(hidden):
         layers += [nn.Linear(inputs, width, bias=False), nn.ReLU(inplace=True)]
         inputs = width
-    return nn.Sequential(*layers, nn.Linear(inputs, outputs, bias=False))
+    return Layers(*layers, nn.Linear(inputs, outputs, bias=False))
 
 
 def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
     """Spherical harmonics of each sample's ray: (R, 3) and (S,) -> (S, 16)."""
-    if len(ray) < len(directions):
-        return spherical_harmonics(directions[ray.long()], 4)
-    return spherical_harmonics(directions, 4)[ray.long()]
+    return kernels_for(directions).directions_of_samples(directions, ray)
 
 
 class BaseField(nn.Module):

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, distance_transform_cdt
 from torch import Tensor
 
 from svv.core.box import Box
 from svv.core.cameras import Camera
+from svv.core.cells import widened
 from svv.errors import BadInput
+from svv.kernels.dispatch import kernels_of
 from svv.kernels.hull import visual_hull
 
 MASK_SIZE = 256
@@ -36,19 +36,19 @@ class Occupancy:
 
     def __post_init__(self) -> None:
         self._moved: dict[torch.device, Tensor] = {}
+        self._distance: dict[torch.device, Tensor] = {}
 
-    @cached_property
-    def distance(self) -> NDArray[np.uint8]:
-        """0 in occupied cells, else the chessboard distance to the nearest: how far a ray may leap. (X, Y, Z)"""
-        if not self.occupied.any():
-            return np.full(self.occupied.shape, 255, np.uint8)
-        return distance_transform_cdt(self.occupied == 0, metric="chessboard").clip(0, 255).astype(np.uint8)
+    def occupied_on(self, device: torch.device) -> Tensor:
+        """``occupied`` where it is needed. (X, Y, Z) uint8"""
+        if device not in self._moved:
+            self._moved[device] = torch.tensor(self.occupied, device=device)
+        return self._moved[device]
 
     def distance_on(self, device: torch.device) -> Tensor:
-        """:attr:`distance` where it is needed."""
-        if device not in self._moved:
-            self._moved[device] = torch.from_numpy(self.distance).to(device)
-        return self._moved[device]
+        """0 in occupied cells, else the chessboard distance to the nearest: how far a ray may leap. (X, Y, Z) uint8"""
+        if device not in self._distance:
+            self._distance[device] = kernels_of(device.type).leaps(self.occupied_on(device))
+        return self._distance[device]
 
     @property
     def fraction(self) -> float:
@@ -60,19 +60,22 @@ class Occupancy:
         """Everything occupied."""
         return cls(box, cells, np.ones(_shape(box, cells), np.uint8))
 
-    def pruned(self, optical_depth: NDArray[np.float32], least: float, grow: bool) -> Occupancy:
+    def pruned(self, optical_depth: Tensor, least: float, grow: bool) -> Occupancy:
         """Without the cells in which a step never reaches the optical depth ``least``.
 
         Args:
-            optical_depth: Largest optical depth of a step found in each occupied cell, in ``argwhere`` order.
+            optical_depth: Largest optical depth of a step found in each occupied cell, in raster order; on the device
+                that is to do the work.
             least: Threshold.
             grow: Keep the neighbours of visible cells, too (while surfaces still move).
         """
-        visible = np.zeros(self.occupied.shape, bool)
-        visible[self.occupied > 0] = optical_depth >= least
-        if grow:
-            visible = binary_dilation(visible, np.ones((3, 3, 3), bool))
-        return Occupancy(self.box, self.cells, (self.occupied * visible).astype(np.uint8), self.samples_a_ray)
+        occupied = self.occupied_on(optical_depth.device)
+        visible = torch.zeros_like(occupied, dtype=torch.bool)
+        visible[occupied > 0] = optical_depth >= least
+        left = occupied * (widened(visible) if grow else visible)
+        result = Occupancy(self.box, self.cells, left.cpu().numpy(), self.samples_a_ray)
+        result._moved[left.device] = left
+        return result
 
 
 def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Occupancy:

@@ -117,27 +117,8 @@ def representatives(samples: Samples, every: float, seed: int) -> tuple[Tensor, 
         Rows of the samples that are taken (K,), ascending, and for each sample the place in them of the one that
         stands for it (S,).
     """
-    ray, own = samples.ray.long(), samples.sigma * samples.step
-    both = (samples.skipped + own).double()
-    total = both.cumsum(0)
-    there = samples.count > 0
-    before = torch.zeros(len(samples.count), dtype=torch.float64, device=ray.device)
-    before[there] = (total - both)[samples.start[there]]
-    behind = total - before[ray]  # optical depth from the ray's beginning to the sample's end
-    shift = torch.rand(len(before), generator=torch.Generator().manual_seed(seed)).to(ray.device)[ray]
-    begin, end = (-torch.expm1(-depth).float() / every + shift for depth in (behind - own, behind))
-    taken = end.floor() > begin.floor()
-    cut = torch.zeros(len(before), dtype=torch.bool, device=ray.device)
-    cut[ray[taken]] = True
-    taken[(samples.start + samples.count - 1)[there & ~cut]] = True
-    rows = torch.nonzero(taken)[:, 0]
-    number = taken.cumsum(0)
-    back, ahead = (number - 1).clamp(min=0), (number - taken.long()).clamp(max=len(rows) - 1)
-    middle = 0.5 * (begin + end)
-    passed, coming = middle - end.floor()[rows[back]], begin.floor()[rows[ahead]] + 1.0 - middle
-    nearer = torch.where(passed < coming, back, ahead)
-    other = back + ahead - nearer
-    return rows, torch.where(taken, back, torch.where(ray[rows[nearer]] == ray, nearer, other))
+    shift = torch.rand(len(samples.count), generator=torch.Generator().manual_seed(seed)).to(samples.sigma.device)
+    return kernels_for(shift).representatives(samples, every, shift)
 
 
 def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.kernels import hashing, lattice, marching, rays
+from svv.kernels import hashing, lattice, marching, plain, rays
 from svv.kernels.dispatch import Lattice, Limits, Samples
 
 NAME = "numba"
@@ -91,6 +91,10 @@ def march(
     return Samples(*found, limits.step), room  # type: ignore[arg-type, call-arg]
 
 
+def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
+    return plain.representatives(samples, every, shift)
+
+
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
     rays, channels = len(samples.start), values.shape[1]
     out, transmittance, weights = _empty(rays, channels), _empty(rays), _empty(len(sigma))
@@ -112,6 +116,18 @@ def composite_backward(
         g_transmittance.numpy(), g_sigma.numpy(), g_values.numpy(),
     )  # fmt: skip
     return g_sigma, g_values
+
+
+def leaps(occupied: Tensor) -> Tensor:
+    return plain.leaps(occupied)
+
+
+def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
+    return plain.directions_of_samples(directions, ray)
+
+
+def network(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+    return plain.network(x, weights)
 
 
 def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:

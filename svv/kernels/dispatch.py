@@ -123,6 +123,12 @@ class Kernels(Protocol):
         ``room``: samples a ray for which there is room, to begin with; the number returned is what sufficed.
         """
 
+    def representatives(self, samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
+        """Rows of samples that stand for others (K,) and each sample's place in them (S,), both int64.
+
+        ``shift`` (R,) in [0, 1) moves each ray's cuts; see :func:`svv.core.representatives.representatives`.
+        """
+
     def composite(self, sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
         """Sum of weight times value (R, C), transmittance (R,) and weights (S,), for any ``sigma`` of the samples."""
 
@@ -131,6 +137,18 @@ class Kernels(Protocol):
         g_out: Tensor, g_transmittance: Tensor,
     ) -> tuple[Tensor, Tensor]:  # fmt: skip
         """Gradients of :meth:`composite` with respect to ``sigma`` (S,) and ``values`` (S, C)."""
+
+    def leaps(self, occupied: Tensor) -> Tensor:
+        """How far a ray may leap in each cell (X, Y, Z) uint8; see :func:`svv.core.cells.leaps`."""
+
+    def directions_of_samples(self, directions: Tensor, ray: Tensor) -> Tensor:
+        """Spherical harmonics of degree 4 of each sample's ray: (R, 3) and (S,) -> (S, 16), without a graph."""
+
+    def network(self, x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+        """A small network without biases, ReLU between its layers: (S, I) -> (S, O), differentiable in everything.
+
+        ``weights``: of each layer, (to, from). See :func:`svv.core.networks.relu_layers`.
+        """
 
 
 @cache

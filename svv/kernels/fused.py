@@ -8,12 +8,12 @@ import torch
 import triton
 from torch import Tensor
 
-from svv.kernels import fused_rays, fused_tables
+from svv.kernels import fused_networks, fused_rays, fused_tables
 from svv.kernels.dispatch import Lattice, Limits, Samples
 
 NAME = "triton"
-RAYS = 1 << 17
-"""Enough to fill the GPU; the largest activations of their samples take some hundred megabytes."""
+RAYS = 1 << 18
+"""Enough to fill the GPU; the features of their samples take some hundred megabytes."""
 SAMPLES = 1 << 18
 
 TABLE_BLOCK = 128
@@ -108,13 +108,31 @@ def march(
 
     if rays:
         pass_over(writes=False)
-        start = count.cumsum(0) - count
-        number = int(count.sum())
+        behind = count.cumsum(0)
+        start, number = behind - count, int(behind[-1])
         position, sigma, skipped = (torch.empty(shape, device=device) for shape in ((number, 3), number, number))
         ray = torch.empty(number, dtype=torch.int32, device=device)
         if number:
             pass_over(writes=True)
     return Samples(position, sigma, skipped, ray, start, count, tail, limits.step), room
+
+
+def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
+    rays, device, grid = len(shift), shift.device, (triton.cdiv(len(shift), RAY_BLOCK),)
+    begin, end, passed = torch.empty(3, len(samples), device=device)
+    place, taken = (torch.empty(n, dtype=torch.int64, device=device) for n in (len(samples), rays))
+    if not len(samples):
+        return place, place
+    fused_rays.cuts_of_rays[grid](
+        samples.sigma, samples.skipped, samples.start, samples.count, samples.step, 1.0 / every, shift,
+        begin, end, taken, rays, RAY_BLOCK, num_warps=1,
+    )  # fmt: skip
+    behind = taken.cumsum(0)
+    rows = torch.empty(int(behind[-1]), dtype=torch.int64, device=device)
+    fused_rays.representatives[grid](
+        begin, end, samples.start, samples.count, behind - taken, rows, place, passed, rays, RAY_BLOCK, num_warps=1
+    )
+    return rows, place
 
 
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
@@ -142,3 +160,25 @@ def composite_backward(
             num_warps=1,
         )  # fmt: skip
     return g_sigma, g_values
+
+
+def leaps(occupied: Tensor) -> Tensor:
+    """Axis by axis: the nearest of what is known along it."""
+    nearest = torch.where(occupied > 0, 0, 255).to(torch.uint8)
+    for axis, length in enumerate(occupied.shape):
+        known, nearest = nearest, torch.empty_like(nearest)
+        fused_rays.nearest_along[(triton.cdiv(nearest.numel(), TABLE_BLOCK),)](
+            known, nearest, nearest.numel(), known.stride(axis), length, TABLE_BLOCK
+        )
+    return nearest
+
+
+def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
+    out = torch.empty(len(ray), 16, device=ray.device)
+    if len(ray):
+        fused_rays.harmonics[(triton.cdiv(len(ray), TABLE_BLOCK),)](directions, ray, out, len(ray), TABLE_BLOCK)
+    return out
+
+
+def network(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+    return fused_networks.run(x, weights)

@@ -34,6 +34,48 @@ def pixel_rays(  # type: ignore[no-untyped-def]
 
 
 @triton.jit
+def nearest_along(known, nearest, size, stride, length, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Chessboard distance of each cell to the nearest of the ``length`` cells along one axis, beyond what is known."""
+    i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    place = (i // stride) % length
+    first = known + i - place * stride
+    least = tl.full((BLOCK,), 255, tl.int32)
+    for k in range(length):
+        beyond = tl.load(first + k * stride, mask=i < size, other=255).to(tl.int32)
+        least = tl.minimum(least, tl.maximum(tl.abs(place - k), beyond))
+    tl.store(nearest + i, least.to(tl.uint8), mask=i < size)
+
+
+@triton.jit
+def harmonics(directions, ray, out, samples, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Spherical harmonics of degree 4 of each sample's ray, as :func:`svv.core.encodings.spherical_harmonics`."""
+    i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
+    there = i < samples
+    at = directions + 3 * tl.load(ray + i, mask=there, other=0).to(tl.int64)
+    x = tl.load(at, mask=there, other=0.0)
+    y = tl.load(at + 1, mask=there, other=0.0)
+    z = tl.load(at + 2, mask=there, other=0.0)
+    xx, yy, zz = x * x, y * y, z * z
+    to = out + 16 * i
+    tl.store(to, tl.full((BLOCK,), 0.28209479177387814, tl.float32), mask=there)
+    tl.store(to + 1, -0.48860251190291987 * y, mask=there)
+    tl.store(to + 2, 0.48860251190291987 * z, mask=there)
+    tl.store(to + 3, -0.48860251190291987 * x, mask=there)
+    tl.store(to + 4, 1.0925484305920792 * x * y, mask=there)
+    tl.store(to + 5, -1.0925484305920792 * y * z, mask=there)
+    tl.store(to + 6, 0.94617469575755997 * zz - 0.31539156525251999, mask=there)
+    tl.store(to + 7, -1.0925484305920792 * x * z, mask=there)
+    tl.store(to + 8, 0.54627421529603959 * (xx - yy), mask=there)
+    tl.store(to + 9, 0.59004358992664352 * y * (yy - 3.0 * xx), mask=there)
+    tl.store(to + 10, 2.8906114426405538 * x * y * z, mask=there)
+    tl.store(to + 11, 0.45704579946446572 * y * (1.0 - 5.0 * zz), mask=there)
+    tl.store(to + 12, 0.3731763325901154 * z * (5.0 * zz - 3.0), mask=there)
+    tl.store(to + 13, 0.45704579946446572 * x * (1.0 - 5.0 * zz), mask=there)
+    tl.store(to + 14, 1.4453057213202769 * z * (xx - yy), mask=there)
+    tl.store(to + 15, 0.59004358992664352 * x * (3.0 * yy - xx), mask=there)
+
+
+@triton.jit
 def uniform(seed, a, b):  # type: ignore[no-untyped-def]
     """A number in [0, 1) from three integers, as :func:`svv.core.marching.uniform`."""
     h = seed.to(tl.uint64) * 0x9E3779B97F4A7C15 ^ a.to(tl.uint64) * 0xBF58476D1CE4E5B9
@@ -167,6 +209,70 @@ def march(  # type: ignore[no-untyped-def]
     if not WRITES:
         tl.store(count + r, n, mask=there)
         tl.store(tail + r, tau, mask=there)
+
+
+@triton.jit(do_not_specialize=["cuts"])
+def cuts_of_rays(  # type: ignore[no-untyped-def]
+    sigma, skipped, start, count, step, cuts, shift, begin, end, taken, rays, BLOCK: tl.constexpr
+):
+    """Where samples ``begin`` and ``end`` (S,) among the cuts of their ray, and how many of each ray are ``taken``."""
+    r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    first = tl.load(start + r, mask=r < rays, other=0)
+    length = tl.load(count + r, mask=r < rays, other=0)
+    moved = tl.load(shift + r, mask=r < rays, other=0.0)
+    depth = tl.zeros((BLOCK,), tl.float32)
+    number = tl.zeros((BLOCK,), tl.int64)
+    for k in range(tl.max(length, axis=0)):
+        inside = k < length
+        depth += tl.load(skipped + first + k, mask=inside, other=0.0)
+        low = (1.0 - tl.exp(-depth)) * cuts + moved
+        depth += tl.load(sigma + first + k, mask=inside, other=0.0) * step
+        high = (1.0 - tl.exp(-depth)) * cuts + moved
+        tl.store(begin + first + k, low, mask=inside)
+        tl.store(end + first + k, high, mask=inside)
+        number += (inside & (tl.floor(high) > tl.floor(low))).to(tl.int64)
+    # The last sample of a ray without any cut stands for all.
+    tl.store(taken + r, tl.where(length > 0, tl.maximum(number, 1), 0), mask=r < rays)
+
+
+@triton.jit
+def representatives(  # type: ignore[no-untyped-def]
+    begin, end, start, count, own, chosen, place, passed, rays, BLOCK: tl.constexpr
+):
+    """Samples that a cut falls into, ``chosen`` (K,), each ray's from ``own`` on; in them the ``place`` of each's (S,).
+
+    ``passed`` (S,) is room for how far behind each sample the last cut is.
+    """
+    r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    first = tl.load(start + r, mask=r < rays, other=0)
+    length = tl.load(count + r, mask=r < rays, other=0)
+    number = tl.load(own + r, mask=r < rays, other=0)
+    longest = tl.max(length, axis=0)
+    last = tl.full((BLOCK,), -1e30, tl.float32)
+    lone = length < 0
+    for k in range(longest):
+        inside = k < length
+        low = tl.load(begin + first + k, mask=inside, other=0.0)
+        high = tl.load(end + first + k, mask=inside, other=0.0)
+        lone = lone | ((k == length - 1) & (last < -1e29) & (tl.floor(high) == tl.floor(low)))
+        taken = inside & ((tl.floor(high) > tl.floor(low)) | lone)
+        tl.store(chosen + number, first + k, mask=taken)
+        number += taken.to(tl.int64)
+        last = tl.where(taken, tl.floor(high), last)
+        tl.store(place + first + k, number - 1, mask=inside)
+        tl.store(passed + first + k, 0.5 * (low + high) - last, mask=inside)
+    tl.debug_barrier()
+    following = tl.full((BLOCK,), 1e30, tl.float32)
+    for back in range(longest):
+        k = longest - 1 - back
+        inside = k < length
+        low = tl.load(begin + first + k, mask=inside, other=0.0)
+        high = tl.load(end + first + k, mask=inside, other=0.0)
+        taken = inside & ((tl.floor(high) > tl.floor(low)) | (lone & (k == length - 1)))
+        nearer = tl.load(passed + first + k, mask=inside, other=0.0) >= following - 0.5 * (low + high)
+        tl.store(place + first + k, number, mask=inside & nearer & (taken == 0))
+        number -= taken.to(tl.int64)
+        following = tl.where(taken, tl.floor(low) + 1.0, following)
 
 
 @triton.jit

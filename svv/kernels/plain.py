@@ -8,9 +8,11 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from svv.core import marching
+from svv.core import cells, encodings, marching
 from svv.core.compositing import composite_samples
 from svv.core.encodings import hash_corners, hash_features, lattice_corners, lattice_features
+from svv.core.networks import relu_layers
+from svv.core.representatives import representatives as reference
 from svv.kernels.dispatch import Lattice, Limits, Samples
 
 NAME = "torch"
@@ -101,6 +103,11 @@ def march(
     return Samples(position, sigma, skipped, ray, count.cumsum(0) - count, count, tail, limits.step), room
 
 
+def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
+    own = samples.sigma * samples.step
+    return reference(own, samples.skipped, samples.ray, samples.start, samples.count, every, shift)
+
+
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
     return composite_samples(
         sigma, values, samples.skipped, samples.start, samples.count, samples.tail, samples.step
@@ -116,3 +123,15 @@ def composite_backward(
         again = composite(*twins, samples)[:2]
         g_sigma, g_values = torch.autograd.grad(again, twins, (g_out, g_transmittance))
     return g_sigma, g_values
+
+
+def leaps(occupied: Tensor) -> Tensor:
+    return cells.leaps(occupied.cpu()).to(occupied.device)
+
+
+def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
+    return encodings.directions_of_samples(directions, ray)
+
+
+def network(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+    return relu_layers(x, weights)

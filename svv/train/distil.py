@@ -18,7 +18,7 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.rendering import RayCaster, march
 from svv.fields.scene import Scene
 from svv.train.config import StylizeSettings
-from svv.train.loop import falling
+from svv.train.loop import falling, network_adam
 from svv.train.style_loss import StyleTarget
 
 DISTILLATION_SIZE = 256
@@ -80,7 +80,7 @@ class Distillation:
         probe = march(self.caster.rays(torch.from_numpy(pixels)), scene.occupancy, scene.base.density, scene.marching)
         self.rays = min(settings.distil_rays, max(PROBE // 4, DISTILLATION_SAMPLES * PROBE // max(len(probe), 1)))
         networks = list(self.field.colour_mlp.parameters())
-        self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
+        self.networks = network_adam(networks, settings.network_rate)
         self.tables = LatticeAdam([self.field.encoding])
 
     def step(self, number: int, fraction: float) -> Tensor:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import torch
 from torch import Tensor
 
 from svv.errors import Progress
@@ -65,3 +67,15 @@ class Loop:
 def falling(fraction: float, end: float) -> float:
     """Factor on a learning rate: from 1 at the start to ``end``, exponentially."""
     return float(end**fraction)
+
+
+def network_adam(parameters: Sequence[Tensor] | Sequence[dict[str, Any]], rate: float = 1e-3) -> torch.optim.Adam:
+    """Adam of a stage's networks; on a GPU one kernel steps all parameters of a group.
+
+    Args:
+        parameters: Parameters, or groups of them, all on one device.
+        rate: Learning rate.
+    """
+    first = parameters[0]
+    one = first["params"][0] if isinstance(first, dict) else first
+    return torch.optim.Adam(parameters, rate, betas=(0.9, 0.99), eps=1e-12, fused=one.is_cuda or None)

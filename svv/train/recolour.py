@@ -20,7 +20,7 @@ from svv.kernels.dispatch import CPU
 from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import RecolourSettings
-from svv.train.loop import Loop, falling
+from svv.train.loop import Loop, falling, network_adam
 from svv.train.ranges import Owners, shares_of
 
 PALETTE_PIXELS = 400_000
@@ -46,10 +46,8 @@ class Recolouring:
             self.marching = replace(self.marching, least_weight=s.joined, merge=True)
         networks = [p for n, p in self.field.named_parameters() if not n.endswith(("table", "colours"))]
         self.start = self.field.colours.detach().clone()
-        self.networks = torch.optim.Adam(
-            [{"params": networks, "full": s.network_rate}, {"params": [self.field.colours], "full": s.palette_rate}],
-            betas=(0.9, 0.99),
-            eps=1e-12,
+        self.networks = network_adam(
+            [{"params": networks, "full": s.network_rate}, {"params": [self.field.colours], "full": s.palette_rate}]
         )
         self.tables = LatticeAdam([self.field.encoding])
         self.budget = RayBudget(s.rays, s.samples)

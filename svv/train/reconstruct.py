@@ -22,7 +22,7 @@ from svv.kernels.dispatch import CPU
 from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import ReconstructSettings
-from svv.train.loop import Loop, falling
+from svv.train.loop import Loop, falling, network_adam
 
 FAINTEST = 0.05
 """Part of a volume's largest extinction that is looked at, however faint that is."""
@@ -72,7 +72,7 @@ class Reconstruction:
         self.pool = RayPool(views, occupancy.box, seed, device)
         self.budget = RayBudget(settings.rays, settings.samples)
         networks = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
-        self.networks = torch.optim.Adam(networks, settings.network_rate, betas=(0.9, 0.99), eps=1e-12)
+        self.networks = network_adam(networks, settings.network_rate)
         self.tables = LatticeAdam(self.field.encodings)
 
     def step(self, number: int, fraction: float) -> Tensor:
@@ -170,16 +170,16 @@ class Reconstruction:
 
 
 @torch.no_grad()
-def largest_extinction(field: BaseField, occupancy: Occupancy) -> NDArray[np.float32]:
-    """Largest extinction found in each occupied cell, at 27 of its points, in ``argwhere`` order."""
+def largest_extinction(field: BaseField, occupancy: Occupancy) -> Tensor:
+    """Largest extinction found in each occupied cell, at 27 of its points, in raster order."""
     device = field.encoding.table.device
-    corner = torch.from_numpy(np.argwhere(occupancy.occupied)).to(device)
+    corner = occupancy.occupied_on(device).nonzero()
     end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
     largest = torch.full((len(corner),), -torch.inf, device=device)
     for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
         points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
         largest = torch.maximum(largest, _exponent(field, points))
-    return torch.exp(largest.clamp(max=CEILING)).cpu().numpy()
+    return torch.exp(largest.clamp(max=CEILING))
 
 
 def _exponent(field: BaseField, points: Tensor) -> Tensor:

@@ -26,6 +26,7 @@ from svv.fields.rendering import RayCaster, composite, march
 from svv.fields.scene import Scene
 from svv.kernels.dispatch import kernels_of
 from svv.train.config import StylizeSettings
+from svv.train.loop import network_adam
 from svv.train.style_loss import StyleTarget
 
 LEAST_WEIGHT = 4e-3
@@ -108,7 +109,7 @@ class Stylization:
                 torch.cat([field(p).half() for p in v.position.split(self.piece)]) for v in self.views
             ]
         networks = list(field.colour_mlp.parameters())
-        self.networks = torch.optim.Adam(networks, settings.style_network_rate, betas=(0.9, 0.99), eps=1e-12)
+        self.networks = network_adam(networks, settings.style_network_rate)
         self.tables = LatticeAdam([field.encoding])
 
     def step(self, number: int, fraction: float) -> Tensor:

@@ -1,0 +1,48 @@
+"""Which samples of a ray stand for the colour of those around them: the reference for the kernels.
+
+Letters: R rays, S samples (of all rays, one after another), K samples that are taken.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def representatives(
+    own: Tensor, skipped: Tensor, ray: Tensor, start: Tensor, count: Tensor, every: float, shift: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Systematic sampling of the weights along each ray; see :func:`svv.fields.rendering.representatives`.
+
+    Args:
+        own: Optical depth of each sample. (S,)
+        skipped: Optical depth that was left out before it. (S,)
+        ray: Its ray. (S,)
+        start: Where each ray's samples begin. (R,)
+        count: Their number. (R,)
+        every: Part of a pixel between two cuts.
+        shift: Of each ray's cuts, in [0, 1). (R,)
+
+    Returns:
+        Rows of the samples that are taken, ascending, (K,), and the place in them of each sample's, (S,).
+    """
+    ray = ray.long()
+    both = (skipped + own).double()
+    total = both.cumsum(0)
+    there = count > 0
+    before = torch.zeros(len(count), dtype=torch.float64, device=ray.device)
+    before[there] = (total - both)[start[there]]
+    behind = total - before[ray]  # optical depth from the ray's beginning to the sample's end
+    begin, end = (-torch.expm1(-depth).float() / every + shift[ray] for depth in (behind - own, behind))
+    taken = end.floor() > begin.floor()
+    cut = torch.zeros(len(before), dtype=torch.bool, device=ray.device)
+    cut[ray[taken]] = True
+    taken[(start + count - 1)[there & ~cut]] = True
+    rows = torch.nonzero(taken)[:, 0]
+    number = taken.cumsum(0)
+    back, ahead = (number - 1).clamp(min=0), (number - taken.long()).clamp(max=len(rows) - 1)
+    middle = 0.5 * (begin + end)
+    passed, coming = middle - end.floor()[rows[back]], begin.floor()[rows[ahead]] + 1.0 - middle
+    nearer = torch.where(passed < coming, back, ahead)
+    other = back + ahead - nearer
+    return rows, torch.where(taken, back, torch.where(ray[rows[nearer]] == ray, nearer, other))

@@ -1,0 +1,138 @@
+"""Cells, directions and representatives: the Triton kernels against their references.
+
+Where there is a GPU they run on it; elsewhere in Triton's interpreter. See ``tests/test_fused.py``.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import binary_dilation
+
+from svv.core.box import Box
+from svv.core.cells import leaps, widened
+from svv.core.encodings import directions_of_samples
+from svv.fields.encodings import SparseLattice
+from svv.fields.occupancy import Occupancy
+from svv.kernels import plain
+from svv.kernels.dispatch import Samples
+
+GPU = torch.cuda.is_available()
+if not GPU:
+    # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
+    assert "triton" not in sys.modules or os.environ.get("TRITON_INTERPRET") == "1"
+    os.environ["TRITON_INTERPRET"] = "1"
+from svv.kernels import fused  # noqa: E402
+
+DEVICE = torch.device("cuda" if GPU else "cpu")
+SHAPES = st.tuples(*[st.integers(1, 7)] * 3)
+
+
+def cells_of(shape: tuple[int, int, int], share: float, seed: int) -> torch.Tensor:
+    return torch.from_numpy((np.random.default_rng(seed).random(shape) < share).astype(np.uint8))
+
+
+def nearest(occupied: np.ndarray) -> np.ndarray:
+    """Chessboard distance to the nearest occupied cell, by looking at all of them."""
+    there, all_cells = np.argwhere(occupied), np.argwhere(np.ones_like(occupied))
+    distance = np.abs(all_cells[:, None] - there[None]).max(axis=2).min(axis=1, initial=255)
+    return distance.reshape(occupied.shape)
+
+
+@settings(deadline=None, max_examples=25)
+@given(SHAPES, st.sampled_from([0.0, 0.02, 0.2, 1.0]), st.integers(0, 10**6))
+def test_leaps_end_at_the_nearest_occupied_cell(shape: tuple[int, int, int], share: float, seed: int) -> None:
+    occupied = cells_of(shape, share, seed)
+    expected = nearest(occupied.numpy())
+    assert leaps(occupied).dtype == torch.uint8
+    np.testing.assert_array_equal(leaps(occupied), expected)
+    np.testing.assert_array_equal(plain.leaps(occupied), expected)
+    np.testing.assert_array_equal(fused.leaps(occupied.to(DEVICE)).cpu(), expected)
+
+
+def test_no_leap_is_longer_than_a_byte() -> None:
+    occupied = torch.zeros(1, 1, 300, dtype=torch.uint8)
+    occupied[0, 0, 0] = 1
+    for found in (leaps(occupied), fused.leaps(occupied.to(DEVICE)).cpu()):
+        assert found.flatten().tolist() == [min(k, 255) for k in range(300)]
+
+
+@given(SHAPES, st.integers(0, 10**6))
+def test_widened_cells_are_those_of_scipy(shape: tuple[int, int, int], seed: int) -> None:
+    chosen = cells_of(shape, 0.1, seed) > 0
+    before = chosen.clone()
+    expected = binary_dilation(chosen.numpy(), np.ones((3, 3, 3), bool))
+    np.testing.assert_array_equal(widened(chosen), expected)
+    assert torch.equal(chosen, before)
+
+
+@pytest.mark.parametrize("grow", [False, True])
+def test_pruning_keeps_what_is_visible(grow: bool) -> None:
+    occupied = cells_of((6, 5, 7), 0.6, 1).numpy()
+    depth = np.random.default_rng(2).random(int(occupied.sum())).astype(np.float32)
+    visible = np.zeros(occupied.shape, bool)
+    visible[occupied > 0] = depth >= 0.8
+    if grow:
+        visible = binary_dilation(visible, np.ones((3, 3, 3), bool))
+    pruned = Occupancy(Box((0.0,) * 3, 1.0, (0.8, 0.7, 1.0)), 7, occupied, 24).pruned(
+        torch.from_numpy(depth).to(DEVICE), 0.8, grow
+    )
+    np.testing.assert_array_equal(pruned.occupied, occupied * visible)
+    assert pruned.occupied.dtype == np.uint8
+    assert pruned.samples_a_ray == 24
+    np.testing.assert_array_equal(pruned.distance_on(DEVICE).cpu() == 0, pruned.occupied > 0)
+    assert SparseLattice(pruned.occupied, 7, (7,), 1).table.numel() > 0
+
+
+@settings(deadline=None, max_examples=5)
+@given(st.integers(1, 40), st.integers(0, 200), st.integers(0, 10**6))
+def test_directions_are_the_reference(rays: int, count: int, seed: int) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    directions = torch.nn.functional.normalize(torch.randn(rays, 3, generator=generator), dim=1)
+    ray = torch.randint(rays, (count,), generator=generator, dtype=torch.int32)
+    expected = directions_of_samples(directions, ray)
+    got = fused.directions_of_samples(directions.to(DEVICE), ray.to(DEVICE))
+    torch.testing.assert_close(got.cpu(), expected, atol=1e-6, rtol=1e-6)
+
+
+def samples_of(counts: list[int], seed: int) -> Samples:
+    """Rays of a few samples each, many of them faint and some behind optical depth that was left out."""
+    generator = torch.Generator().manual_seed(seed)
+    count, total = torch.tensor(counts), sum(counts)
+    sigma = 6.0 * torch.rand(total, generator=generator) ** 4
+    skipped = torch.rand(total, generator=generator) * (torch.rand(total, generator=generator) < 0.2)
+    ray = torch.arange(len(counts), dtype=torch.int32).repeat_interleave(count)
+    return Samples(
+        torch.zeros(total, 3), sigma, skipped, ray, count.cumsum(0) - count, count, torch.zeros(len(counts)), 0.1
+    )
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.integers(0, 9), min_size=1, max_size=40), st.integers(0, 10**6), st.sampled_from([1 / 16, 0.3, 1.0]))
+def test_representatives_are_the_reference(counts: list[int], seed: int, every: float) -> None:
+    samples = samples_of(counts, seed)
+    shift = torch.rand(len(counts), generator=torch.Generator().manual_seed(seed))
+    moved = Samples(**{n: t.to(DEVICE) if torch.is_tensor(t) else t for n, t in vars(samples).items()})
+    rows, place = fused.representatives(moved, every, shift.to(DEVICE))
+    assert rows.dtype == place.dtype == torch.int64
+    if sum(counts) == 0:
+        assert len(rows) == len(place) == 0
+        return
+    expected_rows, expected_place = plain.representatives(samples, every, shift)
+    # A cut within a rounding error of a sample's end may fall to its neighbour: then that ray differs.
+    mine = samples_by_ray(samples, rows.cpu(), place.cpu())
+    theirs = samples_by_ray(samples, expected_rows, expected_place)
+    assert sum(a != b for a, b in zip(mine, theirs, strict=True)) <= 1
+    assert torch.equal(rows, rows.sort()[0])
+
+
+def samples_by_ray(samples: Samples, rows: torch.Tensor, place: torch.Tensor) -> list[list[int]]:
+    """For every ray, the sample that stands for each of its own."""
+    stands = rows[place]
+    return [stands[s : s + c].tolist() for s, c in zip(samples.start.tolist(), samples.count.tolist(), strict=True)]

@@ -1,0 +1,212 @@
+"""Small networks on tensor cores against plain torch, in value and gradient.
+
+Where there is a GPU the kernels run on it; elsewhere in Triton's interpreter. See ``tests/test_fused.py``.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from itertools import pairwise
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor, nn
+
+from svv.core.networks import relu_layers
+from svv.fields.networks import mlp
+from svv.kernels.dispatch import CPU
+
+GPU = torch.cuda.is_available()
+if not GPU:
+    # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
+    assert "triton" not in sys.modules or os.environ.get("TRITON_INTERPRET") == "1"
+    os.environ["TRITON_INTERPRET"] = "1"
+from svv.kernels import fused, fused_networks  # noqa: E402
+
+DEVICE = torch.device("cuda" if GPU else "cpu")
+TOLERANCE = {"value": 1e-4, "half": 4e-3}
+"""Root of the mean squared difference, as a part of the result's. ``value``: against plain torch whose operands are
+rounded to float16, which leaves the order of sums. ``half``: against float32; gradients, which are rounded, too."""
+FEW = settings(deadline=None, max_examples=12)
+
+SHAPES = [
+    (32, 64, 2, 3),
+    (31, 64, 2, 3),
+    (36, 32, 2, 2),
+    (20, 64, 1, 9),
+    (32, 64, 1, 16),
+    (8, 16, 1, 1),
+    (5, 24, 2, 60),
+]
+"""Inputs, width, hidden layers and outputs of colour, lighting, palette and density networks, and of odd ones."""
+
+
+def weights_for(shape: tuple[int, int, int, int], seed: int, scale: float = 1.0) -> list[Tensor]:
+    inputs, width, hidden, outputs = shape
+    sizes = [inputs, *[width] * hidden, outputs]
+    generator = torch.Generator().manual_seed(seed)
+    return [
+        scale * torch.randn(to, source, generator=generator) * (2.0 / source) ** 0.5 for source, to in pairwise(sizes)
+    ]
+
+
+class Rounded(torch.autograd.Function):
+    """float16 and back; the gradient passes."""
+
+    @staticmethod
+    def forward(ctx, x: Tensor) -> Tensor:
+        return x.half().float()
+
+    @staticmethod
+    def backward(ctx, g: Tensor) -> Tensor:
+        return g
+
+
+def rounded_layers(x: Tensor, weights: list[Tensor]) -> Tensor:
+    """:func:`relu_layers` with operands of the accuracy of float16; gradients are those of float32."""
+    for weight in weights[:-1]:
+        x = torch.relu(Rounded.apply(x) @ Rounded.apply(weight).T)
+    return Rounded.apply(x) @ Rounded.apply(weights[-1]).T
+
+
+def results(run, x: Tensor, weights: list[Tensor], g: Tensor, device: torch.device) -> list[Tensor]:
+    """Value and gradients with respect to inputs and weights."""
+    leaves = [t.detach().clone().to(device).requires_grad_() for t in (x, *weights)]
+    out = run(leaves[0], leaves[1:])
+    return [t.detach().cpu() for t in (out, *torch.autograd.grad(out, leaves, g.to(device)))]
+
+
+def off(mine: Tensor, theirs: Tensor) -> float:
+    """Root of the mean squared difference, as a part of that of ``theirs``."""
+    return float((mine - theirs).square().mean().sqrt() / theirs.square().mean().sqrt().clamp(min=1e-30))
+
+
+@pytest.fixture(params=[None, 2], ids=["a block each", "many blocks each"])
+def programs(request, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With as many programs as there are blocks, and with two that go over many small ones."""
+    if request.param:
+        for name in ("FORWARD", "BACKWARD"):
+            monkeypatch.setattr(fused_networks, name, fused_networks.Launch(16, request.param))
+
+
+@pytest.mark.usefixtures("programs")
+@FEW
+@given(st.sampled_from(SHAPES), st.integers(1, 150), st.integers(0, 10**6), st.integers(-30, 10))
+def test_values_and_gradients_are_those_of_plain_torch(
+    shape: tuple[int, int, int, int], count: int, seed: int, exponent: int
+) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    x, weights = torch.randn(count, shape[0], generator=generator), weights_for(shape, seed)
+    g = 2.0**exponent * torch.randn(count, shape[-1], generator=generator)
+    got = results(fused.network, x, weights, g, DEVICE)
+    exact = results(relu_layers, x, weights, g, CPU)
+    rounded = results(rounded_layers, x, weights, g, CPU)
+    assert [t.shape for t in got] == [t.shape for t in exact]
+    assert off(got[0], rounded[0]) < TOLERANCE["value"]
+    assert off(got[0], exact[0]) < TOLERANCE["half"]
+    assert max(off(mine, theirs) for mine, theirs in zip(got[1:], rounded[1:], strict=True)) < TOLERANCE["half"]
+
+
+@pytest.mark.parametrize("shape", SHAPES[:4])
+def test_gradients_neither_fade_nor_overflow(shape: tuple[int, int, int, int]) -> None:
+    """They are as many times larger as the loss is, to the last bit, far beyond what float16 can hold."""
+    generator = torch.Generator().manual_seed(1)
+    x, weights = torch.randn(70, shape[0], generator=generator), weights_for(shape, 2)
+    g = torch.randn(70, shape[-1], generator=generator)
+    expected = results(fused.network, x, weights, g, DEVICE)[1:]
+    for factor in (2.0**-60, 2.0**40):
+        got = results(fused.network, x, weights, factor * g, DEVICE)[1:]
+        assert all(torch.equal(mine, factor * theirs) for mine, theirs in zip(got, expected, strict=True))
+    assert all(t.abs().max() > 0.1 for t in expected)
+
+
+def test_gradients_of_faint_samples_beside_strong_ones() -> None:
+    """A sample whose gradient is a millionth of its neighbour's still teaches its features."""
+    shape = SHAPES[0]
+    generator = torch.Generator().manual_seed(1)
+    x, weights = torch.randn(64, shape[0], generator=generator), weights_for(shape, 2)
+    g = 1e-3 * torch.randn(64, shape[-1], generator=generator)
+    g[1::2] *= 1e-6
+    got, expected = results(fused.network, x, weights, g, DEVICE)[1], results(rounded_layers, x, weights, g, CPU)[1]
+    assert off(got[1::2], expected[1::2]) < TOLERANCE["half"]
+
+
+def test_what_is_too_large_for_half_precision_stays_finite() -> None:
+    weights = weights_for(SHAPES[0], 0, 30.0)
+    x = 1e5 * torch.randn(40, 32, generator=torch.Generator().manual_seed(0))
+    for t in results(fused.network, x, weights, torch.ones(40, 3), DEVICE):
+        assert t.isfinite().all()
+
+
+def test_what_is_no_number_shows() -> None:
+    """A training that has gone astray must not look like one that has not."""
+    x, weights = torch.zeros(40, 32), weights_for(SHAPES[0], 0)
+    x[7, 3] = torch.nan
+    out, _, *rest = results(fused.network, x, weights, torch.ones(40, 3), DEVICE)
+    assert out.isnan().any(dim=1).nonzero().flatten().tolist() == [7]
+    assert rest[0].isnan().any()
+    g = torch.ones(40, 3)
+    g[2, 1] = torch.nan
+    assert all(t.isnan().any() for t in results(fused.network, torch.ones(40, 32), weights, g, DEVICE)[1:])
+
+
+def test_the_same_inputs_give_the_same_bits() -> None:
+    """However the GPU's programs race: every part of a sum has its place in it."""
+    generator = torch.Generator().manual_seed(1)
+    x, g = torch.randn(1500, 32, generator=generator), torch.randn(1500, 3, generator=generator)
+    first, second = (results(fused.network, x, weights_for(SHAPES[0], 2), g, DEVICE) for _ in range(2))
+    assert all(map(torch.equal, first, second))
+
+
+def test_no_samples() -> None:
+    weights = weights_for(SHAPES[0], 0)
+    out, g_x, *rest = results(fused.network, torch.zeros(0, 32), weights, torch.zeros(0, 3), DEVICE)
+    assert (out.shape, g_x.shape) == ((0, 3), (0, 32))
+    assert all(torch.equal(g, torch.zeros_like(w)) for g, w in zip(rest, weights, strict=True))
+
+
+def test_inputs_that_learn_nothing() -> None:
+    """Geometry features are frozen while the lighting learns from them."""
+    weights = [w.to(DEVICE).requires_grad_() for w in weights_for(SHAPES[2], 0)]
+    x = torch.randn(50, 36, generator=torch.Generator().manual_seed(0)).to(DEVICE)
+    ends = []
+    for leaf in (x, x.clone().requires_grad_()):
+        ends.append(torch.autograd.grad(fused.network(leaf, weights).square().sum(), weights))
+    assert all(map(torch.equal, *ends))
+    assert not fused.network(x, [w.detach() for w in weights]).requires_grad
+
+
+@pytest.mark.parametrize("sizes", [(8, 4), (8, 32, 16, 4), (8, 128, 4), (200, 64, 4), (8, 16, 16, 16, 4)])
+def test_other_networks_run_in_plain_torch(sizes: tuple[int, ...]) -> None:
+    generator = torch.Generator().manual_seed(0)
+    weights = [torch.randn(to, source, generator=generator).to(DEVICE) for source, to in pairwise(sizes)]
+    x = torch.randn(20, sizes[0], generator=generator).to(DEVICE)
+    assert torch.equal(fused.network(x, weights), relu_layers(x, weights))
+
+
+def test_gpus_without_tensor_cores_for_triton_run_plain_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    x, weights = torch.randn(20, 32, device=DEVICE), [w.to(DEVICE) for w in weights_for(SHAPES[0], 0)]
+    monkeypatch.setattr(fused_networks, "_has_tensor_cores", lambda device: False)
+    assert torch.equal(fused.network(x, weights), relu_layers(x, weights))
+    monkeypatch.undo()
+    assert not torch.equal(fused.network(x, weights), relu_layers(x, weights))
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda device: (7, 5))
+    fused_networks._has_tensor_cores.cache_clear()
+    assert not fused_networks._has_tensor_cores(torch.device("cuda", 7))
+    fused_networks._has_tensor_cores.cache_clear()
+
+
+def test_the_processors_networks_are_torchs_to_the_last_bit() -> None:
+    torch.manual_seed(0)
+    layers = mlp(32, 64, 2, 3)
+    plain = nn.Sequential(*layers)
+    assert layers.state_dict().keys() == plain.state_dict().keys() == {"0.weight", "2.weight", "4.weight"}
+    ends = []
+    for network in (layers, plain):
+        x = torch.randn(500, 32, generator=torch.Generator().manual_seed(0)).requires_grad_()
+        out = network(x)
+        ends.append((out, *torch.autograd.grad(out.sigmoid().sum(), (x, *layers.parameters()))))
+    assert all(map(torch.equal, *ends))

@@ -1,0 +1,133 @@
+"""How many operations a step of training starts on a GPU, where each costs microseconds however little it does.
+
+They are counted here, on the processor, with the GPU's kernels in Triton's interpreter: what torch starts that
+calculates or copies, and the kernels. The optimiser of the networks is left out; on a GPU it is two operations a group.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from svv.core.box import Box
+from svv.core.cameras import sphere_cameras
+from svv.fields.networks import FieldSettings, PaletteField
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Marching
+from svv.fields.scene import Region, Scene
+from svv.io.viewset import ViewSet
+from svv.kernels import dispatch
+from svv.train.batches import RayPool
+from svv.train.config import RecolourSettings, ReconstructSettings
+from svv.train.recolour import Recolouring
+from svv.train.reconstruct import Reconstruction
+
+GPU = torch.cuda.is_available()
+if not GPU:
+    # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
+    assert "triton" not in sys.modules or os.environ.get("TRITON_INTERPRET") == "1"
+    os.environ["TRITON_INTERPRET"] = "1"
+from svv.kernels import fused  # noqa: E402
+
+pytestmark = pytest.mark.skipif(GPU, reason="counted in the interpreter; on a GPU a profiler counts better")
+
+NOTHING = {
+    "view", "_unsafe_view", "_reshape_alias", "expand", "t", "permute", "transpose", "slice", "select", "split",
+    "split_with_sizes", "unbind", "unsqueeze", "squeeze", "detach", "alias", "as_strided", "narrow", "lift_fresh",
+    "empty", "empty_like", "empty_strided", "new_empty", "new_empty_strided", "is_same_size",
+    "_record_function_enter_new", "_record_function_exit",
+}  # fmt: skip
+"""Operations that start nothing on a GPU."""
+
+MOST = {"base": 60, "palette": 123, "image": 71}
+"""Operations of a step of stage 1, of stage 2, and of a piece of an image."""
+
+
+class Counter(TorchDispatchMode):
+    """Counts operations, those within kernels as one."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.silent = False
+
+    def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        name = function.__name__.split(".")[0]
+        if not self.silent and name not in NOTHING:
+            self.found.append(name)
+        return function(*args, **(kwargs or {}))
+
+    @contextmanager
+    def one(self, name: str | None):
+        """What happens here counts as one operation, or, without a name, as none."""
+        before, self.silent = self.silent, True
+        yield
+        self.silent = before
+        if name and not before:
+            self.found.append(name)
+
+
+@pytest.fixture
+def count(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], list[str]]:
+    """Names of the operations that a function starts."""
+    from triton.runtime.interpreter import GridExecutor
+
+    monkeypatch.setattr(dispatch, "kernels_of", lambda kind: fused)
+    counter, launch, step = Counter(), GridExecutor.__call__, torch.optim.Adam.step
+
+    def counted_launch(self: Any, *args: Any, **kwargs: Any) -> Any:
+        with counter.one(self.fn.__name__):
+            return launch(self, *args, **kwargs)
+
+    def uncounted_step(self: torch.optim.Adam) -> Any:
+        with counter.one(None):
+            return step(self)
+
+    def run(function: Callable[[], object]) -> list[str]:
+        counter.found.clear()
+        with counter:
+            function()
+        return list(counter.found)
+
+    monkeypatch.setattr(GridExecutor, "__call__", counted_launch)
+    monkeypatch.setattr(torch.optim.Adam, "step", uncounted_step)
+    return run
+
+
+def views() -> ViewSet:
+    """A red disc on every side."""
+    images = np.zeros((6, 16, 16, 4), np.uint8)
+    row, column = np.mgrid[:16, :16] - 7.5
+    images[:, row**2 + column**2 < 25] = (230, 30, 30, 255)
+    return ViewSet(tuple(sphere_cameras(6, (0.0, 0.0, 0.0), 3.0, 0.35, 16)), images, tuple("abcdef"), {})
+
+
+def test_operations_of_a_step_and_of_an_image(count: Callable[[Callable[[], object]], list[str]]) -> None:
+    field = FieldSettings(resolutions=(2, 4), features=2, width=16)
+    box = Box.of_bounds((-0.35,) * 3, (0.35,) * 3)
+    first = Reconstruction(views(), Occupancy.full(box, 4), field, ReconstructSettings(rays=16, samples=128))
+    first.step(0, 0.0)  # what is made once is made here
+    found = {"base": count(lambda: first.step(1, 0.1))}
+
+    base, occupancy = first.finish()
+    palette = PaletteField(field, occupancy, base.geometry_width, torch.tensor([[0.9, 0.1, 0.1], [0.1, 0.9, 0.1]]))
+    how, pool = RecolourSettings(rays=16, samples=128), RayPool(views(), box, 0, dispatch.CPU)
+    second = Recolouring(base, palette, occupancy, Marching(1 / 8), pool, how)
+    second.step(0, 0.0)
+    found["palette"] = count(lambda: second.step(1, 0.1))
+
+    regions = tuple(Region(tuple(colour), 0.5) for colour in palette.colours.tolist())
+    scene = Scene(field, occupancy, Marching(1 / 8), base, palette.requires_grad_(False), None, regions)
+    found["image"] = count(lambda: scene.render(views().cameras[0].resized(8, 8)))
+
+    assert {"march", "network", "network_backward", "composite_backward", "adam"} <= set(found["base"])
+    assert {name: len(names) for name, names in found.items() if len(names) > MOST[name]} == {}
+    assert "mm" not in {*found["base"], *found["palette"], *found["image"]}  # every network is one kernel

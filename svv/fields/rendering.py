@@ -18,6 +18,7 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
+from svv.kernels import compiled
 from svv.kernels.dispatch import Limits, Samples, kernels_for
 
 CEILING = 9.0
@@ -117,6 +118,13 @@ def representatives(samples: Samples, every: float, seed: int) -> tuple[Tensor, 
         Rows of the samples that are taken (K,), ascending, and for each sample the place in them of the one that
         stands for it (S,).
     """
+    shift = torch.rand(len(samples.count), generator=torch.Generator().manual_seed(seed))
+    if kernels_for(samples.sigma).NAME == compiled.NAME:
+        return compiled.representatives(samples, every, shift)
+    return _representatives(samples, every, shift.to(samples.sigma.device))
+
+
+def _representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
     ray, own = samples.ray.long(), samples.sigma * samples.step
     both = (samples.skipped + own).double()
     total = both.cumsum(0)
@@ -124,8 +132,7 @@ def representatives(samples: Samples, every: float, seed: int) -> tuple[Tensor, 
     before = torch.zeros(len(samples.count), dtype=torch.float64, device=ray.device)
     before[there] = (total - both)[samples.start[there]]
     behind = total - before[ray]  # optical depth from the ray's beginning to the sample's end
-    shift = torch.rand(len(before), generator=torch.Generator().manual_seed(seed)).to(ray.device)[ray]
-    begin, end = (-torch.expm1(-depth).float() / every + shift for depth in (behind - own, behind))
+    begin, end = (-torch.expm1(-depth).float() / every + shift[ray] for depth in (behind - own, behind))
     taken = end.floor() > begin.floor()
     cut = torch.zeros(len(before), dtype=torch.bool, device=ray.device)
     cut[ray[taken]] = True

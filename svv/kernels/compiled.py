@@ -114,6 +114,16 @@ def composite_backward(
     return g_sigma, g_values
 
 
+def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
+    """What :func:`svv.fields.rendering.representatives` says in a dozen torch operations; ``shift`` (R,)."""
+    own, start, count = (samples.sigma * samples.step).numpy(), samples.start.numpy(), samples.count.numpy()
+    begin, end, taken = np.empty_like(own), np.empty_like(own), np.empty_like(count)
+    marching.cut(samples.skipped.numpy(), own, start, count, np.float32(every), shift.numpy(), begin, end, taken)
+    rows, place = np.empty(int(taken.sum()), np.int64), np.empty(len(own), np.int64)
+    marching.choose(start, count, begin, end, np.cumsum(taken) - taken, rows, place)
+    return torch.from_numpy(rows), torch.from_numpy(place)
+
+
 def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:
     return where.shapes.numpy(), where.scales.numpy(), where.bases.numpy(), where.index.numpy()
 

@@ -16,6 +16,7 @@ from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import CEILING, Extinction, Samples
+from svv.kernels.products import LEAST, HalfNetwork, processor_has_half
 
 DIRECTION_WIDTH = 16
 """Spherical harmonics of degree 4."""
@@ -62,13 +63,35 @@ class FieldSettings:
         return asdict(self)
 
 
-def mlp(inputs: int, width: int, hidden: int, outputs: int) -> nn.Sequential:
-    """Linear layers with ReLU between, without biases, as Instant-NGP's."""
+class Network(nn.Sequential):
+    """Linear layers with ReLU between, without biases; in half precision where ``rough`` and the processor has it."""
+
+    rough = False
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(S, inputs) -> (S, outputs)"""
+        if self.rough and len(x) >= LEAST and x.device.type == "cpu" and processor_has_half():
+            return HalfNetwork.apply(x, *self.parameters())  # type: ignore[no-any-return]
+        return super().forward(x)  # type: ignore[no-any-return]
+
+
+def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) -> Network:
+    """Linear layers with ReLU between, without biases, as Instant-NGP's.
+
+    Args:
+        inputs: Numbers a sample.
+        width: Of the hidden layers.
+        hidden: How many there are.
+        outputs: Numbers a sample.
+        rough: Whether three digits are enough, as for colours.
+    """
     layers: list[nn.Module] = []
     for _ in range(hidden):
         layers += [nn.Linear(inputs, width, bias=False), nn.ReLU(inplace=True)]
         inputs = width
-    return nn.Sequential(*layers, nn.Linear(inputs, outputs, bias=False))
+    network = Network(*layers, nn.Linear(inputs, outputs, bias=False))
+    network.rough = rough
+    return network
 
 
 def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
@@ -96,7 +119,7 @@ class BaseField(nn.Module):
         self.density: SparseLattice | None = None
         self.density_mlp: nn.Sequential | None = None
         if settings.encoding == "hash":
-            self.density_mlp = mlp(self.encoding.width, settings.width, 1, 16)
+            self.density_mlp = mlp(self.encoding.width, settings.width, 1, 16, rough=False)
             self.geometry_width = 15
         else:
             levels = density_resolutions or settings.resolutions

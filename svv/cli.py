@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from svv import __version__, cli_chart, cli_job, cli_paraview, cli_stability
+from svv import __version__, cli_chart, cli_job, cli_paraview, cli_profile, cli_stability
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.options import (
@@ -359,6 +359,7 @@ def _text(value: object) -> str:
 
 app.command(epilog=examples(*cli_chart.CHART))(cli_chart.chart)
 app.command(epilog=examples(*cli_stability.STABILITY))(cli_stability.stability)
+app.command(epilog=examples(*cli_profile.PROFILE))(cli_profile.profile)
 cli_paraview.add_to(app)  # last, as in the help
 
 

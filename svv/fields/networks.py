@@ -16,6 +16,8 @@ from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import CEILING, Extinction, Samples
+from svv.kernels import compiled
+from svv.kernels.dispatch import kernels_for
 from svv.kernels.products import LEAST, HalfNetwork, processor_has_half
 
 DIRECTION_WIDTH = 16
@@ -70,7 +72,7 @@ class Network(nn.Sequential):
 
     def forward(self, x: Tensor) -> Tensor:
         """(S, inputs) -> (S, outputs)"""
-        if self.rough and len(x) >= LEAST and x.device.type == "cpu" and processor_has_half():
+        if self.rough and len(x) >= LEAST and kernels_for(x).NAME == compiled.NAME and processor_has_half():
             return HalfNetwork.apply(x, *self.parameters())  # type: ignore[no-any-return]
         return super().forward(x)  # type: ignore[no-any-return]
 

@@ -15,7 +15,17 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from svv import __version__, cli_chart, cli_edit, cli_job, cli_paraview, cli_sheet, cli_stability, cli_style
+from svv import (
+    __version__,
+    cli_chart,
+    cli_edit,
+    cli_job,
+    cli_paraview,
+    cli_profile,
+    cli_sheet,
+    cli_stability,
+    cli_style,
+)
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.options import (
@@ -366,6 +376,7 @@ app.command(epilog=examples(*cli_sheet.SHEET))(cli_sheet.sheet)
 app.command(epilog=examples(*cli_sheet.FIGURES))(cli_sheet.figures)
 app.command(epilog=examples(*cli_chart.CHART))(cli_chart.chart)
 app.command(epilog=examples(*cli_stability.STABILITY))(cli_stability.stability)
+app.command(epilog=examples(*cli_profile.PROFILE))(cli_profile.profile)
 cli_paraview.add_to(app)  # last, as in the help
 
 

@@ -21,7 +21,8 @@ from svv.io.camera_file import read_camera
 from svv.options import parse_colour, parse_mapping, parse_numbers, parse_size
 
 COMMANDS = [
-    "demo", "run", "views", "train", "edit", "palette", "stylize", "render", "evaluate", "info", "chart", "stability",
+    "demo", "run", "views", "train", "edit", "palette", "stylize", "styles", "style-mask", "render", "evaluate", "info",
+    "sheet", "figures", "chart", "stability", "profile",
 ]  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import gc
 import weakref
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 import torch
@@ -56,6 +57,31 @@ def test_lattice_matches_reference_in_value_and_gradient() -> None:
     assert table.grad is not None
     torch.testing.assert_close(gradient, table.grad, atol=TOLERANCE["gradient"], rtol=1e-4)
     assert used[table.grad.abs().sum(1) > 0].all()
+
+
+@pytest.mark.parametrize("levels", [(16,), (4, 8, 16)])
+def test_lattice_backward_is_the_same_whatever_the_number_of_threads(levels: tuple[int, ...]) -> None:
+    occupied = (np.random.default_rng(2).random((8, 7, 6)) < 0.5).astype(np.uint8)
+    lattice = SparseLattice(occupied, 8, levels, 2)
+    x = points_in(occupied, 8, 3000)
+    upstream = torch.randn(3000, lattice.width, generator=torch.Generator().manual_seed(1))
+    gradient, used = lattice.buffers_for_gradient()
+    results, threads = [], numba.get_num_threads()
+    try:
+        for number in sorted({1, threads}):
+            numba.set_num_threads(number)
+            gradient.zero_(), used.zero_()
+            lattice.add_gradient(x, upstream)
+            results.append((gradient.clone(), used.clone()))
+    finally:
+        numba.set_num_threads(threads)
+    table = torch.zeros_like(gradient, requires_grad=True)
+    where = lattice.layout
+    lattice_features(x, where.shapes, where.scales, where.bases, where.index, table).backward(upstream)
+    for got, marks in results:
+        assert torch.equal(got, results[0][0])
+        assert torch.equal(marks > 0, results[0][1] > 0)
+        torch.testing.assert_close(got, table.grad, atol=TOLERANCE["gradient"], rtol=1e-4)
 
 
 def test_lattice_reproduces_linear_functions() -> None:

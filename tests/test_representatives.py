@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.fields.rendering import composite, representatives
+from svv.kernels import compiled, plain
 from svv.kernels.dispatch import Samples
 
 STEP = 0.1
@@ -42,6 +43,15 @@ def test_each_sample_is_stood_for_on_its_own_ray(counts: list[int], seed: int, t
     taken = torch.bincount(samples.ray[rows].long(), minlength=len(counts))
     assert (taken >= (samples.count > 0)).all()
     assert (taken <= 2 + torch.zeros(len(counts)).index_add_(0, samples.ray.long(), weight) / every).all()
+
+
+@given(RAYS, st.integers(0, 2**31), st.floats(0.001, 3.0), st.floats(1e-3, 2.0))
+def test_the_kernel_chooses_as_the_reference(counts: list[int], seed: int, thick: float, every: float) -> None:
+    samples = samples_of(counts, seed, thick)
+    shift = torch.rand(len(counts), generator=torch.Generator().manual_seed(seed))
+    expected = plain.representatives(samples, every, shift)
+    for got, right in zip(compiled.representatives(samples, every, shift), expected, strict=True):
+        assert torch.equal(got, right)
 
 
 def test_every_sample_stands_for_itself_where_each_weighs_enough() -> None:

@@ -67,18 +67,32 @@ class FieldSettings:
 class Layers(nn.Sequential):
     """Linear layers with ReLU between, run as one by the kernels of their device."""
 
+    rough = True
+    """Whether three digits are enough: kernels may then multiply in half precision."""
+
     def forward(self, x: Tensor) -> Tensor:
         """(S, I) -> (S, O)"""
-        return kernels_for(x).network(x, [layer.weight for layer in self if isinstance(layer, nn.Linear)])
+        weights = [layer.weight for layer in self if isinstance(layer, nn.Linear)]
+        return kernels_for(x).network(x, weights, self.rough)
 
 
-def mlp(inputs: int, width: int, hidden: int, outputs: int) -> nn.Sequential:
-    """Linear layers with ReLU between, without biases, as Instant-NGP's."""
+def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) -> Layers:
+    """Linear layers with ReLU between, without biases, as Instant-NGP's.
+
+    Args:
+        inputs: Numbers a sample.
+        width: Of the hidden layers.
+        hidden: How many there are.
+        outputs: Numbers a sample.
+        rough: Whether three digits are enough, as for colours.
+    """
     layers: list[nn.Module] = []
     for _ in range(hidden):
         layers += [nn.Linear(inputs, width, bias=False), nn.ReLU(inplace=True)]
         inputs = width
-    return Layers(*layers, nn.Linear(inputs, outputs, bias=False))
+    network = Layers(*layers, nn.Linear(inputs, outputs, bias=False))
+    network.rough = rough
+    return network
 
 
 def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
@@ -104,7 +118,7 @@ class BaseField(nn.Module):
         self.density: SparseLattice | None = None
         self.density_mlp: nn.Sequential | None = None
         if settings.encoding == "hash":
-            self.density_mlp = mlp(self.encoding.width, settings.width, 1, 16)
+            self.density_mlp = mlp(self.encoding.width, settings.width, 1, 16, rough=False)
             self.geometry_width = 15
         else:
             levels = density_resolutions or settings.resolutions

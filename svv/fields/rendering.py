@@ -18,6 +18,7 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
+from svv.kernels import beams, compiled
 from svv.kernels.dispatch import Limits, Samples, kernels_for
 
 CEILING = 9.0
@@ -52,6 +53,23 @@ class RayCaster:
         """Rays through flat pixel indices ``(view * height + row) * width + column``, int64. (R,)"""
         pixels, cameras = pixels.to(self.device), (self._rotations, self._positions, self._focal)
         return Rays(*kernels_for(pixels).pixel_rays(pixels, cameras, self.width, self.height))
+
+    def in_sight(self, occupancy: Occupancy) -> Tensor:
+        """Pixels of the first view that may look at something, in tiles: flat indices, int64. (R,)
+
+        Whole tiles of an image that look past all occupied cells are left out on the processor, where to march their
+        rays takes as long as to march those that meet something; a GPU marches all at once.
+        """
+        if kernels_for(self._focal).NAME != compiled.NAME:
+            return torch.arange(self.width * self.height, device=self.device)
+        seen = np.zeros((-(-self.height // beams.TILE), -(-self.width // beams.TILE)), np.uint8)
+        camera = (a[0].numpy().astype(np.float64) for a in (self._rotations, self._positions))
+        distance = occupancy.distance_on(self.device).numpy()
+        beams.tiles_in_sight(
+            *camera, float(self._focal[0]), self.width, self.height, distance, float(occupancy.cells),
+            np.asarray(occupancy.box.extent, np.float64), seen,
+        )  # fmt: skip
+        return torch.from_numpy(beams.pixels_of(seen, self.width, self.height))
 
     def view(self, view: int) -> Rays:
         """All rays of one view, row by row from the top."""

@@ -162,16 +162,14 @@ class Scene(Editing, Variants):
         device = self.device
         caster = RayCaster([camera], self.occupancy.box, device)
         pixels, chunk = camera.width * camera.height, kernels_of(device.type).RAYS
-        images = (
-            torch.zeros(pixels, 4, device=device),
-            torch.full((pixels,), torch.nan, device=device),
-            torch.full((pixels,), -1, dtype=torch.int16, device=device),
-        )
-        for first in range(0, pixels, chunk):
-            progress(first / pixels, "rendering")
-            part = slice(first, min(first + chunk, pixels))
-            rays = caster.rays(torch.arange(part.start, part.stop, device=device))
-            self._render_rays(rays, network, *(image[part] for image in images))
+        images, in_sight = _empty_images(pixels, device), caster.in_sight(self.occupancy)
+        for first in range(0, len(in_sight), chunk):
+            progress(first / len(in_sight), "rendering")
+            own = in_sight[first : first + chunk]
+            parts = _empty_images(len(own), device)
+            self._render_rays(caster.rays(own), network, *parts)
+            for image, part in zip(images, parts, strict=True):
+                image[own] = part
         rgba, depth, region = (image.cpu().numpy() for image in images)
         if background is not None:
             alpha = rgba[:, 3:]
@@ -327,3 +325,12 @@ class Scene(Editing, Variants):
             "camera_rig": self.camera_rig,
             "made": self.made,
         }
+
+
+def _empty_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+    """Straight RGBA (pixels, 4), depth and region (pixels,) where nothing is visible."""
+    return (
+        torch.zeros(pixels, 4, device=device),
+        torch.full((pixels,), torch.nan, device=device),
+        torch.full((pixels,), -1, dtype=torch.int16, device=device),
+    )

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.kernels import hashing, lattice, marching, plain, rays
+from svv.kernels import hashing, lattice, marching, plain, products, rays
 from svv.kernels.dispatch import Lattice, Limits, Samples
 
 NAME = "numba"
@@ -92,7 +92,12 @@ def march(
 
 
 def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
-    return plain.representatives(samples, every, shift)
+    own, start, count = (samples.sigma * samples.step).numpy(), samples.start.numpy(), samples.count.numpy()
+    begin, end, taken = np.empty_like(own), np.empty_like(own), np.empty_like(count)
+    marching.cut(samples.skipped.numpy(), own, start, count, np.float32(every), shift.numpy(), begin, end, taken)
+    rows, place = np.empty(int(taken.sum()), np.int64), np.empty(len(own), np.int64)
+    marching.choose(start, count, begin, end, np.cumsum(taken) - taken, rows, place)
+    return torch.from_numpy(rows), torch.from_numpy(place)
 
 
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
@@ -126,8 +131,10 @@ def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
     return plain.directions_of_samples(directions, ray)
 
 
-def network(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
-    return plain.network(x, weights)
+def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
+    if rough and len(x) >= products.LEAST and products.processor_has_half():
+        return products.HalfNetwork.apply(x, *weights)  # type: ignore[no-any-return]
+    return plain.network(x, weights, rough)
 
 
 def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:

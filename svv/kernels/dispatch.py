@@ -144,10 +144,11 @@ class Kernels(Protocol):
     def directions_of_samples(self, directions: Tensor, ray: Tensor) -> Tensor:
         """Spherical harmonics of degree 4 of each sample's ray: (R, 3) and (S,) -> (S, 16), without a graph."""
 
-    def network(self, x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+    def network(self, x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
         """A small network without biases, ReLU between its layers: (S, I) -> (S, O), differentiable in everything.
 
-        ``weights``: of each layer, (to, from). See :func:`svv.core.networks.relu_layers`.
+        ``weights``: of each layer, (to, from). ``rough``: half precision will do, as for colours. See
+        :func:`svv.core.networks.relu_layers`.
         """
 
 

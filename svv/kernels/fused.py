@@ -8,6 +8,7 @@ import torch
 import triton
 from torch import Tensor
 
+from svv.core.networks import relu_layers
 from svv.kernels import fused_networks, fused_rays, fused_tables
 from svv.kernels.dispatch import Lattice, Limits, Samples
 
@@ -180,5 +181,5 @@ def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
     return out
 
 
-def network(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
-    return fused_networks.run(x, weights)
+def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
+    return fused_networks.run(x, weights) if rough else relu_layers(x, weights)

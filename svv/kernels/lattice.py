@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.trilinear import NEXT, cell_at, mean_of, weights_of
+from svv.kernels.trilinear import NEXT, ONE, cell_at, mean_of, weights_of
 
 
 @njit(parallel=True, fastmath=True, cache=True)
@@ -31,18 +31,30 @@ def encode(x, shapes, scales, bases, index, table, width, out):  # type: ignore[
 def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used):  # type: ignore[no-untyped-def]
     """Gradient of :func:`encode` with respect to the table, added to ``g_table`` (V, F); marks ``used`` (V,).
 
-    Threads share no level, so no two write the same vertex and the sum has a fixed order.
+    A task has the vertices of one level whose place along x is even, or odd: that is one side of every cell. So no two
+    tasks write the same vertex, and each vertex sums in the order of the samples, whatever the number of threads; a
+    lattice of one level has work for two of them, too.
     """
     levels, features = shapes.shape[0], len(width)
-    for level in prange(levels):
+    for task in prange(2 * levels):
+        odd, level = task // levels, task % levels  # two threads get all levels each, and so the same work
+        scale, column = scales[level], level * features
+        nx, ny, nz = shapes[level, 0], shapes[level, 1], shapes[level, 2]
         for i in range(x.shape[0]):
-            a, b, c, d, wx, wy, wz = cell_at(x[i, 0], x[i, 1], x[i, 2], level, shapes, scales, bases, index)
-            w = weights_of(wx, wy, wz)
-            rows = (a, a + NEXT, b, b + NEXT, c, c + NEXT, d, d + NEXT)
-            for k in range(8):
+            fx, fy, fz = x[i, 0] * scale, x[i, 1] * scale, x[i, 2] * scale
+            ix, iy, iz = min(int(fx), nx - 2), min(int(fy), ny - 2), min(int(fz), nz - 2)
+            wx, wy, wz = fx - np.float32(ix), fy - np.float32(iy), fz - np.float32(iz)
+            beyond = (ix ^ odd) & 1
+            w = wx if beyond else ONE - wx
+            near, far = w * (ONE - wy), w * wy
+            at = np.uint64(bases[level] + ((ix + beyond) * ny + iy) * nz + iz)
+            a, b = np.uint64(index[at]), np.uint64(index[at + np.uint64(nz)])
+            weights = near * (ONE - wz), near * wz, far * (ONE - wz), far * wz
+            rows = (a, a + NEXT, b, b + NEXT)
+            for k in range(4):
                 used[rows[k]] = 1
                 for f in range(features):
-                    g_table[rows[k], np.uint64(f)] += w[k] * g_out[i, level * features + f]
+                    g_table[rows[k], np.uint64(f)] += weights[k] * g_out[i, column + f]
 
 
 @njit(parallel=True, fastmath=True, cache=True)

@@ -211,3 +211,44 @@ def composite_backward(  # type: ignore[no-untyped-def]
             behind -= weights[j] * dot
             g_sigma[j] = step * (t * e * dot - behind)
             t *= e
+
+
+@njit(parallel=True, cache=True)
+def cut(skipped, own, start, count, every, shift, begin, end, taken):  # type: ignore[no-untyped-def]
+    """Where the weight of a ray's samples is cut, see :func:`svv.fields.rendering.representatives`.
+
+    Writes the weight in front of each sample, ``begin``, and behind it, ``end`` (S,), in units of ``every`` and shifted
+    by the ray's ``shift`` (R,), and how many samples of each ray are ``taken`` (R,).
+    """
+    for r in prange(start.shape[0]):
+        depth, number = np.float64(0.0), 0
+        for j in range(start[r], start[r] + count[r]):
+            depth += np.float64(skipped[j] + own[j])
+            begin[j] = np.float32(-np.expm1(own[j] - depth)) / every + shift[r]
+            end[j] = np.float32(-np.expm1(-depth)) / every + shift[r]
+            number += np.floor(end[j]) > np.floor(begin[j])
+        taken[r] = max(number, min(count[r], 1))
+
+
+@njit(parallel=True, cache=True)
+def choose(start, count, begin, end, first, rows, place):  # type: ignore[no-untyped-def]
+    """The samples that a cut falls into, ``rows`` (K,), and for each sample the ``place`` of its own in them (S,).
+
+    ``first`` (R,): place of each ray's first one.
+    """
+    for r in prange(start.shape[0]):
+        at, last = first[r] - 1, start[r] + count[r] - 1
+        waiting = start[r]  # samples from here on are not given a place yet
+        for j in range(start[r], last + 1):
+            if np.floor(end[j]) > np.floor(begin[j]) or (j == last and at < first[r]):
+                at += 1
+                rows[at] = j
+                coming = np.floor(begin[j]) + ONE
+                for i in range(waiting, j):
+                    middle = np.float32(0.5) * (begin[i] + end[i])
+                    nearer = at > first[r] and middle - np.floor(end[rows[at - 1]]) < coming - middle
+                    place[i] = at - 1 if nearer else at
+                place[j] = at
+                waiting = j + 1
+        for i in range(waiting, last + 1):
+            place[i] = at

@@ -133,5 +133,5 @@ def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
     return encodings.directions_of_samples(directions, ray)
 
 
-def network(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
+def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
     return relu_layers(x, weights)

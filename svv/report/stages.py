@@ -17,7 +17,7 @@ from typing import Any
 from svv import __version__
 from svv.errors import Progress, silent
 from svv.io.atomic import make_folder, to_json, write_json
-from svv.measure import measured
+from svv.measure import give_memory_back, measured
 
 Show = Callable[[str], AbstractContextManager[Progress]]
 """Shows the progress of one stage under its title, like :func:`svv.progress.shown`."""
@@ -84,6 +84,7 @@ class Stages:
             with suppress(OSError):  # it holds what earlier stages made, and stays
                 self.folder.rmdir()
             raise
+        give_memory_back()  # what one stage freed shall not count in the next one's peak
         self._redone.add(name)
         self.costs[name] = self._record[name] = {
             "key": key,

@@ -1,0 +1,62 @@
+"""The small networks in half precision, on processors that multiply bfloat16 matrices (AMX).
+
+What goes in and comes out is float32, and so are the weights that learn; between, activations are bfloat16 (8 bits of
+mantissa, the exponents of float32) and every product adds up in float32. S samples.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import torch
+from torch import Tensor
+
+LEAST = 4096
+"""Samples from which on it pays; fewer are multiplied in float32."""
+
+WHOLE = 1024
+"""The number of samples is rounded up to a multiple of it: a product is prepared for each new shape of its matrices,
+which takes longer than the product itself."""
+
+
+@cache
+def processor_has_half() -> bool:
+    """Whether this processor multiplies bfloat16 matrices in hardware of its own, and torch can make use of it."""
+    ask = getattr(torch.cpu, "get_capabilities", None)  # torch before 2.7 has no such question
+    return ask is not None and bool(ask().get("amx_bf16")) and hasattr(torch.ops.mkldnn, "_linear_pointwise")
+
+
+class HalfNetwork(torch.autograd.Function):
+    """Linear layers without biases, ReLU between: x (S, I) and weights (O, I) each -> (S, O)."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, *weights: Tensor) -> Tensor:
+        halves = [w.bfloat16() for w in weights]
+        inputs = [_padded(x)]
+        for w in halves[:-1]:
+            inputs.append(torch.ops.mkldnn._linear_pointwise(inputs[-1], w, None, "relu", [], ""))
+        out = torch.ops.mkldnn._linear_pointwise(inputs[-1], halves[-1], None, "none", [], "")
+        ctx.save_for_backward(*inputs, *halves)
+        return out[: len(x)].float()  # type: ignore[no-any-return]
+
+    @staticmethod
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+        saved = ctx.saved_tensors
+        count = len(saved) // 2
+        g, gradients = _padded(upstream), []
+        for k in range(count - 1, -1, -1):
+            x, w = saved[k], saved[count + k]
+            gradients.append((g.T @ x).float())
+            if k:
+                g = torch.ops.aten.threshold_backward(g @ w, x, 0)
+        of_input = (g @ saved[count])[: len(upstream)].float() if ctx.needs_input_grad[0] else None
+        return (of_input, *gradients[::-1])
+
+
+def _padded(x: Tensor) -> Tensor:
+    """As bfloat16, with zeros behind."""
+    out = torch.empty(-(-len(x) // WHOLE) * WHOLE, x.shape[1], dtype=torch.bfloat16)
+    out[: len(x)] = x
+    out[len(x) :] = 0.0
+    return out

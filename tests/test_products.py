@@ -1,0 +1,99 @@
+"""Networks in half precision: as float32 to three digits, in value and gradient, and only where it is allowed."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from svv.core.box import Box
+from svv.fields.networks import BaseField, FieldSettings, Layers, mlp
+from svv.fields.occupancy import Occupancy
+from svv.kernels import products
+from svv.kernels.products import LEAST, WHOLE, HalfNetwork, processor_has_half
+
+HALF = pytest.mark.skipif(not processor_has_half(), reason="this processor multiplies no bfloat16 matrices")
+DIGITS = 0.02
+"""Error allowed, as a part of the numbers (root of the mean square): bfloat16 keeps 8 bits, and three layers add up."""
+
+
+def inputs(count: int, width: int = 32, seed: int = 0) -> Tensor:
+    return torch.randn(count, width, generator=torch.Generator().manual_seed(seed))
+
+
+def colour_network(hidden: int = 2, rough: bool = True) -> Layers:
+    torch.manual_seed(1)
+    return mlp(32, 64, hidden, 3, rough)
+
+
+def error(got: Tensor, right: Tensor) -> float:
+    return float(((got - right).norm() / right.norm()).detach())
+
+
+@HALF
+@pytest.mark.parametrize("hidden", [1, 2])
+@pytest.mark.parametrize("count", [LEAST, LEAST + 1, 3 * WHOLE + 17])
+def test_half_is_float32_to_three_digits_in_value_and_gradient(hidden: int, count: int) -> None:
+    network = colour_network(hidden)
+    x, twin = inputs(count).requires_grad_(), inputs(count).requires_grad_()
+    upstream = inputs(count, 3, 2).abs()  # of one sign: a sum that cancels keeps no digits in any precision
+    expected = nn.Sequential.forward(network, twin)
+    expected.backward(upstream)
+    right = [p.grad.clone() for p in network.parameters() if p.grad is not None]
+    network.zero_grad()
+    got = HalfNetwork.apply(x, *network.parameters())
+    got.backward(upstream)
+    assert got.shape == expected.shape and got.dtype == torch.float32
+    assert error(got, expected) < DIGITS
+    assert x.grad is not None and twin.grad is not None
+    # Where a hidden number is nearly 0, rounding turns its ReLU on or off, so some samples' gradients differ by more.
+    off = (x.grad - twin.grad).norm(dim=1) / twin.grad.norm(dim=1).clamp(min=1e-6)
+    assert float(off.median()) < DIGITS
+    for p, expected_gradient in zip(network.parameters(), right, strict=True):
+        assert p.grad is not None and p.grad.dtype == torch.float32
+        assert error(p.grad, expected_gradient) < 2 * DIGITS
+
+
+@HALF
+def test_a_sample_does_not_depend_on_how_many_there_are() -> None:
+    network, x = colour_network(), inputs(2 * LEAST + 5)
+    with torch.no_grad():
+        torch.testing.assert_close(network(x)[:LEAST], network(x[:LEAST]), atol=1e-6, rtol=0)
+
+
+@HALF
+def test_the_same_numbers_every_time() -> None:
+    network, x = colour_network(), inputs(LEAST + 100)
+    results = []
+    for _ in range(3):
+        network.zero_grad()
+        y = network(x)
+        y.square().sum().backward()
+        results.append([y.detach(), *(p.grad for p in network.parameters())])
+    for again in results[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(again, results[0], strict=True))
+
+
+@HALF
+def test_large_batches_of_rough_networks_are_in_half_and_others_are_not() -> None:
+    x = inputs(LEAST)
+    for rough, count in ((True, LEAST), (True, LEAST - 1), (False, LEAST)):
+        network = colour_network(rough=rough)
+        with torch.no_grad():
+            same = torch.equal(network(x[:count]), nn.Sequential.forward(network, x[:count]))
+        assert same == (not rough or count < LEAST)
+
+
+def test_a_processor_without_it_takes_float32(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(products, "processor_has_half", lambda: False)
+    network, x = colour_network(), inputs(LEAST + 7)
+    with torch.no_grad():
+        assert torch.equal(network(x), nn.Sequential.forward(network, x))
+
+
+def test_extinctions_are_never_rough() -> None:
+    """An error of three digits in an exponent of 9 would be one of several hundredths in the extinction."""
+    occupancy = Occupancy(Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0)), 4, torch.ones(4, 4, 4, dtype=torch.uint8).numpy())
+    field = BaseField(FieldSettings("hash", (4, 16), features=2, levels=4, log2_entries=8), occupancy)
+    assert isinstance(field.density_mlp, Layers) and not field.density_mlp.rough
+    assert isinstance(field.colour_mlp, Layers) and field.colour_mlp.rough

@@ -41,10 +41,11 @@ def styles(tmp_path: Path) -> list[str]:
     return found
 
 
-def panel(path: Path, row: int, column: int) -> np.ndarray:
-    """A picture of a sheet, levels. (48, 48, 3)"""
-    picture, head = np.asarray(Image.open(path)).astype(float), 18
-    return picture[head + row * 54 : head + row * 54 + 48, column * 54 : column * 54 + 48, :3]
+def panel(path: Path, row: int, column: int, rows: int, columns: int) -> np.ndarray:
+    """A picture of a sheet of rows x columns, levels. (h, w, 3)"""
+    whole = np.asarray(Image.open(path)).astype(float)[18:, :, :3]
+    height, width = ((side + 6) // number for side, number in zip(whole.shape, (rows, columns), strict=False))
+    return whole[row * height : (row + 1) * height - 6, column * width : (column + 1) * width - 6]
 
 
 def ink(picture: np.ndarray) -> np.ndarray:
@@ -57,8 +58,9 @@ def test_a_sheet_has_a_row_a_scene_and_a_column_a_style_and_is_not_painted_twice
 ) -> None:
     out = tmp_path / "sheet"
     path = paint_sheet([scene], styles, out, HOW)
-    assert np.asarray(Image.open(path)).shape[:2] == (18 + 2 * 54 - 6, 3 * 54 - 6)
-    assert ink(panel(path, 1, 1)).argmin() == 0 and ink(panel(path, 1, 2)).argmin() == 1
+    for row in (0, 1):
+        assert [ink(panel(path, row, column, 2, 3)).argmin() for column in (1, 2)] == [0, 1]
+    assert (panel(path, 0, 0, 2, 3) == 255).all() and (panel(path, 1, 0, 2, 3) < 255).any()
     made = {file: file.stat().st_mtime_ns for file in out.glob("*.svv")}
     assert sorted(file.name for file in made) == ["balls-green.svv", "balls-red.svv"]
     paint_sheet([scene], styles[:1], out, HOW)
@@ -70,10 +72,10 @@ def test_figures_show_parts_alone_together_and_edited(scene: Path, styles: list[
     several, parts, edits = paint_figures(scene, styles, out, HOW)
     regions = len(Scene.load(scene).regions)
     assert [r.style is not None for r in Scene.load(out / "only-1.svv").regions] == [k == 1 for k in range(regions)]
-    own, alone, all_of_them = (panel(several, 0, column) for column in (0, 2, 2 + regions + 1))
+    own, alone, all_of_them = (panel(several, 0, k, 1, regions + 4) for k in (0, 2, regions + 3))
     assert np.abs(own - alone).mean() > 1 and np.abs(alone - all_of_them).mean() > 1
-    assert (panel(parts, 0, 1).mean(axis=2) > 250).mean() > 0.1  # beyond the part it is white
-    painted, faint, bright = (panel(edits, 0, column) for column in (1, 2, 5))
+    assert (panel(parts, 0, 1, 2, 4).mean(axis=2) > 250).mean() > 0.1  # beyond the part it is white
+    painted, faint, bright = (panel(edits, 0, column, 1, 6) for column in (1, 2, 5))
     assert ink(faint).sum() < ink(painted).sum() and np.abs(bright - painted).mean() > 0.1
 
 

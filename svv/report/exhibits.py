@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from svv.errors import BadInput, Progress
 from svv.fields.scene import Scene
 from svv.io.atomic import check_writable
 from svv.io.output import write_png
-from svv.report.pictures import Picture, fitted, over_white, sheet
+from svv.report.pictures import Picture, cropped, fitted, over_white, sheet
 from svv.report.render import orbit, region_colours
 from svv.report.stages import Show, Stages, fingerprint, unseen
 from svv.train.gallery import PREFIX, open_style
@@ -32,6 +32,7 @@ FAINT, BRIGHT = 0.25, 1.6
 """Factors on opacity and on light in the figure of edits after painting."""
 
 Style = NDArray[np.float32]
+Cell = Picture | Style
 Mask = NDArray[np.bool_] | None
 
 
@@ -98,15 +99,22 @@ class Studio:
             return camera
         return replace(camera, fov_x=2.0 * float(np.arcsin(radius / away)))
 
-    def write(self, name: str, rows: Sequence[Sequence[Picture]], labels: Sequence[str]) -> Path:
-        """Write a sheet as ``NAME.png``."""
+    def write(self, name: str, rows: Sequence[Sequence[Cell]], labels: Sequence[str]) -> Path:
+        """Write a sheet as ``NAME.png``: pictures of scenes, all cut alike, and styles, fitted to them."""
         path = self.stages.folder / f"{name}.png"
-        write_png(path, sheet(rows, labels))
+        (pictures,) = cropped([[cell for row in rows for cell in row if _is_picture(cell)]])
+        (down, across), left = pictures[0].shape[:2], iter(pictures)
+
+        def shown(cell: Cell) -> Picture:
+            return next(left) if _is_picture(cell) else fitted(cast(Style, cell), across, down)
+
+        cells = [[shown(cell) for cell in row] for row in rows]
+        write_png(path, sheet(cells, labels))
         return path
 
-    def swatches(self, styles: Sequence[Style]) -> list[Picture]:
-        """Style pictures as large as the others."""
-        return [fitted(style, self.how.size) for style in styles]
+
+def _is_picture(cell: Cell) -> TypeGuard[Picture]:
+    return cell.dtype == np.uint8
 
 
 def paint_sheet(scenes: Sequence[Path], styles: Sequence[str], out: Path, how: Exhibit, show: Show = unseen) -> Path:
@@ -132,8 +140,8 @@ def paint_sheet(scenes: Sequence[Path], styles: Sequence[str], out: Path, how: E
     _check_painted(loaded, scenes)
     studio = Studio(out, how, show)
     check_writable(out / "sheet.png")
-    blank = np.full((how.size, how.size, 3), 255, np.uint8)
-    rows = [[blank, *studio.swatches([picture for _, picture in opened])]]
+    blank = np.ones((16, 16, 3), np.float32)
+    rows: list[list[Cell]] = [[blank, *(picture for _, picture in opened)]]
     for path, scene in zip(scenes, loaded, strict=True):
         painted = [
             studio.paint(f"{path.stem}-{name}", path, [style]) for name, style in zip(names, styles, strict=True)
@@ -179,13 +187,14 @@ def _several(
     studio: Studio, scene: Path, plain: Scene, styles: Sequence[str], opened: Sequence[tuple[str, Style]]
 ) -> Path:
     count = len(plain.regions)
-    pictures, labels = [studio.picture(plain, "pcn"), studio.swatches([opened[0][1]])[0]], ["palette", opened[0][0]]
+    pictures: list[Cell] = [studio.picture(plain, "pcn"), opened[0][1]]
+    labels = ["palette", opened[0][0]]
     for region in range(count):
         others = set(range(count)) - {region}
         pictures.append(studio.picture(studio.paint(f"only-{region}", scene, styles[:1], None, others)))
         labels.append(f"region {region} alone")
-    for swatch, (name, _) in zip(studio.swatches([p for _, p in opened[1:]]), opened[1:], strict=True):
-        pictures.append(swatch)
+    for name, picture in opened[1:]:
+        pictures.append(picture)
         labels.append(name)
     pictures.append(studio.picture(studio.paint("several", scene, styles)))
     return studio.write("several", [pictures], [*labels, f"{len(styles)} pictures"])
@@ -194,9 +203,9 @@ def _several(
 def _parts(studio: Studio, scene: Path, plain: Scene, style: str, opened: tuple[str, Style]) -> Path:
     name, picture = opened
     parts = style_regions(picture, PARTS)
-    shown = [np.where((parts == k)[..., None], picture, np.float32(1.0)) for k in range(PARTS)]
-    top = [studio.swatches([picture])[0], *studio.swatches(shown)]
-    bottom = [studio.picture(plain, "pcn")]
+    top: list[Cell] = [picture]
+    top += [np.where((parts == k)[..., None], picture, np.float32(1.0)) for k in range(PARTS)]
+    bottom: list[Cell] = [studio.picture(plain, "pcn")]
     count = len(plain.regions)
     for turn in range(PARTS):
         mapping = {region: (region + turn) % PARTS for region in range(count)}

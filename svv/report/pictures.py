@@ -78,13 +78,14 @@ def read_png(path: Path) -> Picture:
         return np.asarray(image.convert("RGBA"))
 
 
-def fitted(image: NDArray[np.float32], side: int) -> Picture:
-    """RGB in [0, 1] (h, w, 3) of any shape in the middle of a white square with this side."""
-    scale = side / max(image.shape[:2])
+def fitted(image: NDArray[np.float32], across: int, down: int | None = None) -> Picture:
+    """RGB in [0, 1] (h, w, 3) of any shape in the middle of a white picture, a square unless ``down`` is given."""
+    down = across if down is None else down
+    scale = min(across / image.shape[1], down / image.shape[0])
     height, width = (max(1, round(scale * n)) for n in image.shape[:2])
     small = Image.fromarray(to_bytes(image)).resize((width, height), Image.Resampling.LANCZOS)
-    canvas = Image.new("RGB", (side, side), "white")
-    canvas.paste(small, ((side - width) // 2, (side - height) // 2))
+    canvas = Image.new("RGB", (across, down), "white")
+    canvas.paste(small, ((across - width) // 2, (down - height) // 2))
     return np.asarray(canvas)
 
 

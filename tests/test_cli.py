@@ -21,7 +21,8 @@ from svv.io.camera_file import read_camera
 from svv.options import parse_colour, parse_mapping, parse_numbers, parse_size
 
 COMMANDS = [
-    "demo", "run", "views", "train", "edit", "stylize", "render", "evaluate", "info", "chart", "stability",
+    "demo", "run", "views", "train", "edit", "stylize", "render", "evaluate", "info", "styles", "style-mask", "chart",
+    "stability",
 ]  # fmt: skip
 
 

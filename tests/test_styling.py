@@ -23,8 +23,8 @@ from svv.train.stylize import stylization_cameras, visible_from
 DRAFT = PRESETS["draft"]
 SHORT = replace(
     DRAFT,
-    reconstruct=replace(DRAFT.reconstruct, iterations=100, rays=512, samples=4096, cells=32),
-    recolour=replace(DRAFT.recolour, iterations=300, rays=256, samples=2048),
+    reconstruct=replace(DRAFT.reconstruct, iterations=100, rays=1024, samples=8192, cells=32),
+    recolour=replace(DRAFT.recolour, iterations=300, rays=1024, samples=8192),
     stylize=replace(DRAFT.stylize, distil_iterations=50, distil_views=12, distil_rays=1024,
                     network_rate=0.02, style_iterations=4, style_views=4, style_size=64),
 )  # fmt: skip

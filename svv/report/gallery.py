@@ -12,7 +12,7 @@ from svv.errors import Progress, part, silent
 from svv.io.atomic import make_folder
 from svv.io.output import to_bytes, write_png, write_small_png
 from svv.report.pictures import Picture, sheet
-from svv.train.gallery import gallery_picture
+from svv.train.gallery import PREFIX, gallery_name, gallery_picture
 
 COLUMNS, SIDE = 4, 180
 """Pictures beside each other on the contact sheet, and how large."""
@@ -45,6 +45,20 @@ def write_gallery(folder: Path, names: Sequence[str], size: int, seed: int = 0, 
     path = folder / "gallery.png"
     write_small_png(path, contact_sheet(pictures, names))
     progress(1.0, "")
+    return path
+
+
+def style_file(source: str, folder: Path) -> Path:
+    """The file of a style: the one named, or for ``gallery:NAME`` one that is written to a folder, if it is not there.
+
+    Raises:
+        BadInput: an unknown name, or a folder that cannot be written to.
+    """
+    if not source.startswith(PREFIX):
+        return Path(source)
+    path = make_folder(folder) / f"{gallery_name(source.removeprefix(PREFIX))}.png"
+    if not path.is_file():  # else what was made of it would seem to be of another picture
+        write_png(path, to_bytes(gallery_picture(path.stem)))
     return path
 
 

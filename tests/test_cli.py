@@ -126,7 +126,7 @@ def is_one_sentence(text: str) -> bool:
         (["stylize", "missing.svv", "--style", "a.png", "--map", "x", "--out", "b.svv"], "is no mapping"),
         (["stylize", "missing.svv", "--style", "gallery:fresco", "--out", "b.svv"], "no 'fresco' in the gallery"),
         (["stylize", "missing.svv", "--style", "a.png", "--style-mask", "1=m.png", "--out", "b.svv"], "no style 1"),
-        (["stylize", "missing.svv", "--style", "a.png", "--style-mask", "m.png", "--out", "b.svv"], "no mask of a style"),
+        (["stylize", "missing.svv", "--style", "a.png", "--style-mask", "m", "--out", "b.svv"], "no mask of a style"),
         (["styles", "fresco", "--out", "g"], "no 'fresco' in the gallery"),
         (["style-mask", "missing.png", "--regions", "3", "--out", "parts"], "missing.png"),
         (["run", "missing.vti", "--style", "gallery:mosaic", "--out", "v"], "missing.vti"),

@@ -44,7 +44,7 @@ DEMO = (
 RUN = (
     "svv run foot.vti --tf bones.json --style brush.jpg --out foot",
     "svv run engine_256x256x128_uint8.raw --out engine --preset fast",
-    "svv run views --style a.png --style b.png --out result",
+    "svv run views --style a.png --style gallery:mosaic --out result",
 )
 VIEWS = (
     "svv views foot.vti --tf bones.json --out views",
@@ -84,7 +84,7 @@ def run(
     out: Out,
     tf: TransferFunction = None,
     style: Annotated[
-        list[Path] | None, typer.Option(metavar="IMG", help="A style; may be given several times.")
+        list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A style; may be given several times.")
     ] = None,
     recolour: Annotated[bool, typer.Option("--recolour", help="Show the regions in other colours too.")] = False,
     n: Views = 92,
@@ -106,6 +106,7 @@ def run(
 
     Stopped with Ctrl-C, the same command goes on where it was; what is finished is not done again.
     """
+    from svv.report.gallery import style_file
     from svv.report.job import JobSettings
     from svv.report.run import run_job
     from svv.report.source import ViewSource
@@ -118,7 +119,8 @@ def run(
     settings = JobSettings(
         n, test, size, mapper.value, preset.value, time_limit, seed, orbit, orbit_size, recolour, device.value
     )
-    print(run_job(origin, style or [], out, settings, shown))
+    origin.identity()  # a source that is missing is told before a picture of the gallery is written
+    print(run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown))
 
 
 def views(

@@ -9,7 +9,7 @@ import pytest
 
 from svv.errors import BadInput
 from svv.io.images import read_style
-from svv.report.gallery import write_gallery
+from svv.report.gallery import style_file, write_gallery
 from svv.train import gallery
 from svv.train.gallery import GALLERY, gallery_picture, open_style
 from svv.train.gallery.drawings import discs, streamed
@@ -93,7 +93,17 @@ def test_the_gallery_is_written_with_a_contact_sheet(tmp_path: Path) -> None:
     sheet = write_gallery(tmp_path / "made", names, 64)
     assert sorted(p.stem for p in sheet.parent.iterdir()) == sorted([*names, "gallery"])
     height, width = read_style(sheet).shape[:2]
-    assert width > 3.9 * 240 and height > 2 * 240  # four beside each other, the fifth below
+    assert width >= 4 * 180 and height >= 2 * 180  # four beside each other, the fifth below
+
+
+def test_a_job_gets_a_file_of_a_gallery_picture_and_keeps_it(tmp_path: Path) -> None:
+    assert style_file("a.png", tmp_path) == Path("a.png")
+    path = style_file("gallery:Screen print", tmp_path / "out")
+    assert path == tmp_path / "out" / "screen-print.png" and read_style(path).shape == (512, 512, 3)
+    before = path.stat().st_mtime_ns
+    assert style_file("gallery:screen-print", tmp_path / "out") == path and path.stat().st_mtime_ns == before
+    with pytest.raises(BadInput, match="no 'lithograph'"):
+        style_file("gallery:lithograph", tmp_path)
 
 
 @pytest.mark.parametrize("paint", [hills, sea, still_life, flowers])

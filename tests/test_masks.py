@@ -110,7 +110,7 @@ def test_a_selection_is_shown_saved_and_refined(picture: Path, monkeypatch: pyte
     assert call("style-mask", picture, "--positive", "10,30", "--out", out, monkeypatch=monkeypatch) == 0
     left = np.arange(W)[None].repeat(H, 0) < 40
     assert (read_mask(out) == left).mean() > 0.98
-    shown = np.asarray(Image.open(overlay_file(out)))
+    shown = np.asarray(Image.open(overlay_file(out)).convert("RGB"))
     assert shown.shape == (H, W, 3) and shown[5, 70].max() < 80 < shown[5, 30].max()
     assert json.loads(points_file(out).read_text())["positive"] == [[10.0, 30.0]]
     arguments = ["style-mask", picture, "--refine", out, "--positive", "70,30", "--negative", "12,5"]

@@ -221,3 +221,12 @@ def test_segmenters_have_names() -> None:
     assert isinstance(segmenter(), Superpixels)
     with pytest.raises(BadInput, match="no segmenter 'magic'"):
         segmenter("magic")
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (16, 400)])
+def test_the_smallest_pictures_can_be_cut(shape: tuple[int, int]) -> None:
+    picture = np.zeros((*shape, 3), np.float32)
+    picture[:, shape[1] // 2 :] = [0.9, 0.8, 0.2]
+    assert len(np.unique(style_regions(picture, 2))) == 2
+    mask = selection(picture, [(1, 8)], [(shape[1] - 2, 8)])
+    assert mask[:, : shape[1] // 2 - 2].all() and not mask[:, shape[1] // 2 + 2 :].any()

@@ -51,6 +51,23 @@ def write_png(path: str | Path, image: ArrayLike) -> None:
         Image.fromarray(levels).save(temporary, format="PNG", compress_level=4)
 
 
+def write_small_png(path: str | Path, levels: NDArray[np.uint8], bright: bool = False) -> None:
+    """Write a picture (h, w, 3) uint8 as PNG of 256 colours: to be looked at, at a third of the bytes.
+
+    Args:
+        path: The file.
+        levels: The picture.
+        bright: Keep small spots of strong colour rather than fine shades.
+
+    Raises:
+        BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+    """
+    method = Image.Quantize.MAXCOVERAGE if bright else Image.Quantize.MEDIANCUT
+    few = Image.fromarray(levels).quantize(256, method, dither=Image.Dither.NONE)
+    with atomic_path(path) as temporary:
+        few.save(temporary, format="PNG", optimize=True)
+
+
 def write_depth_png(path: str | Path, depth: ArrayLike) -> tuple[float, float]:
     """Write depth (h, w) in world units, NaN where empty, as 16-bit grey PNG.
 

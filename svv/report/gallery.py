@@ -10,11 +10,11 @@ from PIL import Image
 
 from svv.errors import Progress, part, silent
 from svv.io.atomic import make_folder
-from svv.io.output import to_bytes, write_png
+from svv.io.output import to_bytes, write_png, write_small_png
 from svv.report.pictures import Picture, sheet
-from svv.train.gallery import gallery_picture
+from svv.train.gallery import PREFIX, gallery_name, gallery_picture
 
-COLUMNS, SIDE = 4, 240
+COLUMNS, SIDE = 4, 180
 """Pictures beside each other on the contact sheet, and how large."""
 
 
@@ -43,13 +43,27 @@ def write_gallery(folder: Path, names: Sequence[str], size: int, seed: int = 0, 
         write_png(folder / f"{name}.png", picture)
         pictures.append(picture)
     path = folder / "gallery.png"
-    write_png(path, contact_sheet(pictures, names))
+    write_small_png(path, contact_sheet(pictures, names))
     progress(1.0, "")
     return path
 
 
+def style_file(source: str, folder: Path) -> Path:
+    """The file of a style: the one named, or for ``gallery:NAME`` one that is written to a folder, if it is not there.
+
+    Raises:
+        BadInput: an unknown name, or a folder that cannot be written to.
+    """
+    if not source.startswith(PREFIX):
+        return Path(source)
+    path = make_folder(folder) / f"{gallery_name(source.removeprefix(PREFIX))}.png"
+    if not path.is_file():  # else what was made of it would seem to be of another picture
+        write_png(path, to_bytes(gallery_picture(path.stem)))
+    return path
+
+
 def contact_sheet(pictures: Sequence[Picture], names: Sequence[str]) -> Picture:
-    """Square pictures in rows of four, each under its name, on white; 256 colours, so that the file stays small."""
+    """Square pictures in rows of four, each under its name, on white."""
     small = [np.asarray(Image.fromarray(p).resize((SIDE, SIDE), Image.Resampling.LANCZOS)) for p in pictures]
     columns = min(COLUMNS, len(small))
     rows = [
@@ -60,4 +74,4 @@ def contact_sheet(pictures: Sequence[Picture], names: Sequence[str]) -> Picture:
     whole = np.concatenate(
         [np.pad(row, ((0, 8), (0, width - row.shape[1]), (0, 0)), constant_values=255) for row in rows]
     )
-    return np.asarray(Image.fromarray(whole).quantize(256, dither=Image.Dither.FLOYDSTEINBERG).convert("RGB"))
+    return whole

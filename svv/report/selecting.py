@@ -18,7 +18,7 @@ from svv.io.mask_file import (
     write_selection,
 )
 from svv.io.mask_pictures import mask_overlay, regions_overlay
-from svv.io.output import write_png
+from svv.io.output import write_small_png
 from svv.train.gallery import PREFIX, open_style
 from svv.train.segmenters import segmenter, style_regions
 
@@ -50,7 +50,7 @@ def write_regions(
     labels = style_regions(picture, count, finder)
     make_folder(folder)
     paths = [folder / "overlay.png"]
-    write_png(paths[0], regions_overlay(picture, labels))
+    write_small_png(paths[0], regions_overlay(picture, labels), bright=True)
     for number in range(int(labels.max()) + 1):
         path = folder / f"region-{number}.png"
         write_mask(path, labels == number)
@@ -119,7 +119,7 @@ def write_selected(
         raise BadInput("Nothing is left of the selection: take a --negative point back, or add a --positive one.")
     write_mask(out, mask)
     write_selection(out, chosen)
-    write_png(overlay_file(out), mask_overlay(picture, mask, chosen))
+    write_small_png(overlay_file(out), mask_overlay(picture, mask, chosen), bright=True)
     progress(1.0, "")
     return float(mask.mean())
 

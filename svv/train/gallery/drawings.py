@@ -110,7 +110,7 @@ def charcoal(rng: Generator, n: int) -> Floats:
     unit = n / 512
     grain = paper_grain(rng, n, 1.0 * unit)
     smudged = gaussian_filter(subject.tone, 6 * unit) + 0.05 * smooth(rng, n, 20 * unit)
-    dust = np.clip(0.85 - smudged, 0, 1) * (0.55 + 0.3 * grain)
+    dust = np.clip(0.9 - smudged, 0, 1) * (0.32 + 0.66 * grain)
     lines = streamed(smooth(rng, n, 1.3 * unit), subject.angle - 0.9, 26 * unit)
     wanted = np.clip(1.02 - subject.tone - 0.1, 0, 1)
     strokes = np.clip((wanted - 0.62 * lines - 0.35 * grain + 0.1) * 5, 0, 1)
@@ -142,7 +142,7 @@ def pastel(rng: Generator, n: int) -> Floats:
     canvas = Canvas(np.tile(from_hex("4b4358")[0], (n, n, 1)))
     for width, gap, tooth in ((9, 1.3, 0.38), (6, 1.5, 0.55), (3.5, 2.4, 0.6)):
         length = 5.5 * width
-        canvas.tooth = np.clip((grain - tooth + 0.45) * 1.6, 0.0, 1)
+        canvas.tooth = np.clip((grain - tooth + 0.45) * 1.6, 0.07, 1)
         count = int(n * n / (4 * width * length * unit * unit) * 6 / gap)
         for y, x in rng.uniform(0, n, (count, 2)):
             iy, ix = int(y), int(x)

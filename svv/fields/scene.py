@@ -226,15 +226,13 @@ class Scene(Editing, Variants):
         assert self.palette is not None
         palette = self.palette.colours
         colours = palette + offsets
-        if any(r.edited_colour is not None for r in self.regions):
-            target = torch.stack([
-                own.detach() if r.edited_colour is None else own.new_tensor(r.edited_colour)
-                for own, r in zip(palette, self.regions, strict=True)
-            ])  # fmt: skip
+        edited = [k for k, r in enumerate(self.regions) if r.edited_colour is not None]
+        if edited:
+            own, target = palette[edited].detach(), palette.new_tensor([self.regions[k].edited_colour for k in edited])
             # The user edits the region's colour as shown; the palette may have drifted from it in training.
-            shown = palette.new_tensor([r.colour for r in self.regions])
-            target = torch.where((target == palette).all(1, keepdim=True), shown, target)
-            colours = shift_colours(colours, shown, target)
+            shown = palette.new_tensor([self.regions[k].colour for k in edited])
+            target = torch.where((target == own).all(1, keepdim=True), shown, target)
+            colours[:, edited] = shift_colours(colours[:, edited], shown, target)
         return colours
 
     def with_style(self, diffuse: Tensor, region: Tensor, position: Tensor, network: str) -> Tensor:

@@ -88,10 +88,9 @@ class RecolourSettings:
     mixing_weight: float = 0.01
     """Weight of 1 - sum w_i^2: each point belongs to one range of the transfer function, and an edit of one region
     must not bleed into another. Where the volume says which range that is, ``owner_weight`` counts instead."""
-    mixing_start: float = 1.0
-    """Factor on it at the start, which comes to 1 at the end."""
     owner_weight: float = 0.1
-    """Weight of -ln w of a sample's own range, mean over the samples of each range and over the ranges."""
+    """Weight of -ln w of a sample's own range, mean over the samples of each range and over the ranges; for a palette
+    made by hand, of the cross entropy of the shares of its colours in a pixel."""
 
 
 @dataclass(frozen=True)

@@ -27,16 +27,11 @@ from svv.train.pipeline import camera_rig, key_of
 from svv.train.ranges import Owners, hull_of, membership
 from svv.train.recolour import recolour
 from svv.train.sampling import with_fewest_samples
+from svv.train.unmix import Unmixing
 
 ELSEWHERE = 0.05
 """Views whose cameras stand around another place or at another distance, by more than this part of it, are of another
 scene."""
-
-FIRST_OFFSETS = 100.0
-"""Factor on the weight of the offsets at the start, where the views decide which point is of which colour. Colours of
-similar hue can stand in for one another with small offsets, and then chance decides: asked to be pure from the
-start, the weights take either. So here the weights come first, which mix the given colours as the views want it,
-then purity, and the offsets last."""
 
 
 def correct_palette(
@@ -88,11 +83,11 @@ def correct_palette(
     ]
     ranges = () if volume is None else volume.ranges
     entries, notes = corrected(before, correction, ranges)
-    owners, settings = None, chosen.recolour
+    palette, owners, given = np.array([entry.colour for entry in entries]), None, None
     if volume is not None:
         owners = Owners(volume, np.array([[r in e.ranges for e in entries] for r in range(len(ranges))]), scene.device)
     if owners is None or owners.shared:
-        settings = replace(settings, offset_start=max(FIRST_OFFSETS, settings.offset_start), mixing_start=0.0)
+        given = Unmixing(palette, scene.device)
     saved = None
     if checkpoint is not None:
         key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries]}
@@ -100,8 +95,8 @@ def correct_palette(
     forget_gpu_peak(scene.device)
     with measured() as cost:
         network, shares, spent = recolour(
-            views, scene.base, scene.occupancy, scene.marching, np.array([entry.colour for entry in entries]),
-            scene.settings, settings, seed, time_limit, part(progress, 0.0, 0.98), saved, owners,
+            views, scene.base, scene.occupancy, scene.marching, palette, scene.settings, chosen.recolour, seed,
+            time_limit, part(progress, 0.0, 0.98), saved, owners, given,
         )  # fmt: skip
         begin = time.monotonic()
         regions = []

@@ -22,6 +22,7 @@ from svv.train.checkpoint import Checkpoint
 from svv.train.config import RecolourSettings
 from svv.train.loop import Loop, falling, network_adam
 from svv.train.ranges import Owners, shares_of
+from svv.train.unmix import Unmixing
 
 PALETTE_PIXELS = 400_000
 """Visible pixels from which the palette is extracted at most."""
@@ -39,6 +40,8 @@ class Recolouring:
     settings: RecolourSettings
     owners: Owners | None = None
     """Where the volume says which region a point belongs to."""
+    given: Unmixing | None = None
+    """Where a palette was made by hand: what the pixels say of it."""
 
     def __post_init__(self) -> None:
         s = self.settings
@@ -69,18 +72,25 @@ class Recolouring:
         settled = self.owners is not None and not self.owners.shared
         mixed = torch.zeros_like(offsets) if settled else 1.0 - parts.weights.square().sum(dim=1)
         values = torch.cat([colour, torch.stack([offsets, (parts.shade - 1.0).square(), mixed], dim=1)], dim=1)
+        if self.given is not None:
+            light = (parts.intensity * parts.shade).detach()
+            values = torch.cat([values, light[:, None] * parts.weights], dim=1)
         out, _, _ = composite(samples, sigma, values)
+        out, mixtures = out[:, :6], out[:, 6:]
         error = (out[:, :3] - batch.premultiplied).square().mean()
         drift = (self.field.colours - self.start).square().sum()
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
-        pure = s.mixing_weight * (s.mixing_start + (1.0 - s.mixing_start) * fraction)
-        penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, pure])
+        penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, s.mixing_weight])
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
         if self.owners is not None and len(samples):
             owner, own = self.owners.told(parts.weights, samples.position)
             # A thin shell has as much of a say as the fog that it lies in.
             each = 1.0 / torch.bincount(owner, minlength=parts.weights.shape[1]).clamp(min=1)[owner]
             loss = loss - s.owner_weight * (each * own.log()).sum() / parts.weights.shape[1]
+        if self.given is not None:
+            shares = self.given.shares(batch.premultiplied) * batch.premultiplied.amax(dim=1, keepdim=True)
+            shown = mixtures / mixtures.sum(dim=1, keepdim=True).clamp_min(1e-6)
+            loss = loss - s.owner_weight * (shares * shown.clamp_min(1e-4).log()).sum() / shares.sum().clamp_min(1e-6)
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         rate = falling(fraction, s.decay)
@@ -121,6 +131,7 @@ def recolour(
     progress: Progress,
     checkpoint: Checkpoint | None = None,
     owners: Owners | None = None,
+    given: Unmixing | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
     """Train the palette colour network for a palette (P, 3).
 
@@ -135,6 +146,7 @@ def recolour(
         progress: Called several times a second; stops the training when it raises.
         checkpoint: Where to go on from, and to save to.
         owners: The region that each point belongs to, where that is known.
+        given: What pixels say of the palette, where it was made by hand.
 
     Returns:
         The frozen network, each region's share of the visible light (P,), and the seconds spent.
@@ -145,7 +157,7 @@ def recolour(
     device = base.encoding.table.device
     network.to(device).light_like(base)
     pool = RayPool(views, occupancy.box, seed, device)
-    work = Recolouring(base, network, occupancy, marching, pool, settings, owners)
+    work = Recolouring(base, network, occupancy, marching, pool, settings, owners, given)
     loop = Loop(settings.iterations, limit, progress, "palette colour network")
     if checkpoint is not None:
         state = checkpoint.stage("palette", network, work.networks, work.tables)

@@ -36,7 +36,7 @@ SHORT = replace(
     DRAFT,
     reconstruct=replace(DRAFT.reconstruct, iterations=120, rays=512, samples=4096, cells=64),
     recolour=replace(DRAFT.recolour, iterations=10, rays=256, samples=2048),
-    stylize=replace(DRAFT.stylize, distil_iterations=4, style_iterations=2, style_views=2, style_size=48),
+    stylize=replace(DRAFT.stylize, distil_iterations=4, style_iterations=2, style_views=4, style_size=48),
 )
 
 HUES = ((0.9, 0.1, 0.1), (0.9, 0.8, 0.1), (0.1, 0.8, 0.2), (0.1, 0.8, 0.9), (0.1, 0.2, 0.9), (0.9, 0.1, 0.8))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from PIL import Image
 
 from svv.report.chart import figures
@@ -79,6 +82,17 @@ def test_charts_are_drawn_in_the_colours_of_their_encodings(draw: Callable[..., 
     for colour in figures.COLOURS.values():
         assert tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5)) in shown
     draw(tmp_path / "one.png", some_rows()[:1])  # one point is a chart too
+
+
+def test_labels_of_neighbours_do_not_overlap() -> None:
+    figure = Figure((4.0, 3.0))
+    canvas, axes = FigureCanvasAgg(figure), figure.subplots()
+    axes.set(xlim=(0.0, 10.0), ylim=(20.0, 40.0))
+    figures._ring(axes, [5.0, 4.6, 5.4], [30.2, 30.0, 38.0], [True, True, True], ["10 s", "40 s", "full"])
+    renderer = canvas.get_renderer()
+    boxes = [text.get_window_extent(renderer) for text in axes.texts]
+    assert len(boxes) == 3
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
 def test_numbers_along_the_axes_are_short() -> None:

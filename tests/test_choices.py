@@ -26,7 +26,7 @@ from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.report.stability_scenes import NESTED, SCENES, Array, KnownScene, Range, shells
 from svv.train.config import PRESETS, fitted_field
-from svv.train.levels import without_finer
+from svv.train.levels import with_fewest_levels, without_finer
 from svv.train.pipeline import stylize_scene, train_scene
 from svv.train.reconstruct import first_occupancy
 from svv.train.textures import style_picture
@@ -36,7 +36,7 @@ SHORT = replace(
     DRAFT,
     reconstruct=replace(DRAFT.reconstruct, iterations=120, rays=512, samples=4096, cells=64),
     recolour=replace(DRAFT.recolour, iterations=10, rays=256, samples=2048),
-    stylize=replace(DRAFT.stylize, distil_iterations=4, style_iterations=3, style_views=3, style_size=48),
+    stylize=replace(DRAFT.stylize, distil_iterations=4, style_iterations=2, style_views=4, style_size=48),
 )
 
 HUES = ((0.9, 0.1, 0.1), (0.9, 0.8, 0.1), (0.1, 0.8, 0.2), (0.1, 0.8, 0.9), (0.1, 0.2, 0.9), (0.9, 0.1, 0.8))
@@ -154,8 +154,11 @@ def test_one_flat_colour_needs_no_fine_levels() -> None:
 
 def test_fine_stripes_need_all_levels() -> None:
     scene, notes = trained("striped")
-    assert len(scene.settings.resolutions) > 1 and not scene.settings.finer
-    assert f"all {len(scene.settings.resolutions)} levels of features stay" in notes
+    count = len(scene.settings.resolutions)
+    assert count > 1 and f"all {count} levels of features stay, for the borders" in notes
+    same, reason = with_fewest_levels(replace(scene, palette=None), views_of("striped"), 0)
+    assert same.settings == scene.settings and not same.settings.finer
+    assert "adds" in reason and f"all {count} levels of features stay" in reason
 
 
 def test_features_that_follow_from_coarser_ones_go_without_a_trace() -> None:

@@ -236,7 +236,7 @@ def test_scene_file_gives_the_same_images(trained: tuple[Scene, dict[str, object
     scene.save(tmp_path / "a.svv")
     again = Scene.load(tmp_path / "a.svv")
     one, two = scene.render(front()), again.render(front())
-    difference = np.abs(two.rgba - one.rgba)  # tables are stored in half precision
+    difference = np.abs(two.rgba - one.rgba)  # tables are stored in bytes
     assert difference.mean() < 2e-3
     assert np.quantile(difference, 0.99) < 0.02
     assert again.regions == scene.regions

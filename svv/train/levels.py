@@ -21,7 +21,7 @@ LEAST_GAIN = 0.05
 """dB that the finer levels must add to be kept: well below what two seeds differ by."""
 
 
-def with_fewest_levels(scene: Scene, views: ViewSet, seed: int) -> tuple[Scene, str]:
+def with_fewest_levels(scene: Scene, views: ViewSet, seed: int, borders: bool = False) -> tuple[Scene, str]:
     """The scene without the finer levels of features that add next to nothing, and why.
 
     Pixels drawn at random from all views (training has looked at a few in a hundred of them) are compared with what
@@ -34,12 +34,16 @@ def with_fewest_levels(scene: Scene, views: ViewSet, seed: int) -> tuple[Scene, 
         scene: With a trained base field and no other network.
         views: The training views.
         seed: Of the pixels.
+        borders: Whether a volume says where regions border on each other: they may do so where colours do not show it,
+            and the palette network needs all levels to tell them apart.
     """
     encoding = scene.base.encoding
     if not isinstance(encoding, SparseLattice):
         return scene, f"all {encoding.levels} levels of the hash grid, as the preset has them"
     if encoding.levels == 1:
         return scene, "one level of features, the least there is"
+    if borders:
+        return scene, f"all {encoding.levels} levels of features stay, for the borders between the volume's ranges"
     choices = [without_finer(scene, k, views, seed) for k in range(1, encoding.levels)] + [scene]
     found = [accuracy(choice, views, seed) for choice in choices]
     kept = next(k for k in range(1, encoding.levels + 1) if found[-1] - found[k - 1] <= LEAST_GAIN)

@@ -150,11 +150,12 @@ def _train(
             saved.finish("base", {"header": header, "seconds": seconds, "notes": notes}, arrays)
     known = None
     with _timed(seconds, "palette"):
-        if chosen.fitted:
-            scene, reason = with_fewest_levels(scene, views, seed)
-            notes.append(reason)
         if views.classified is not None and chosen.reconstruct.use_volume:
             known = regions_of(views.classified, views, scene, seed)
+        if chosen.fitted:
+            borders = known is not None and len(known.values) > 1
+            scene, reason = with_fewest_levels(scene, views, seed, borders)
+            notes.append(reason)
         palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette
         notes.extend(palette.steps)
         if chosen.fitted:

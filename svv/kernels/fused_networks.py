@@ -86,7 +86,7 @@ def weights_of(weights, outputs, inputs, OUTPUTS: tl.constexpr, INPUTS: tl.const
     return half(tl.load(weights + at, mask=there, other=0.0))
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["samples"])
 def network(  # type: ignore[no-untyped-def]
     x, first, middle, last, out, samples, inputs, width, outputs,
     WIDE_IN: tl.constexpr, WIDE: tl.constexpr, WIDE_OUT: tl.constexpr, DEEP: tl.constexpr, BLOCK: tl.constexpr,
@@ -107,7 +107,7 @@ def network(  # type: ignore[no-untyped-def]
         tl.store(out + at, tl.dot(h, tl.trans(w_last)), mask=there)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["samples"])
 def network_backward(  # type: ignore[no-untyped-def]
     x, g_out, first, middle, last, g_x, parts, samples, inputs, width, outputs,
     WIDE_IN: tl.constexpr, WIDE: tl.constexpr, WIDE_OUT: tl.constexpr, DEEP: tl.constexpr, INWARD: tl.constexpr,

@@ -27,6 +27,8 @@ class Stage:
     name: str
     seconds: float
     """Median over the steps."""
+    best: float
+    """Least over the steps, seconds: what other programs did not disturb, as the ceilings are."""
     share: float
     """Of the sum of all stages."""
     work: Work | None
@@ -75,7 +77,8 @@ def profile_of(
         if seconds > 0:
             own = work.get(stage)
             floor, bound = (0.0, "") if own is None else ceilings.floor(own)
-            stages.append(Stage(stage, seconds, seconds / total, own, floor, bound))
+            best = min(t.get(stage, 0.0) for t in times)
+            stages.append(Stage(stage, seconds, best, seconds / total, own, floor, bound))
     return Profile(name, len(times), rays, tuple(stages))
 
 
@@ -87,16 +90,16 @@ def as_text(profiles: Iterable[Profile], ceilings: Ceilings) -> str:
         f"{half} in bfloat16; random reads {ceilings.gathers / 1e6:.0f} M/s from 1 MB, "
         f"{ceilings.far_gathers / 1e6:.0f} M/s from 64 MB"
     ]
-    columns = {"ms": 8, "share": 7, "items": 9, "MB": 8, "M ops": 8, "M reads": 9, "floor": 8, "ratio": 7}
+    columns = {"ms": 8, "best": 8, "share": 7, "items": 9, "MB": 8, "M ops": 8, "M reads": 9, "floor": 8, "ratio": 7}
     for profile in profiles:
         times = f"{1e3 * profile.seconds:.2f} ms, floor {1e3 * profile.floor:.2f} ms"
         lines += ["", f"{profile.name}: {profile.rays} rays, {times}"]
         lines.append(" " * 34 + "".join(f"{name:>{width}}" for name, width in columns.items()))
         for s in profile.stages:
-            line = f"  {s.name:32}{1e3 * s.seconds:8.2f}{s.share:7.1%}"
+            line = f"  {s.name:32}{1e3 * s.seconds:8.2f}{1e3 * s.best:8.2f}{s.share:7.1%}"
             if s.work is not None:
                 w, operations = s.work, s.work.operations + s.work.products
                 line += f"{w.items:9.0f}{w.bytes / 1e6:8.2f}{operations / 1e6:8.1f}{w.gathers / 1e6:9.2f}"
-                line += f"{1e3 * s.floor:8.2f}{s.seconds / s.floor:7.1f}  {s.bound}"
+                line += f"{1e3 * s.floor:8.2f}{s.best / s.floor:7.1f}  {s.bound}"
             lines.append(line)
     return "\n".join(lines)

@@ -153,7 +153,7 @@ def _train(
         if views.classified is not None and chosen.reconstruct.use_volume:
             known = regions_of(views.classified, views, scene, seed)
         if chosen.fitted:
-            borders = known is not None and len(known.values) > 1
+            borders = known is not None and len(known.ranges) > 1
             scene, reason = with_fewest_levels(scene, views, seed, borders)
             notes.append(reason)
         palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette

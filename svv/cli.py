@@ -372,6 +372,7 @@ def _text(value: object) -> str:
 
 app.command(epilog=examples(*cli_style.STYLES))(cli_style.styles)
 app.command("style-mask", epilog=examples(*cli_style.STYLE_MASK))(cli_style.style_mask)
+app.command("judge-features", epilog=examples(*cli_style.JUDGE))(cli_style.judge_features)
 app.command(epilog=examples(*cli_sheet.SHEET))(cli_sheet.sheet)
 app.command(epilog=examples(*cli_sheet.FIGURES))(cli_sheet.figures)
 app.command(epilog=examples(*cli_chart.CHART))(cli_chart.chart)

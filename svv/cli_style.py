@@ -26,6 +26,11 @@ STYLE_MASK = (
     "svv style-mask gallery:impasto --positive 250,260 --out flower.png",
 )
 
+JUDGE = (
+    "svv judge-features view.png --out judged",
+    "svv judge-features view.png gallery:woodcut brush.jpg --only cosine --steps 30 --size 256 --out judged",
+)
+
 
 class SegmenterName(str, Enum):
     """What finds parts of pictures."""
@@ -103,6 +108,25 @@ def style_mask(
     if share == 1.0:
         print("The selection covers the whole picture; set --negative points where it should not be.", file=sys.stderr)
     print(f"{out}: {share:.1%} of the picture")
+
+
+def judge_features(
+    view: Annotated[Path, typer.Argument(metavar="VIEW.png", help="A view with alpha.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for table.csv and contact sheets.")],
+    style: Annotated[list[str] | None, typer.Argument(metavar="STYLE ...", help="Pictures beside our two.")] = None,
+    size: Annotated[int, typer.Option(min=64, help="Width of the view in pixels.")] = 400,
+    steps: Annotated[int, typer.Option(min=1, help="Iterations of each stylization.")] = 60,
+    only: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Part of a candidate's name.")] = None,
+) -> None:
+    """Judge what styles are matched with: one view stylized with every candidate, and how near each comes to the style.
+
+    The figures use none of the features that are judged; the contact sheets are for the eye, which has the last word.
+    """
+    from svv.train.judge_features import judge
+
+    with shown("Judging") as progress:
+        table = judge(view, style or [], out, size, steps, only or [], progress)
+    print(table)
 
 
 def read_styles(

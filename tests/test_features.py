@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
@@ -11,9 +13,12 @@ from torch import nn
 
 from svv.core.nnfm import luminance
 from svv.errors import BadInput
+from svv.io.output import write_png
 from svv.train import features as features_module
 from svv.train.features import VGG16_WIDTHS, PatchFeatures, load_features, read_features
-from svv.train.style_loss import OBLIQUE, StyleLossSettings, StyleTarget, solid
+from svv.train.judge_features import figures, judge
+from svv.train.style_loss import OBLIQUE, StyleLossSettings, StyleTarget, resized, solid
+from svv.train.textures import style_picture
 
 SMALL = StyleLossSettings(style_size=64)
 
@@ -227,3 +232,33 @@ def test_a_style_of_one_colour_is_no_measure_of_detail() -> None:
     render = 0.4 + 0.02 * torch.rand(3, 48, 48, generator=torch.Generator().manual_seed(0))
     target = StyleTarget(load_features("embedded"), style, SMALL)
     assert target.loss(render, torch.ones(48, 48)) < 100
+
+
+# --- judging ---------------------------------------------------------------------------------------------------------
+
+
+def test_features_are_judged_by_likeness_to_the_style(tmp_path: Path) -> None:
+    """Flat grey is further from a style than what was stylized with features that work."""
+    view, out = tmp_path / "view.png", tmp_path / "out"
+    write_png(view, np.concatenate([np.full((64, 64, 3), 0.5), np.ones((64, 64, 1))], axis=2))
+    table = judge(view, [], out, 64, 6, ["cosine patches, ours without energy"])
+    rows = list(csv.DictReader((out / "table.csv").open()))
+    assert len(rows) == len({row["style"] for row in rows}) == 2
+    assert "| cosine patches, ours without energy |" in table
+    for row in rows:
+        assert (out / f"{row['style']}.png".replace(" ", "_")).is_file()
+        style = resized(torch.from_numpy(style_picture(row["style"])).permute(2, 0, 1), 400)
+        grey = figures(torch.full((3, 64, 64), 0.5), torch.ones(64, 64), style, 1.0)
+        assert float(row["patches 1/1"]) < grey["patches 1/1"]
+
+
+def test_what_cannot_be_judged_is_said(tmp_path: Path) -> None:
+    view = tmp_path / "view.png"
+    write_png(view, np.zeros((64, 64, 4), np.float32))
+    with pytest.raises(BadInput, match="No candidate"):
+        judge(view, [], tmp_path / "out", 64, 1, ["nonsense"])
+    with pytest.raises(BadInput, match="shows nothing"):
+        judge(view, [], tmp_path / "out", 64, 1)
+    with pytest.raises(BadInput, match="Cannot read"):
+        judge(tmp_path / "none.png", [], tmp_path / "out", 64, 1)
+    assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""Judge feature networks in image space: ``python -m svv.train.judge_features VIEW.png STYLE ... --out FOLDER``.
+"""Judge feature networks in image space: what ``svv judge-features`` does.
 
 A view with an alpha mask is stylized with each candidate and style and compared with the style by figures that share
 nothing with any candidate: sliced Wasserstein distances of pixels and of patches without their mean, and the
@@ -7,10 +7,9 @@ orientations of edges. Contact sheets are written beside the table, for the eye 
 
 from __future__ import annotations
 
-import argparse
 import csv
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +20,11 @@ from PIL import Image
 from torch import Tensor, nn
 
 from svv.core.nnfm import colour_statistics, colour_transfer
-from svv.io.images import read_style
+from svv.errors import BadInput, Progress, silent
+from svv.io.atomic import atomic_path, make_folder
+from svv.io.output import write_png
 from svv.train.features import STRIDE, PatchFeatures, StyleFeatures, load_features
+from svv.train.gallery import open_style
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, resized
 from svv.train.textures import STYLE_PICTURES, style_picture
 from svv.train.train_features import WIDTHS
@@ -146,7 +148,14 @@ def figures(picture: Tensor, mask: Tensor, style: Tensor, background: float) -> 
 
 def read_view(path: Path, size: int) -> tuple[Tensor, Tensor]:
     """Straight colours (3, h, w) and opacity (h, w) of a view at ``size`` pixels of width, cut to what is visible."""
-    rgba = torch.from_numpy(np.asarray(Image.open(path).convert("RGBA"), np.float32) / 255).permute(2, 0, 1)
+    try:
+        with Image.open(path) as image:
+            levels = np.asarray(image.convert("RGBA"), np.float32)
+    except OSError as error:
+        raise BadInput(f"Cannot read {path} as a picture ({error}): give a PNG with alpha.") from error
+    if not levels[..., 3].any():
+        raise BadInput(f"{path} shows nothing: every pixel is transparent.")
+    rgba = torch.from_numpy(levels / 255).permute(2, 0, 1)
     rgba = torch.cat([rgba[:3] * rgba[3:], rgba[3:]])
     rgba = F.interpolate(rgba[None], scale_factor=size / rgba.shape[2], mode="bilinear", antialias=True)[0]
     rows, columns = torch.where(rgba[3] > 0.01)
@@ -156,41 +165,53 @@ def read_view(path: Path, size: int) -> tuple[Tensor, Tensor]:
     return rgba[:3] / rgba[3:].clamp_min(1e-3), rgba[3].clamp(0, 1)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Compare style features in image space.")
-    parser.add_argument("view", type=Path, help="a view with alpha")
-    parser.add_argument("styles", nargs="*", help="style pictures; ours are always there")
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--size", type=int, default=400)
-    parser.add_argument("--steps", type=int, default=60)
-    parser.add_argument("--only", nargs="*", help="parts of candidates' names")
-    arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    styles = {name: style_picture(name) for name in STYLE_PICTURES} | {
-        Path(p).stem: read_style(p) for p in arguments.styles
-    }
-    colours, mask = read_view(arguments.view, arguments.size)
-    chosen = {k: v for k, v in CANDIDATES.items() if not arguments.only or any(part in k for part in arguments.only)}
+def judge(
+    view: Path, styles: Sequence[str], out: Path, size: int, steps: int, only: Sequence[str] = (),
+    progress: Progress = silent,
+) -> str:  # fmt: skip
+    """Stylize a view with every candidate and style; write ``table.csv`` and a contact sheet a style.
+
+    Args:
+        view: A PNG with alpha.
+        styles: Picture files or ``gallery:NAME``, beside our own two.
+        out: Folder, made where it is missing.
+        size: Width at which the view is stylized, pixels.
+        steps: Iterations of each stylization.
+        only: Parts of the names of the candidates that are to be judged; all of them if there are none.
+        progress: Called after every stylization.
+
+    Returns:
+        The table as Markdown, averaged over the styles.
+
+    Raises:
+        BadInput: a view or style that cannot be read, nothing visible in the view, no candidate of that name.
+    """
+    chosen = {k: v for k, v in CANDIDATES.items() if not only or any(part in k for part in only)}
+    if not chosen:
+        raise BadInput(f"No candidate is called like that; there are {', '.join(CANDIDATES)}.")
+    colours, mask = read_view(view, size)
+    pictures = {name: style_picture(name) for name in STYLE_PICTURES} | dict(open_style(s) for s in styles)
+    make_folder(out)
     rows: list[dict[str, str | float]] = []
-    for style_name, style in styles.items():
+    for style_name, style in pictures.items():
         picture = torch.from_numpy(style).permute(2, 0, 1)
         sheet = [colours * mask + 1 - mask]
         for name, (make, settings) in chosen.items():
+            progress(len(rows) / (len(pictures) * len(chosen)), f"{style_name}, {name}")
             target = StyleTarget(make(), picture, settings)
             began = time.perf_counter()
-            result = stylized(colours, mask, target, arguments.steps)
-            seconds = (time.perf_counter() - began) / arguments.steps
+            result = stylized(colours, mask, target, steps)
+            seconds = (time.perf_counter() - began) / steps
             scores = figures(result, mask, resized(picture, settings.style_size), target.background)
             rows.append({"style": style_name, "candidate": name} | scores | {"seconds a step": seconds})
-            print(style_name, "|", name, "|", {k: round(v, 3) for k, v in scores.items()}, flush=True)
             sheet.append(result * mask + 1 - mask)
-            pixels = (torch.cat(sheet, 2).permute(1, 2, 0) * 255).round().byte().numpy()
-            Image.fromarray(pixels).save(arguments.out / f"{style_name}.png".replace(" ", "_"))
-    with (arguments.out / "table.csv").open("w", newline="") as file:
+        write_png(out / f"{style_name}.png".replace(" ", "_"), torch.cat(sheet, 2).permute(1, 2, 0).numpy())
+    with atomic_path(out / "table.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
         writer.writeheader()
         writer.writerows(rows)
-    print(markdown(rows))
+    progress(1.0, "")
+    return markdown(rows)
 
 
 def markdown(rows: list[dict[str, str | float]]) -> str:
@@ -203,6 +224,3 @@ def markdown(rows: list[dict[str, str | float]]) -> str:
         lines.append(f"| {name} | " + " | ".join(f"{mean:.3f}" for mean in means) + " |")
     return "\n".join(lines)
 
-
-if __name__ == "__main__":
-    main()

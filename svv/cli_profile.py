@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -29,6 +30,8 @@ def profile(
     Trains for some steps and draws an image. For each part: milliseconds, bytes that must move, operations, and the
     floor that follows from what the machine was measured to do at most.
     """
+    # Torch's profiler would say on standard error when it starts and stops; it asks for this as torch is loaded.
+    os.environ.setdefault("KINETO_LOG_LEVEL", "5")
     from svv.io.atomic import check_writable, write_json
     from svv.io.viewset import ViewSet
     from svv.report.profile import profile_views

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from svv import __version__, cli_chart, cli_job, cli_paraview, cli_stability
+from svv import __version__, cli_chart, cli_consistency, cli_job, cli_paraview, cli_stability
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.options import (
@@ -359,6 +359,9 @@ def _text(value: object) -> str:
 
 app.command(epilog=examples(*cli_chart.CHART))(cli_chart.chart)
 app.command(epilog=examples(*cli_stability.STABILITY))(cli_stability.stability)
+app.command(epilog=examples(*cli_consistency.CONSISTENCY))(cli_consistency.consistency)
+app.command(epilog=examples(*cli_consistency.COMPARE))(cli_consistency.compare_styles)
+app.command(epilog=examples(*cli_consistency.ABLATE))(cli_consistency.ablate)
 cli_paraview.add_to(app)  # last, as in the help
 
 

@@ -22,6 +22,7 @@ from svv.options import parse_colour, parse_mapping, parse_numbers, parse_size
 
 COMMANDS = [
     "demo", "run", "views", "train", "edit", "stylize", "render", "evaluate", "info", "chart", "stability",
+    "consistency", "compare-styles", "ablate",
 ]  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.core.cameras import Camera, look_at, orbit_cameras
-from svv.core.flow import camera_flow, is_consistent, sampled, splatted
+from svv.core.flow import camera_flow, estimated_flow, is_consistent, sampled, splatted
 from svv.errors import BadInput
 
 SIZE = 24
@@ -113,10 +113,23 @@ def test_the_important_pixel_wins_and_equals_are_averaged() -> None:
     values = np.zeros((1, 3, 1))
     values[0, 2] = 1.0
     flow = np.array([[[1.0, 0.0], [np.nan, np.nan], [-1.0, 0.0]]])
-    for z in (0.0, 1.0, 3.0, 200.0):
+    for z in (0.0, 1.0, 3.0, 2000.0):
         moved, arrived = splatted(values, flow, np.array([[0.0, 0.0, z]]))
-        assert moved[0, 1, 0] == pytest.approx(1 / (1 + np.exp(-min(z, 50.0))))
+        assert moved[0, 1, 0] == pytest.approx(1 / (1 + np.exp(-z)))
         assert arrived[0, 1] == 2.0
+
+
+@pytest.mark.parametrize("estimator", ["tvl1", "ilk"])
+def test_an_estimator_finds_a_known_shift(estimator: str) -> None:
+    """A soft pattern that moves by (3, -2) pixels, away from the rim."""
+    row, column = np.mgrid[0:64, 0:64].astype(float)
+
+    def pattern(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 0.5 + 0.2 * np.sin(0.31 * x + 0.12 * y) + 0.2 * np.cos(0.23 * y - 0.17 * x)
+
+    flow = estimated_flow(pattern(column, row), pattern(column - 3, row + 2), estimator)
+    middle = flow[16:-16, 16:-16]
+    np.testing.assert_allclose(middle, np.broadcast_to([3.0, -2.0], middle.shape), atol=0.3)
 
 
 def test_nothing_to_splat_leaves_nothing() -> None:

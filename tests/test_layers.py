@@ -25,7 +25,7 @@ BELOW["train"] |= {"io", "measure"}
 BELOW["report"] |= {"io", "dvr", "progress", "measure", "ending"}
 BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending", "measure"}
 BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "ending", "pv"}
-FACES = {"cli", "cli_chart", "cli_job", "cli_paraview", "cli_stability", "options", "__main__"}
+FACES = {"cli", "cli_chart", "cli_consistency", "cli_job", "cli_paraview", "cli_stability", "options", "__main__"}
 """Modules of the command line, one layer."""
 
 ALLOWED = {

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
+from skimage.registration import optical_flow_ilk, optical_flow_tvl1
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 RELATIVE, ABSOLUTE = 0.01, 0.5
 """How far there and back may miss: |f + b|^2 <= RELATIVE (|f|^2 + |b|^2) + ABSOLUTE px^2 (Sundaram et al. 2010)."""
 
-FAINTEST = -50.0
+FAINTEST = -500.0
 """Exponent below the largest at which a splatted pixel stops losing weight, so that no sum of weights becomes 0."""
 
 
@@ -50,6 +51,23 @@ def camera_flow(camera: Camera, other: Camera, depth: NDArray[np.floating]) -> A
     return np.stack([column, row], axis=-1) - _pixels(camera.height, camera.width)
 
 
+def estimated_flow(picture: NDArray[np.floating], other: NDArray[np.floating], estimator: str = "tvl1") -> Array:
+    """Flow that an estimator reads from two pictures alone, knowing neither cameras nor depth.
+
+    Args:
+        picture: Whose pixels they are, grey in [0, 1]. (h, w)
+        other: Where they are looked for. (h, w)
+        estimator: ``tvl1`` (Zach et al. 2007) or ``ilk`` (Lucas & Kanade's, iterated; Le Besnerais & Champagnat 2005),
+            both coarse to fine (scikit-image).
+
+    Returns:
+        (h, w, 2).
+    """
+    estimate = {"tvl1": optical_flow_tvl1, "ilk": optical_flow_ilk}[estimator]
+    down, right = estimate(np.asarray(picture, np.float32), np.asarray(other, np.float32))
+    return np.stack([right, down], axis=-1).astype(np.float64)
+
+
 def sampled(values: NDArray[np.floating], flow: NDArray[np.floating]) -> Array:
     """Values of the other image where each pixel's flow leads: backward warping.
 
@@ -62,9 +80,10 @@ def sampled(values: NDArray[np.floating], flow: NDArray[np.floating]) -> Array:
     """
     height, width = flow.shape[:2]
     target = _pixels(height, width) + flow
-    known = np.isfinite(target).all(axis=-1)
+    known = np.asarray(np.isfinite(target).all(axis=-1))
     at = np.where(known[..., None], target, -1.0)
-    outside = ~known | (at < 0).any(-1) | (at[..., 0] > values.shape[1] - 1) | (at[..., 1] > values.shape[0] - 1)
+    size = np.array([values.shape[1] - 1, values.shape[0] - 1])
+    outside = ~known | (at < 0).any(-1) | (at > size).any(-1)
     channels = [
         map_coordinates(np.asarray(values[..., c], np.float64), [at[..., 1], at[..., 0]], order=1, mode="nearest")
         for c in range(values.shape[2])
@@ -96,7 +115,7 @@ def splatted(
     factor = np.exp(np.maximum(level - level.max(), FAINTEST)) if level.size else level
     corner = np.floor(target)
     for right, below in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        place = corner + (right, below)
+        place = corner + np.array([right, below])
         share = np.prod(1.0 - np.abs(target - place), axis=1)
         inside = ((place >= 0) & (place < (width, height))).all(axis=1)
         # Far outside a float may not fit into an integer, so only what is inside becomes an index.

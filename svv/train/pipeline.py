@@ -223,7 +223,7 @@ def stylize_scene(
         }  # fmt: skip
         assert scene.palette is not None
         transferred = scene.palette.colours.detach().clone()
-        for region, target in targets.items():
+        for region, target in targets.items() if settings.colour_transfer else ():
             transferred[region] = target.statistics[0]
         distillation = Distillation(scene, transferred, targets, settings, seed)
         loop = Loop(settings.distil_iterations, None, part(progress, 0.0, 0.25), "distillation")

@@ -62,6 +62,8 @@ class StyleLossSettings:
     """Whether distillation paints the scene with the style as a solid texture, for the matching to start from."""
     anchor: float = 3.0
     """Weight of the squared distance to the colours after distillation, in a scene: all views share its strokes."""
+    background: float | None = None
+    """Grey level in [0, 1] behind a region's render; None is the luminance of the style's mean colour."""
 
 
 PAPER_LOSS = StyleLossSettings(balance=None, colours=0.0, energy=0.0, seeded=False, anchor=0.0)
@@ -86,8 +88,9 @@ class StyleTarget:
         style = resized(style, settings.style_size)
         self.picture = style
         self.statistics = colour_statistics(style.flatten(1).T)
-        self.background = float(luminance(self.statistics[0]))
-        """Grey level in [0, 1] behind the region's render: the luminance of the style's mean colour."""
+        grey = settings.background
+        self.background = float(luminance(self.statistics[0])) if grey is None else grey
+        """Grey level in [0, 1] behind the region's render."""
         self._generator = torch.Generator().manual_seed(seed)
         self._scales = [self._vectors(resized(style, settings.style_size >> k)) for k in range(settings.octaves)]
 

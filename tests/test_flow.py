@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.core.cameras import Camera, look_at, orbit_cameras
-from svv.core.flow import camera_flow, estimated_flow, is_consistent, sampled, splatted
+from svv.core.flow import camera_flow, estimated_flow, is_consistent, is_motion_boundary, sampled, splatted
 from svv.errors import BadInput
 
 SIZE = 24
@@ -135,6 +135,19 @@ def test_an_estimator_finds_a_known_shift(estimator: str) -> None:
 def test_nothing_to_splat_leaves_nothing() -> None:
     moved, arrived = splatted(np.ones((2, 2, 1)), np.full((2, 2, 2), np.nan), np.zeros((2, 2)))
     assert np.isnan(moved).all() and not arrived.any()
+
+
+def test_motion_boundaries_are_jumps_and_rims_of_the_unknown() -> None:
+    """A smooth turn of the whole image is none; where two halves part, the two columns that meet are."""
+    row, column = np.mgrid[0:SIZE, 0:SIZE].astype(float)
+    turn = 0.02 * np.stack([row + 40, -column - 40], axis=-1)
+    assert not is_motion_boundary(turn).any()
+    parted = np.where((column < 10)[..., None], [1.0, 0.0], [-1.0, 0.0])
+    np.testing.assert_array_equal(is_motion_boundary(parted), (column == 9) | (column == 10))
+    unknown = turn.copy()
+    unknown[5, 5] = np.nan
+    found = np.argwhere(is_motion_boundary(unknown)).tolist()
+    assert found == [[4, 5], [5, 4], [5, 5], [5, 6], [6, 5]]
 
 
 def test_what_is_hidden_is_masked() -> None:

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 RELATIVE, ABSOLUTE = 0.01, 0.5
 """How far there and back may miss: |f + b|^2 <= RELATIVE (|f|^2 + |b|^2) + ABSOLUTE px^2 (Sundaram et al. 2010)."""
 
+BOUNDARY_RELATIVE, BOUNDARY_ABSOLUTE = 0.01, 0.002
+"""The flow's slope from which on a pixel counts as a motion boundary."""
+
 FAINTEST = -500.0
 """Exponent below the largest at which a splatted pixel stops losing weight, so that no sum of weights becomes 0."""
 
@@ -147,6 +150,21 @@ def is_consistent(forward: NDArray[np.floating], backward: NDArray[np.floating])
     miss = np.square(forward + back).sum(axis=-1)
     allowed = RELATIVE * (np.square(forward) + np.square(back)).sum(axis=-1) + ABSOLUTE
     return np.asarray(miss <= allowed)  # nan compares as False
+
+
+def is_motion_boundary(flow: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Pixels at which the flow jumps, so that a pixel mixes what moves apart: edges of a surface before another.
+
+    |grad u|^2 + |grad v|^2 > 0.01 |w|^2 + 0.002 (Sundaram et al. 2010, eq. 6), and neighbours of unknown flow.
+
+    Args:
+        flow: w = (u, v), (h, w, 2).
+
+    Returns:
+        (h, w).
+    """
+    slopes = np.square(np.stack(np.gradient(flow, axis=(0, 1)))).sum(axis=(0, 3))
+    return np.asarray(~(slopes <= BOUNDARY_RELATIVE * np.square(flow).sum(axis=-1) + BOUNDARY_ABSOLUTE))
 
 
 def _pixels(height: int, width: int) -> Array:

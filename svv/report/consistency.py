@@ -2,8 +2,8 @@
 
 The protocol, after StyleRF-VolVis (section "Evaluation metrics"): pairs of frames an interval apart on the 181-view
 path, 1 for short-range and 10 for long-range consistency; the earlier one is moved onto the later one by softmax
-splatting along the optical flow. Compared are the pixels that are visible in both frames and pass the
-forward-backward check. The flow comes once from the scene's expected depth and once from an estimator that sees
+splatting along the optical flow. Compared are the pixels that are visible in both frames, pass the forward-backward
+check and are not on a motion boundary. The flow comes once from the scene's expected depth and once from an estimator that sees
 pictures of the unstyled scene only.
 """
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from svv import __version__
 from svv.core.cameras import Camera
-from svv.core.flow import camera_flow, estimated_flow, is_consistent, sampled, splatted
+from svv.core.flow import camera_flow, estimated_flow, is_consistent, is_motion_boundary, sampled, splatted
 from svv.core.metrics import flip_map
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene
@@ -173,8 +173,9 @@ class OrbitPath:
             flow, back, importance = self._estimated(kind, first, second)
             flow = np.where(seen[..., None], flow, np.nan)
             back = np.where(seen_there[..., None], back, np.nan)
+        mask = is_consistent(back, flow) & ~is_motion_boundary(back)
         _, arrived = splatted(np.zeros((*seen.shape, 1)), flow, importance)
-        return Warp(flow, importance, is_consistent(back, flow) & (arrived >= LEAST_ARRIVED))
+        return Warp(flow, importance, mask & (arrived >= LEAST_ARRIVED))
 
     def _estimated(self, kind: str, first: int, second: int) -> tuple[Array, Array, Array]:
         """Flow there and back, and importance, read from the unstyled pictures; kept as half floats."""

@@ -63,7 +63,7 @@ MODES = {
 """What is compared, and what it is."""
 
 RIVALS = ("arf-like", "snerf-like", "frame-by-frame")
-LOOKED_AT = 6
+LOOKED_AT = 4
 """Frames that are compared with the style."""
 
 Row = dict[str, Any]
@@ -245,6 +245,9 @@ def likeness(path: OrbitPath, frames: Path, style: NDArray[np.float32]) -> dict[
         :func:`svv.train.judge_features.figures` without the background's; ``changed``: by how much a pixel's colour
         changed, root mean square over what is visible; ``content``: SSIM of the grey frame and the unstyled one.
     """
+    file = frames / f"judged-{digest(style.tobytes())}.json"
+    if file.exists():
+        return dict(json.loads(file.read_text(encoding="utf-8")))
     numbers = path.protocol.frames
     wanted = resized(torch.from_numpy(style).permute(2, 0, 1), path.protocol.size)
     found: list[dict[str, float]] = []
@@ -263,7 +266,9 @@ def likeness(path: OrbitPath, frames: Path, style: NDArray[np.float32]) -> dict[
         values["content"] = ssim(*grey)
         found.append(values)
     names = dict.fromkeys(name for values in found for name in values)
-    return {name: float(np.mean([values[name] for values in found if name in values])) for name in names}
+    result = {name: float(np.mean([values[name] for values in found if name in values])) for name in names}
+    write_json(file, result)
+    return result
 
 
 def write_comparison(out: Path, rows: Sequence[Row], how: Comparison) -> str:

@@ -70,11 +70,14 @@ def consistency(
     if name not in loaded.networks:
         raise BadInput(f"The scene holds no network '{name}', only {', '.join(loaded.networks)}.")
     with shown("Consistency") as progress:
-        rows = consistency(loaded, name, protocol, out, digest(scene.read_bytes()), progress)
+        found = consistency(loaded, name, protocol, out, digest(scene.read_bytes()), progress)
     if json is not None:
-        write_json(json, {"scene": scene.name, "network": name, "protocol": vars(protocol), "rows": rows})
-    named = [{"flow, interval": f"{r['flow']} {r['interval']}", **r} for r in rows]
+        write_json(json, {"scene": scene.name, "network": name, "protocol": vars(protocol), **found})
+    named = [{"flow, interval": f"{r['flow']} {r['interval']}", **r} for r in found["rows"]]
     print(markdown(named, "flow, interval", (*METRICS, "share", "pairs")))
+    for kind, errors in found["flow_error"].items():
+        apart = ", ".join(f"{error:.2f} pixels over {interval}" for interval, error in errors.items())
+        print(f"{kind} is off the flow of the depth by {apart} frames.")
 
 
 def compare_styles(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -48,9 +49,12 @@ def two_balls(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray((image * 255).round(), np.uint8), np.where(np.isfinite(nearest), nearest, np.nan)
 
 
+@dataclass(frozen=True)
 class Balls:
     """What the measures ask of a scene, with exact depths."""
 
+    stride: float = 1.0
+    joined: float = 0.0
     camera_rig: ClassVar[dict[str, Any]] = {"centre": [0.0, 0.0, 0.0], "radius": 4.0, "fov_x": np.radians(30)}
 
     def render(self, camera: Camera, network: str) -> Rendering:
@@ -136,7 +140,7 @@ def test_differences_are_counted_where_the_mask_says() -> None:
     second = np.clip(first.astype(int) + 51, 0, 255).astype(np.uint8)
     error = np.square((second / 255.0 - first / 255.0)[mask]).mean()
     found = still(mask).differences(first, second)
-    assert (found["mse"], found["rmse"]) == (pytest.approx(error), pytest.approx(error**0.5))
+    assert [found["mse"], found["rmse"]] == pytest.approx([error, error**0.5])
     assert 0 < found["flip"] < 1
     assert np.isnan(still(np.zeros_like(mask)).differences(first, second)["rmse"])
 
@@ -171,7 +175,7 @@ def test_paint_on_a_surface_agrees_and_paint_on_the_screen_does_not(tmp_path: Pa
 
     rows = {}
     for name in (True, False):
-        frames = draw_frames(tmp_path / f"{name}", "one", SHORT.frames, lambda n, on=name: painted(n, on))
+        frames = draw_frames(tmp_path / f"{name}", "one", SHORT.frames, partial(painted, on_surface=name))
         rows[name] = {r["interval"]: r for r in means(measure_frames(path, frames))}
     for interval in SHORT.intervals:
         for metric in ("rmse", "flip", "rmse_part", "flip_part") if interval == 10 else ():

@@ -22,7 +22,7 @@ from svv.io.atomic import make_folder, write_json
 from svv.io.images import read_style
 from svv.io.output import region_picture, write_png
 from svv.io.viewset import ViewSet
-from svv.report.consistency import OrbitPath, Protocol, digest, draw_frames, measure_frames
+from svv.report.consistency import FINE, OrbitPath, Protocol, digest, draw_frames, finely, measure_frames
 from svv.report.pictures import over_white, sheet
 from svv.report.render import region_colours
 from svv.report.stability_measures import matched, overlaps
@@ -197,8 +197,8 @@ def _style_ablation(
             made = replace(made, regions=tuple(replace(r, lighting=0.0) for r in made.regions))
         folder = out / name / label.replace(" ", "-")
         draw_frames(
-            folder, digest([key, asdict(job.protocol), variant.lit]), job.protocol.frames,
-            partial(path.render, made, "styled"), part(each, 0.7, 0.9),
+            folder, digest([key, asdict(job.protocol), variant.lit, FINE]), job.protocol.frames,
+            partial(path.render, finely(made), "styled"), part(each, 0.7, 0.9),
         )  # fmt: skip
         folders[label] = folder
         figures = flat_means(measure_frames(path, folder, part(each, 0.9, 1.0)))

@@ -25,12 +25,14 @@ from svv.io.atomic import write_json
 from svv.io.images import read_style
 from svv.io.output import on_background
 from svv.report.consistency import (
+    FINE,
     LEAST_ALPHA,
     METRICS,
     OrbitPath,
     Protocol,
     digest,
     draw_frames,
+    finely,
     kept,
     means,
     measure_frames,
@@ -169,7 +171,7 @@ class _CaseWork:
         """The folder of a mode's frames, and the seconds that stylizing took."""
         how, numbers = self.how, self.how.protocol.frames
         parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), "stylize": asdict(how.chosen.stylize),
-                 "loss": asdict(how.loss), "seed": how.seed, "features": how.features}  # fmt: skip
+                 "loss": asdict(how.loss), "seed": how.seed, "features": how.features, "sampling": FINE}  # fmt: skip
         key, folder = digest(parts), self.folder / mode
         drawing = part(progress, 0.7, 1.0)
         if mode == "frame-by-frame":
@@ -181,7 +183,7 @@ class _CaseWork:
             made = replace(lit, regions=tuple(replace(r, lighting=0.0) for r in lit.regions))
         else:
             made, seconds = self._made(mode, part(progress, 0.0, 0.7))
-        draw_frames(folder, key, numbers, partial(self.path.render, made, "styled"), drawing)
+        draw_frames(folder, key, numbers, partial(self.path.render, finely(made), "styled"), drawing)
         return folder, seconds
 
     def _made(self, mode: str, progress: Progress) -> tuple[Scene, float]:

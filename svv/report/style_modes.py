@@ -65,7 +65,7 @@ MODES = {
 """What is compared, and what it is."""
 
 RIVALS = ("arf-like", "snerf-like", "frame-by-frame")
-LOOKED_AT = 4
+LOOKED_AT = 3
 """Frames that are compared with the style."""
 
 Row = dict[str, Any]

@@ -23,7 +23,7 @@ from svv.io.images import read_style
 from svv.io.output import region_picture, write_png
 from svv.io.viewset import ViewSet
 from svv.report.consistency import FINE, OrbitPath, Protocol, digest, draw_frames, finely, measure_frames
-from svv.report.pictures import over_white, sheet
+from svv.report.pictures import cropped, over_white, sheet
 from svv.report.render import region_colours
 from svv.report.stability_measures import matched, overlaps
 from svv.report.style_modes import flat_means, kept_scene, likeness
@@ -241,7 +241,8 @@ def _palette_ablation(
                         over_white(region_picture(shown[middle].region, region_colours(made)))])  # fmt: skip
     columns.append([over_white(test.images[middle]),
                     over_white(region_picture(truth[middle].region, region_colours(scene)))])  # fmt: skip
-    write_png(out / f"{name}.png", sheet([list(row) for row in zip(*columns)], [*variants, "truth, given scene"]))
+    pictures = cropped([list(row) for row in zip(*columns)])
+    write_png(out / f"{name}.png", sheet(pictures, [*variants, "truth, given scene"]))
     return rows
 
 

@@ -18,6 +18,7 @@ import typer
 from svv import (
     __version__,
     cli_chart,
+    cli_consistency,
     cli_edit,
     cli_job,
     cli_paraview,
@@ -377,6 +378,9 @@ app.command(epilog=examples(*cli_sheet.SHEET))(cli_sheet.sheet)
 app.command(epilog=examples(*cli_sheet.FIGURES))(cli_sheet.figures)
 app.command(epilog=examples(*cli_chart.CHART))(cli_chart.chart)
 app.command(epilog=examples(*cli_stability.STABILITY))(cli_stability.stability)
+app.command(epilog=examples(*cli_consistency.CONSISTENCY))(cli_consistency.consistency)
+app.command(epilog=examples(*cli_consistency.COMPARE))(cli_consistency.compare_styles)
+app.command(epilog=examples(*cli_consistency.ABLATE))(cli_consistency.ablate)
 app.command(epilog=examples(*cli_profile.PROFILE))(cli_profile.profile)
 cli_paraview.add_to(app)  # last, as in the help
 

@@ -58,18 +58,23 @@ def flip(prediction: Image, truth: Image) -> float:
     Raises:
         BadInput: The package flip-evaluator is missing.
     """
+    return float(flip_map(prediction, truth).mean())
+
+
+def flip_map(prediction: Image, truth: Image) -> NDArray[np.float32]:
+    """FLIP error of each pixel (h, w), see :func:`flip`."""
     prediction, truth = _checked(prediction, truth)
     try:
         import flip_evaluator
     except ImportError as error:
         raise BadInput("FLIP needs a package; install it with 'pip install flip-evaluator'.") from error
-    _, mean, _ = flip_evaluator.evaluate(
+    errors, _, _ = flip_evaluator.evaluate(
         np.ascontiguousarray(truth, dtype=np.float32),
         np.ascontiguousarray(prediction, dtype=np.float32),
         "LDR",
         applyMagma=False,
     )
-    return float(mean)
+    return np.asarray(errors, np.float32).reshape(truth.shape[:2])
 
 
 def _decibels(squared_error: NDArray[np.floating]) -> float:

@@ -52,6 +52,9 @@ class PaletteSettings:
     """Pixels of less opacity are not looked at: 8-bit colour divided by such an alpha is noise."""
     max_pixels: int = 1_000_000
     """Larger inputs are sampled down to this many pixels."""
+    refined: bool = True
+    """Whether greys, mixtures and similar hues are left out; else the palette is the simplified hull alone (Tan et al.
+    2018), to show what comes of that."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,8 @@ def extract_palette(
     colours, mass = _bins(pixels, weights, settings, seed)
     steps = [f"{len(colours)} distinct colours in the visible pixels"]
     corners = _hull_corners(colours, mass)
+    if not settings.refined:
+        return _simplified_hull(colours, mass, corners, settings)
     coloured = corners[hsb_array(colours[corners])[:, 1] >= settings.grey_saturation]
     steps.append(f"{len(corners)} corners of their RGB hull, {len(corners) - len(coloured)} of them grey")
     grey = _grey_range(colours, mass, settings)
@@ -142,6 +147,21 @@ def _hull_corners(colours: Array, mass: Array) -> NDArray[np.int64]:
     except QhullError:  # all colours in one plane: every bin may be a corner
         return np.argsort(-mass, kind="stable")
     return np.sort(hull.vertices[hull.vertices < len(colours)]).astype(np.int64)
+
+
+def _simplified_hull(colours: Array, mass: Array, corners: NDArray[np.int64], settings: PaletteSettings) -> Palette:
+    """At most ``max_colours`` corners of the hull: the heaviest first, then always the one farthest from those."""
+    chosen = [int(corners[mass[corners].argmax()])]
+    while len(chosen) < settings.max_colours:
+        away = np.linalg.norm(colours[corners, None] - colours[chosen], axis=2).min(axis=1)
+        if away.max() <= settings.tolerance:
+            break
+        chosen.append(int(corners[away.argmax()]))
+    nearest = np.linalg.norm(colours[:, None] - colours[chosen], axis=2).argmin(axis=1)
+    share = np.bincount(nearest, mass, len(chosen)).astype(np.float64)
+    order = np.argsort(-share, kind="stable")
+    steps = (f"{len(corners)} corners of the RGB hull, {len(chosen)} left far from each other, nothing refined",)
+    return Palette(colours[chosen][order], share[order] / share.sum(), steps)
 
 
 def _mix(colours: Array, generators: Array) -> tuple[Array, Array]:

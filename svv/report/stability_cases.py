@@ -42,7 +42,7 @@ WIDE = np.pi / 2
 LARGER = 3
 """How many times larger the views are on which a scene trained on small ones is tested."""
 
-STYLE_STEPS = {"distil_iterations": 100, "style_iterations": 20, "style_views": 20}
+STYLE_STEPS: dict[str, Any] = {"distil_iterations": 100, "style_iterations": 20, "style_views": 20}
 """Stylization is shortened to this, whatever the preset: what is asked is whether it stays in bounds."""
 
 STYLE_SIZE = 128

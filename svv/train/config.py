@@ -117,6 +117,8 @@ class StylizeSettings:
     """Learning rate of the features in the stylization."""
     style_network_rate: float = 0.002
     """Learning rate of the network in the stylization."""
+    colour_transfer: bool = True
+    """Whether each style's mean colour replaces its region's in the palette that is distilled."""
 
 
 @dataclass(frozen=True)

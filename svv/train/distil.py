@@ -15,7 +15,7 @@ from torch import Tensor
 from svv.core.cameras import sphere_cameras
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import UnrestrictedField
-from svv.fields.rendering import RayCaster, march
+from svv.fields.rendering import RayCaster, Rays, Samples, march
 from svv.fields.scene import Scene
 from svv.train.config import StylizeSettings
 from svv.train.loop import falling, network_adam
@@ -92,15 +92,7 @@ class Distillation:
         if not len(samples):
             return torch.zeros(())
         with torch.no_grad():
-            intensity, weights, offsets = self.teacher.material(samples.position)
-            truth = intensity[:, None] * (weights[:, :, None] * (self.palette + offsets)).sum(dim=1)
-            region, normal = weights.argmax(dim=1), self.normals(samples.position)
-            for number_of, target in self.targets.items():
-                own = region == number_of
-                truth[own] += target.solid_texture(samples.position[own], normal[own], self.pixel)
-            if self.before is not None:
-                there = self.known[region]
-                truth[there] = self.before(samples.position[there])
+            truth = self.truth(samples, rays)
         loss = (self.field(samples.position) - truth.clamp(0.0, 1.0)).square().mean()
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
@@ -110,6 +102,19 @@ class Distillation:
         self.networks.step()
         self.tables.step([self.settings.feature_rate * rate])
         return loss.detach()
+
+    def truth(self, samples: Samples, rays: Rays) -> Tensor:
+        """The colours that samples are to get: transferred palette and solid texture, or those of before. (S, 3)"""
+        intensity, weights, offsets = self.teacher.material(samples.position)
+        colours = intensity[:, None] * (weights[:, :, None] * (self.palette + offsets)).sum(dim=1)
+        region, normal = weights.argmax(dim=1), self.normals(samples.position)
+        for number_of, target in self.targets.items():
+            own = region == number_of
+            colours[own] += target.solid_texture(samples.position[own], normal[own], self.pixel)
+        if self.before is not None:
+            there = self.known[region]
+            colours[there] = self.before(samples.position[there])
+        return colours
 
     def normals(self, position: Tensor) -> Tensor:
         """Gradient of the extinction's exponent at positions, by differences within their cells. (S, 3) -> (S, 3)"""

@@ -271,7 +271,7 @@ def stylize_scene(
         }  # fmt: skip
         assert scene.palette is not None
         transferred = scene.palette.colours.detach().clone()
-        for region, target in targets.items():
+        for region, target in targets.items() if settings.colour_transfer else ():
             transferred[region] = target.statistics[0]
         before = scene.styled if go_on else None
         distillation = Distillation(scene, transferred, targets, settings, seed, before)

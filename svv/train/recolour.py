@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.core.palette import Palette, extract_palette
+from svv.core.palette import Palette, PaletteSettings, extract_palette
 from svv.errors import Progress
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, encode_directions
@@ -112,10 +112,12 @@ class Recolouring:
         return shares_of(samples, sigma, weights.argmax(1), weights.shape[1])
 
 
-def palette_of(views: ViewSet, occupancy: Occupancy, seed: int) -> Palette:
+def palette_of(
+    views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None
+) -> Palette:
     """Palette of the views' visible pixels; raises BadInput if there is none."""
     pool = RayPool(views, occupancy.box, seed, CPU)
-    return extract_palette(*pool.visible_colours(PALETTE_PIXELS), seed=seed)
+    return extract_palette(*pool.visible_colours(PALETTE_PIXELS), settings, seed)
 
 
 def recolour(

@@ -64,6 +64,8 @@ class StyleLossSettings:
     """Whether distillation paints the scene with the style as a solid texture, for the matching to start from."""
     anchor: float = 3.0
     """Weight of the squared distance to the colours after distillation, in a scene: all views share its strokes."""
+    background: float | None = None
+    """Grey level in [0, 1] behind a region's render; None is the luminance of the style's mean colour."""
 
 
 PAPER_LOSS = StyleLossSettings(balance=None, colours=0.0, energy=0.0, seeded=False, anchor=0.0)
@@ -97,8 +99,9 @@ class StyleTarget:
             inside = (share[0] >= min(0.5, float(share.max()))).cpu().numpy()
             whole = filled(self.picture.permute(1, 2, 0).cpu().numpy(), inside, seed)
             self.picture = torch.from_numpy(whole).permute(2, 0, 1).to(style)
-        self.background = float(luminance(self.statistics[0]))
-        """Grey level in [0, 1] behind the region's render: the luminance of the style's mean colour."""
+        chosen = settings.background
+        self.background = float(luminance(self.statistics[0])) if chosen is None else chosen
+        """Grey level in [0, 1] behind the region's render."""
         with torch.no_grad():
             grey = network(style.new_full((1, 3, 24, 24), 0.5))[0, :, 1:-1, 1:-1]
         self._grey = float(grey.mean((1, 2)).square().sum())

@@ -83,6 +83,7 @@ class Stylization:
         settings: StylizeSettings,
         progress: Progress,
         refined: Collection[int] = (),
+        whole: bool = False,
     ) -> None:
         """Prepare the views.
 
@@ -93,6 +94,7 @@ class Stylization:
             settings: Of stage 3.
             progress: Called after every view.
             refined: Regions that were styled before and go on: they are less bound to where they begin.
+            whole: Whether the scene counts as one region, number 0, whatever its palette says.
 
         Raises:
             BadInput: the regions to be styled are hardly seen from anywhere.
@@ -100,7 +102,7 @@ class Stylization:
         self.field, self.targets, self.settings = field, targets, settings
         self.anchors = {k: t.settings.anchor * (REFINED if k in refined else 1.0) for k, t in targets.items()}
         self.piece = kernels_of(scene.device.type).SAMPLES
-        self.views = visible_from(scene, stylization_cameras(scene, settings), progress)
+        self.views = visible_from(scene, stylization_cameras(scene, settings), progress, whole)
         self.views = [v for v in self.views if any(self._covers(v, r) for r in targets)]
         if not self.views:
             raise BadInput("None of the regions to be styled is visible; choose other regions with --map.")
@@ -116,17 +118,11 @@ class Stylization:
         """One view: all its regions; returns the style loss. The rates are fixed, as in the paper."""
         # A stride that shares no factor with the number of views jumps around the scene, so no side falls behind.
         index = number * _coprime(len(self.views)) % len(self.views)
-        view, start = self.views[index], self.starts[index]
+        view = self.views[index]
         with torch.no_grad():
             colours = torch.cat([self.field(p) for p in view.position.split(self.piece)])
         colours.requires_grad_()
-        losses = []
-        for region, target in self.targets.items():
-            if self._covers(view, region):
-                image, mask = view.image(colours, region, target.background)
-                own = (view.region == region).nonzero()[:, 0]
-                away = ((colours[own] - start[own]).square().sum(1) * view.weight[own]).sum() / view.weight[own].sum()
-                losses.append(target.loss(image, mask) + self.anchors[region] * away)
+        losses = self.losses(index, colours)
         loss = torch.stack(losses).sum()
         (gradient,) = torch.autograd.grad(loss, colours)
         self.networks.zero_grad(set_to_none=True)
@@ -136,6 +132,17 @@ class Stylization:
         self.networks.step()
         self.tables.step([self.settings.style_feature_rate])
         return loss.detach() / len(losses)
+
+    def losses(self, index: int, colours: Tensor) -> list[Tensor]:
+        """What is to fall in one view, a scalar a region that is seen in it, for its samples' colours (S, 3)."""
+        view, start, losses = self.views[index], self.starts[index], []
+        for region, target in self.targets.items():
+            if self._covers(view, region):
+                image, mask = view.image(colours, region, target.background)
+                own = (view.region == region).nonzero()[:, 0]
+                away = ((colours[own] - start[own]).square().sum(1) * view.weight[own]).sum() / view.weight[own].sum()
+                losses.append(target.loss(image, mask) + self.anchors[region] * away)
+        return losses
 
     @staticmethod
     def _covers(view: StyledView, region: int) -> bool:
@@ -149,9 +156,11 @@ def stylization_cameras(scene: Scene, settings: StylizeSettings) -> Sequence[Cam
 
 
 @torch.no_grad()
-def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress) -> list[StyledView]:
-    """Samples, weights and regions of views; views in which nothing is visible are left out."""
-    assert scene.palette is not None
+def visible_from(
+    scene: Scene, cameras: Sequence[Camera], progress: Progress, whole: bool = False
+) -> list[StyledView]:
+    """Samples, weights and regions of views, or one region 0 (``whole``); views that show nothing are left out."""
+    assert whole or scene.palette is not None
     views, piece = [], kernels_of(scene.device.type).SAMPLES
     for number, camera in enumerate(cameras):
         progress(number / len(cameras), "stylization views")
@@ -163,7 +172,9 @@ def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress) ->
         if not bool(seen.any()):
             continue
         position, weight, ray = samples.position[seen], weight[seen], samples.ray[seen].long()
-        region = torch.cat([scene.palette.material(p)[1].argmax(1) for p in position.split(piece)])
+        region = torch.zeros_like(ray)
+        if scene.palette is not None and not whole:
+            region = torch.cat([scene.palette.material(p)[1].argmax(1) for p in position.split(piece)])
         row, column = ray // camera.width, ray % camera.width
         top, left = max(0, int(row.min()) - RIM), max(0, int(column.min()) - RIM)
         bottom = min(camera.height, int(row.max()) + RIM + 1)

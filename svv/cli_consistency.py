@@ -1,0 +1,159 @@
+"""The commands ``svv consistency``, ``svv compare-styles`` and ``svv ablate``; see :mod:`svv.cli`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from svv.errors import BadInput
+from svv.options import Json, Network, Out, Preset, PresetOption, SceneFile, Seed, parse_whole
+from svv.progress import shown
+
+if TYPE_CHECKING:
+    from svv.report.consistency import Protocol
+
+CONSISTENCY = (
+    "svv consistency styled.svv --json consistency.json --out consistency",
+    "svv consistency styled.svv --size 200 --every 10 --flows depth --json c.json --out quick",
+    "svv consistency scene.svv --network pcn --json unstyled.json --out unstyled",
+)
+COMPARE = (
+    "svv compare-styles a.svv b.svv --style brush.png --style dots.png --out modes",
+    "svv compare-styles a.svv --style brush.png --modes ours,arf-like --size 200 --every 20 --out quick",
+)
+ABLATE = (
+    "svv ablate scene.svv --style brush.png --out ablations",
+    "svv ablate scene.svv --style brush.png --views views --only lambda-delta,refinement --out stage2",
+)
+
+OrbitFrames = Annotated[int, typer.Option("--orbit", metavar="N", min=2, help="Frames of the whole path.")]
+FrameSize = Annotated[int, typer.Option("--size", min=32, help="Width and height of the frames in pixels.")]
+Every = Annotated[int, typer.Option("--every", metavar="K", min=1, help="A pair begins at every Kth frame.")]
+Intervals = Annotated[str, typer.Option("--intervals", metavar="N,...", help="Frames between those of a pair.")]
+Flows = Annotated[
+    str, typer.Option("--flows", metavar="A,B", help="Of depth (ours, exact), and the estimators tvl1 and ilk.")
+]
+Features = Annotated[
+    str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
+]
+KINDS = ("depth", "tvl1", "ilk")
+
+
+def consistency(
+    scene: SceneFile,
+    out: Out,
+    orbit: OrbitFrames = 181,
+    size: FrameSize = 400,
+    every: Every = 1,
+    intervals: Intervals = "1,10",
+    flows: Flows = "depth,tvl1",
+    network: Annotated[Network | None, typer.Option(help="By default the last one trained.")] = None,
+    json: Json = None,
+) -> None:
+    """Measure how well the frames of an orbit agree: RMSE, MSE and FLIP, short- and long-range.
+
+    A frame is warped onto a later one along the optical flow and compared where both see the same. Stopped with
+    Ctrl-C, the same command goes on where it was.
+    """
+    from svv.fields.scene import Scene
+    from svv.io.atomic import check_writable, write_json
+    from svv.report.consistency import METRICS, consistency, digest
+    from svv.report.style_table import markdown
+
+    protocol = _protocol(orbit, size, every, intervals, flows)
+    if json is not None:
+        check_writable(json)
+    loaded = Scene.load(scene)
+    name = network.value if network is not None else loaded.networks[-1]
+    if name not in loaded.networks:
+        raise BadInput(f"The scene holds no network '{name}', only {', '.join(loaded.networks)}.")
+    with shown("Consistency") as progress:
+        found = consistency(loaded, name, protocol, out, digest(scene.read_bytes()), progress)
+    if json is not None:
+        write_json(json, {"scene": scene.name, "network": name, "protocol": vars(protocol), **found})
+    named = [{"flow, interval": f"{r['flow']} {r['interval']}", **r} for r in found["rows"]]
+    print(markdown(named, "flow, interval", (*METRICS, "share", "pairs")))
+    for kind, errors in found["flow_error"].items():
+        apart = ", ".join(f"{error:.2f} pixels over {interval}" for interval, error in errors.items())
+        print(f"{kind} is off the flow of the depth by {apart} frames.")
+
+
+def compare_styles(
+    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv ...", help="Trained scenes.")],
+    style: Annotated[list[Path], typer.Option(metavar="IMG", help="A picture; may be given several times.")],
+    out: Out,
+    modes: Annotated[
+        str,
+        typer.Option(metavar="A,B", help="Of unstyled, ours, ours-unlit, arf-like, snerf-like, frame-by-frame."),
+    ] = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame",
+    orbit: OrbitFrames = 181,
+    size: FrameSize = 400,
+    every: Every = 1,
+    intervals: Intervals = "1,10",
+    flows: Flows = "depth,tvl1",
+    preset: PresetOption = Preset.balanced,
+    seed: Seed = 0,
+    features: Features = "auto",
+    paper_loss: Annotated[
+        bool, typer.Option("--paper-loss", help="Plain matching instead of our loss, in all modes.")
+    ] = False,
+) -> None:
+    """Set our stylization beside other ways to do it: an ARF-like, an SNeRF-like and a frame-by-frame mode.
+
+    The folder gets modes.md, .csv and .json and a contact sheet a scene and style. Stopped with Ctrl-C, the same
+    command goes on where it was.
+    """
+    from svv.report.style_modes import Comparison, compare_styles, write_comparison
+
+    protocol = _protocol(orbit, size, every, intervals, flows)
+    names = tuple(dict.fromkeys(part.strip() for part in modes.split(",")))
+    how = Comparison(protocol, names, preset.value, seed, features, paper_loss)
+    with shown("Comparing") as progress:
+        rows = compare_styles(scenes, style, out, how, progress)
+    print(write_comparison(out, rows, how))
+
+
+def ablate(
+    scene: SceneFile,
+    out: Out,
+    style: Annotated[list[Path] | None, typer.Option(metavar="IMG", help="A picture for the stylization's.")] = None,
+    views: Annotated[
+        Path | None, typer.Option(metavar="VIEWS", help="Its folder of views, for those of the palette network.")
+    ] = None,
+    only: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Of colour-transfer, lighting, background, refinement, lambda-delta."),
+    ] = None,
+    orbit: OrbitFrames = 181,
+    size: FrameSize = 400,
+    every: Every = 10,
+    intervals: Intervals = "1,10",
+    preset: PresetOption = Preset.balanced,
+    seed: Seed = 0,
+    features: Features = "auto",
+    paper_loss: Annotated[bool, typer.Option("--paper-loss", help="Plain matching instead of our loss.")] = False,
+) -> None:
+    """Leave out, one at a time, what the paper says it needs: table and contact sheet of every variant.
+
+    The folder gets ablations.md, .csv and .json and the pictures. Stopped with Ctrl-C, the same command goes on.
+    """
+    from svv.report.ablation import Ablation, run_ablation
+
+    protocol = _protocol(orbit, size, every, intervals, "depth")
+    names = None if only is None else tuple(dict.fromkeys(part.strip() for part in only.split(",")))
+    job = Ablation(scene, tuple(style or ()), views, names, protocol, preset.value, seed, features, paper_loss)
+    with shown("Ablations") as progress:
+        text = run_ablation(job, out, progress)
+    print(text)
+
+
+def _protocol(orbit: int, size: int, every: int, intervals: str, flows: str) -> Protocol:
+    from svv.report.consistency import Protocol
+
+    kinds = tuple(dict.fromkeys(part.strip() for part in flows.split(",")))
+    for kind in kinds:
+        if kind not in KINDS:
+            raise BadInput(f"--flows has no '{kind}'; choose of {', '.join(KINDS)}, with commas between.")
+    return Protocol(orbit, size, every, parse_whole(intervals, "--intervals", 1), kinds)

@@ -1,0 +1,369 @@
+"""``svv consistency``, ``compare-styles`` and ``ablate``: what the measures mean, the modes, resuming, bad use."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from svv import cli
+from svv.core.cameras import Camera, sphere_cameras
+from svv.core.palette import PaletteSettings, extract_palette
+from svv.errors import BadInput, Cancelled, silent
+from svv.fields.scene import Rendering, Scene
+from svv.io.output import to_bytes
+from svv.io.viewset import ViewSet
+from svv.report import ablation, style_modes
+from svv.report.consistency import METRICS, OrbitPath, Protocol, Warp, consistency, draw_frames, means, measure_frames
+from svv.report.style_modes import MODES, Comparison, compare_styles
+from svv.report.style_table import averaged, victories
+from svv.train.config import PRESETS, Preset, StylizeSettings
+from svv.train.features import load_features
+from svv.train.pipeline import train_scene
+from svv.train.rivals import arf_like, frame_alone, unseeded
+from svv.train.style_loss import StyleLossSettings, StyleTarget
+
+SIZE = 48
+SHORT = Protocol(size=SIZE, every=80, flows=("depth",))
+
+
+def two_balls(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """An opaque red and an opaque blue ball without light: straight RGBA (H, W, 4) uint8, and distances (H, W)."""
+    origins, directions = camera.rays()
+    nearest, image = np.full(directions.shape[:2], np.inf), np.zeros((*directions.shape[:2], 4))
+    for centre, colour in (((-0.35, 0, 0), (0.9, 0.1, 0.1)), ((0.35, 0, 0), (0.1, 0.2, 0.9))):
+        towards = np.array(centre) - origins
+        along = (towards * directions).sum(-1)
+        inside = 0.3**2 - ((towards - along[..., None] * directions) ** 2).sum(-1)
+        distance = along - np.sqrt(np.maximum(inside, 0.0))
+        hit = (inside > 0) & (distance < nearest)
+        image[hit], nearest = (*colour, 1.0), np.where(hit, distance, nearest)
+    return np.asarray((image * 255).round(), np.uint8), np.where(np.isfinite(nearest), nearest, np.nan)
+
+
+@dataclass(frozen=True)
+class Balls:
+    """What the measures ask of a scene, with exact depths."""
+
+    stride: float = 1.0
+    joined: float = 0.0
+    camera_rig: ClassVar[dict[str, Any]] = {"centre": [0.0, 0.0, 0.0], "radius": 4.0, "fov_x": np.radians(30)}
+
+    def render(self, camera: Camera, network: str) -> Rendering:
+        rgba, depth = two_balls(camera)
+        region = np.where(np.isfinite(depth), 0, -1).astype(np.int16)
+        return Rendering(rgba / np.float32(255), depth.astype(np.float32), region)
+
+
+def views_of(n: int) -> ViewSet:
+    cameras = sphere_cameras(n, (0.0, 0.0, 0.0), 4.0, np.radians(30), SIZE)
+    images = np.stack([two_balls(c)[0] for c in cameras])
+    return ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(n)), {})
+
+
+STEPS = StylizeSettings(distil_iterations=16, distil_rays=1024, style_iterations=6, style_views=12, style_size=SIZE)
+DRAFT = PRESETS["draft"]
+TINY = Preset(
+    "draft",
+    replace(DRAFT.field, width=32),
+    replace(DRAFT.reconstruct, iterations=40, rays=1024, samples=8192, cells=32),
+    replace(DRAFT.recolour, iterations=40, rays=1024),
+    STEPS,
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def tiny() -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(PRESETS, "draft", TINY)
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A trained scene, its views and a striped picture."""
+    root = tmp_path_factory.mktemp("balls")
+    train_scene(views_of(42), "draft")[0].save(root / "balls.svv")
+    views_of(12).write(root / "views", "train")
+    views_of(5).write(root / "views", "test")
+    Image.fromarray(to_bytes(stripes())).save(root / "stripes.png")
+    return root
+
+
+def stripes() -> np.ndarray:
+    row, column = np.mgrid[0:SIZE, 0:SIZE]
+    wave = 0.5 + 0.5 * np.sin((column + 0.5 * row) * 0.9)
+    return np.stack([wave, 0.6 * wave + 0.2, 1 - wave], axis=-1).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def scene(folder: Path) -> Scene:
+    return Scene.load(folder / "balls.svv")
+
+
+# --- measures ----------------------------------------------------------------------------------------------------
+
+
+def test_protocol_pairs() -> None:
+    paper = Protocol()
+    short = [pair for pair in paper.pairs if pair[0] == 1]
+    assert (len(short), len(paper.pairs) - len(short), len(paper.frames)) == (180, 171, 181)
+    assert Protocol(every=60, intervals=(10,)).pairs == [(10, 0, 10), (10, 60, 70), (10, 120, 130)]
+    with pytest.raises(BadInput, match="10 apart"):
+        Protocol(orbit=10)
+    with pytest.raises(BadInput, match="every"):
+        Protocol(every=0)
+
+
+def still(mask: np.ndarray) -> Warp:
+    return Warp(np.zeros((*mask.shape, 2)), np.zeros(mask.shape), mask)
+
+
+def test_differences_are_counted_where_the_mask_says() -> None:
+    rng = np.random.default_rng(0)
+    first = rng.integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8)
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[: SIZE // 2] = True
+    second = first.copy()
+    second[SIZE // 2 :] = 255 - second[SIZE // 2 :]
+    same = still(mask).differences(first, second)
+    assert {name: same[name] for name in METRICS} == dict.fromkeys(METRICS, pytest.approx(0, abs=1e-6))
+    assert same["share"] == 0.5
+    second = np.clip(first.astype(int) + 51, 0, 255).astype(np.uint8)
+    error = np.square((second / 255.0 - first / 255.0)[mask]).mean()
+    found = still(mask).differences(first, second)
+    assert [found["mse"], found["rmse"]] == pytest.approx([error, error**0.5])
+    assert 0 < found["flip"] < 1
+    assert np.isnan(still(np.zeros_like(mask)).differences(first, second)["rmse"])
+
+
+def test_parts_do_not_reward_pale_pictures() -> None:
+    """Halving the contrast of both pictures halves RMSE and leaves its part; noise is no better than a plain colour."""
+    rng = np.random.default_rng(0)
+    one, two = rng.random((2, SIZE, SIZE, 3))
+    full = still(np.ones((SIZE, SIZE), bool))
+    strong = full.differences(to_bytes(one), to_bytes(two))
+    pale = full.differences(to_bytes(0.25 + one / 2), to_bytes(0.25 + two / 2))
+    assert pale["rmse"] == pytest.approx(strong["rmse"] / 2, rel=0.02)
+    assert pale["rmse_part"] == pytest.approx(strong["rmse_part"], rel=0.02)
+    assert strong["rmse_part"] == pytest.approx(2**0.5, rel=0.05)  # two independent variances against one
+    assert pale["flip"] < strong["flip"]
+
+
+def test_paint_on_a_surface_agrees_and_paint_on_the_screen_does_not(tmp_path: Path) -> None:
+    """A pattern in space is consistent; the same amount of pattern fixed to the pixels is not."""
+    scene = Balls()
+    path = OrbitPath(scene, SHORT, tmp_path / "geometry", "one")
+
+    def painted(frame: int, on_surface: bool) -> np.ndarray:
+        camera = path.cameras[frame]
+        seen = scene.render(camera, "pcn")
+        origins, directions = camera.rays()
+        point = origins + directions * np.nan_to_num(seen.depth)[..., None]
+        row, column = np.mgrid[0:SIZE, 0:SIZE]
+        wave = point[..., 0] + 0.7 * point[..., 1] if on_surface else 0.06 * (column + 0.7 * row)
+        colour = 0.5 + 0.4 * np.sin(5 * wave)[..., None] * np.array([1, 0.5, -1])
+        return np.concatenate([colour, seen.rgba[..., 3:]], axis=-1).astype(np.float32)
+
+    rows = {}
+    for name in (True, False):
+        frames = draw_frames(tmp_path / f"{name}", "one", SHORT.frames, partial(painted, on_surface=name))
+        rows[name] = {r["interval"]: r for r in means(measure_frames(path, frames))}
+    for interval in SHORT.intervals:
+        for metric in ("rmse", "flip", "rmse_part", "flip_part") if interval == 10 else ():
+            assert rows[True][interval][metric] < 0.3 * rows[False][interval][metric], metric
+        assert rows[True][interval]["rmse"] < 0.05  # of an amplitude of 0.4: what bilinear splatting costs
+        assert rows[True][interval]["share"] > 0.02
+
+
+def test_what_is_there_is_not_done_again(tmp_path: Path) -> None:
+    scene = Balls()
+    first = consistency(scene, "pcn", SHORT, tmp_path, "key")
+    frame = tmp_path / "frames" / f"{SHORT.frames[0]:04d}.png"
+    changed = frame.stat().st_mtime_ns
+    told: list[str] = []
+    again = consistency(scene, "pcn", SHORT, tmp_path, "key", lambda _, label: told.append(label))
+    assert again == first
+    assert frame.stat().st_mtime_ns == changed
+    assert not any(label.startswith("depth flow") for label in told)
+    consistency(scene, "pcn", SHORT, tmp_path, "another")  # of another scene: all is made anew
+    assert frame.stat().st_mtime_ns > changed
+
+
+def test_a_stopped_measurement_goes_on_to_the_same_figures(tmp_path: Path) -> None:
+    scene = Balls()
+
+    def stop(fraction: float, label: str) -> None:
+        if fraction > 0.7:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        consistency(scene, "pcn", SHORT, tmp_path / "stopped", "key", stop)
+    assert consistency(scene, "pcn", SHORT, tmp_path / "stopped", "key") == consistency(
+        scene, "pcn", SHORT, tmp_path / "whole", "key"
+    )
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "thesis.tex").write_text("")
+    with pytest.raises(BadInput, match="something else"):
+        consistency(Balls(), "pcn", SHORT, tmp_path, "key")
+    assert (tmp_path / "frames" / "thesis.tex").exists()
+
+
+# --- modes -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def compared(folder: Path, tiny: None) -> tuple[Path, list[dict[str, Any]]]:
+    out = folder / "modes"
+    out.mkdir()
+    how = Comparison(SHORT, preset="draft")
+    return out, compare_styles([folder / "balls.svv"], [folder / "stripes.png"], out, how)
+
+
+def test_every_mode_paints_and_is_measured(compared: tuple[Path, list[dict[str, Any]]]) -> None:
+    out, rows = compared
+    found = {row["mode"]: row for row in rows}
+    assert list(found) == list(MODES)
+    assert (out / "balls-stripes.png").exists()
+    assert found["unstyled"]["changed"] == 0
+    for mode in (m for m in MODES if m != "unstyled"):
+        assert found[mode]["changed"] > 0.1, mode
+        assert found[mode]["seconds"] > 0
+        for interval in SHORT.intervals:
+            assert np.isfinite([found[mode][f"depth {interval} {name}"] for name in METRICS]).all()
+    assert found["frame-by-frame"]["depth 1 rmse"] > found["ours"]["depth 1 rmse"]
+
+
+def test_compared_again_nothing_is_trained(
+    compared: tuple[Path, list[dict[str, Any]]], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, rows = compared
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise AssertionError("trained again")
+
+    for name in ("stylize_scene", "arf_like", "snerf_like", "frame_alone"):
+        monkeypatch.setattr(style_modes, name, fail)
+    how = Comparison(SHORT, preset="draft")
+    assert compare_styles([folder / "balls.svv"], [folder / "stripes.png"], out, how) == rows
+
+
+def test_the_arf_like_mode_says_one_colour_from_every_side(scene: Scene) -> None:
+    target = StyleTarget(
+        load_features("embedded"),
+        torch.from_numpy(stripes()).permute(2, 0, 1),
+        unseeded(StyleLossSettings(style_size=SIZE)),
+    )
+    made, seconds = arf_like(scene, target, STEPS, 0, silent)
+    assert all(r.lighting == 0.0 and r.style == "ARF-like" for r in made.regions)
+    assert set(seconds) == {"distil", "stylize", "recolour"}
+    assert made.styled is not None and made.base is scene.base
+
+
+def test_a_frame_alone_keeps_its_alpha_and_does_not_depend_on_what_came_before() -> None:
+    rgba = two_balls(sphere_cameras(12, (0, 0, 0), 4.0, np.radians(30), SIZE)[5])[0] / np.float32(255)
+    style, network = torch.from_numpy(stripes()).permute(2, 0, 1), load_features("embedded")
+    loss = StyleLossSettings(style_size=SIZE)
+    first, again = (frame_alone(rgba, network, style, loss, 3, 0) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(first[..., 3], rgba[..., 3])
+    assert np.abs(first - rgba)[rgba[..., 3] > 0].max() > 0.1
+    empty = np.zeros((8, 8, 4), np.float32)
+    np.testing.assert_array_equal(frame_alone(empty, network, style, loss, 3, 0), empty)
+
+
+def test_tables() -> None:
+    rows = [
+        {"scene": "a", "style": "s", "mode": "ours", "x": 1.0},
+        {"scene": "a", "style": "s", "mode": "other", "x": 2.0},
+        {"scene": "b", "style": "s", "mode": "ours", "x": 3.0},
+        {"scene": "b", "style": "s", "mode": "other", "x": None},
+    ]
+    assert averaged(rows, "mode") == [{"mode": "ours", "x": 2.0}, {"mode": "other", "x": 2.0}]
+    assert "| other | 1/1 |" in victories(rows, "ours", ["other", "absent"], ["x"])
+
+
+# --- ablations ---------------------------------------------------------------------------------------------------
+
+
+def test_an_unrefined_palette_keeps_greys_and_similar_hues() -> None:
+    rng = np.random.default_rng(0)
+    pure = np.array([[0.9, 0.1, 0.1], [0.9, 0.3, 0.1], [0.5, 0.5, 0.5], [0.05, 0.05, 0.05]])
+    pixels = pure[rng.integers(0, 4, 4000)] * rng.uniform(0.9, 1, (4000, 1))
+    refined, plain = (extract_palette(pixels, np.ones(4000), PaletteSettings(refined=r)) for r in (True, False))
+    assert len(plain.colours) > len(refined.colours)
+    assert len(plain.colours) <= PaletteSettings().max_colours
+    spread = plain.colours.max(axis=1) - plain.colours.min(axis=1)
+    assert spread.min() < 0.1  # a grey, which refinement leaves out
+    assert plain.share.sum() == pytest.approx(1)
+
+
+def test_ablations_differ_where_they_say(folder: Path, tmp_path: Path) -> None:
+    only = ("lighting", "refinement")
+    job = ablation.Ablation(
+        folder / "balls.svv", (folder / "stripes.png",), folder / "views", only, SHORT, "draft"
+    )
+    text = ablation.run_ablation(job, tmp_path / "out")
+    rows = {r["variant"]: r for r in json.loads((tmp_path / "out" / "ablations.json").read_text())}
+    assert len(rows) == 4 and all(name in text for name in rows)
+    assert {f.name for f in (tmp_path / "out").glob("*.png")} == {f"{name}.png" for name in only}
+    # One stylization, shown with and without light, and two palettes.
+    assert len(list((tmp_path / "out" / "scenes").iterdir())) == 3
+    assert rows["with lighting"]["changed"] != rows["without lighting"]["changed"]
+    assert rows["palette not refined"]["regions"] >= rows["refined palette"]["regions"]
+
+
+# --- the commands ------------------------------------------------------------------------------------------------
+
+
+def call(*arguments: str | Path, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(sys, "argv", ["svv", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    return int(ended.value.code or 0)
+
+
+def test_the_command(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("consistency", folder / "balls.svv", "--orbit", "11", "--size", "48", "--every", "5", "--json",
+                 tmp_path / "c.json", "--out", tmp_path / "out")  # fmt: skip
+    assert call(*arguments, monkeypatch=monkeypatch) == 0
+    content = json.loads((tmp_path / "c.json").read_text())
+    assert {(r["flow"], r["interval"]) for r in content["rows"]} == {(f, n) for f in ("depth", "tvl1") for n in (1, 10)}
+    assert "| tvl1 10 |" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["consistency", "{s}", "--flows", "raft"], "--flows has no 'raft'"),
+        (["consistency", "{s}", "--network", "styled"], "no network 'styled'"),
+        (["consistency", "{s}", "--orbit", "5"], "10 apart"),
+        (["compare-styles", "{s}", "--style", "{p}", "--modes", "ours,theirs"], "no mode 'theirs'"),
+        (["compare-styles", "{s}", "{s}", "--style", "{p}"], "same name"),
+        (["ablate", "{s}"], "--style"),
+        (["ablate", "{s}", "--only", "lighting"], "needs a picture"),
+        (["ablate", "{s}", "--style", "{p}", "--only", "lambda-delta"], "--views"),
+        (["ablate", "{s}", "--style", "{p}", "--only", "luck"], "no ablation 'luck'"),
+    ],
+)
+def test_bad_use(
+    arguments: list[str], words: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    given = [a.format(s=folder / "balls.svv", p=folder / "stripes.png") for a in arguments]
+    assert call(*given, "--out", tmp_path / "out", monkeypatch=monkeypatch) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

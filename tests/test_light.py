@@ -175,6 +175,19 @@ def test_files_keep_the_light_and_undo_takes_it_back(lit_cube: Scene) -> None:
     assert back.info()["reflects"][2]["specular"] == pytest.approx(0.4)
 
 
+@pytest.mark.parametrize("lit", [True, False])
+def test_scenes_of_before_there_was_a_light_are_read(cube: Scene, lit: bool) -> None:
+    plain = replace(cube, settings=replace(cube.settings, lighting="network" if lit else "none"))
+    header, tensors = plain.to_arrays(packed=False)
+    if not lit:
+        tensors = {name: value for name, value in tensors.items() if "lighting_mlp" not in name}
+    old = {name: value for name, value in header.items() if name not in ("lamp", "normal_resolutions")}
+    settings = {name: value for name, value in header["settings"].items() if name not in ("lighting", "headlight")}
+    back = Scene.from_arrays({**old, "settings": {**settings, "lit": lit}}, tensors)
+    assert back.settings.lighting == plain.settings.lighting and back.lamp == Lamp()
+    assert back.palette is not None and (back.palette.lighting_mlp is not None) == lit
+
+
 def test_a_light_that_a_network_learned_says_why_it_cannot_be_moved(cube: Scene, lit_cube: Scene) -> None:
     for change in (lambda s: s.with_light(30), lambda s: s.edited(0, ambient=0.3)):
         with pytest.raises(BadInput, match=r"network has learned it .* --lighting phong"):

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from svv.cli import app
 from svv.core.cameras import Camera, look_at
-from svv.core.light import Lamp, blinn_phong
+from svv.core.light import RIM, Lamp, blinn_phong
 from svv.dvr.mappers import Shading
 from svv.dvr.views import make_views
 from svv.errors import BadInput, Cancelled, Progress, silent
@@ -69,10 +69,11 @@ def test_blinn_phong_is_its_equation_on_either_side(
     ambient, diffuse, specular, intensity = k
     coefficients = torch.tensor([[ambient, diffuse, specular, p]], dtype=torch.float64)
     got = blinn_phong(normal, facing, toward, intensity, coefficients)
-    if abs(float((normal * facing).sum())) > 1e-6:  # a surface seen edge-on has neither side
+    rim = RIM * min(max(1.0 - float((facing * toward).sum()), 0.0), 1.0)
+    if abs(float((normal * facing).sum())) > rim + 1e-6:  # a surface seen edge-on is not turned
         turned = blinn_phong(-normal, facing, toward, intensity, coefficients)
         torch.testing.assert_close(got, turned)
-    seen = normal if float((normal * facing).sum()) >= 0 else -normal
+    seen = -normal if float((normal * facing).sum()) < -rim else normal
     cosine = max(float((seen * toward).sum()), 0.0)
     assert float(got[1]) == pytest.approx(ambient + intensity * diffuse * cosine)
     half = toward + facing

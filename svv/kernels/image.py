@@ -11,11 +11,11 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from svv.core.light import GRAZING, RIM
 from svv.kernels.marching import BLOCK
 from svv.kernels.trilinear import ONE, cell_at, mean_of, weights_of
 
-GRAZING = np.float32(1e-4)
-"""Smallest cosine that is raised to a power, as in :mod:`svv.core.light`."""
+RIM, GRAZING = np.float32(RIM), np.float32(GRAZING)
 
 
 @njit(fastmath=True, inline="always")
@@ -111,7 +111,9 @@ def phong(  # type: ignore[no-untyped-def]
             total += share
         r = ray[i]
         long = scale / math.sqrt(soft * soft + scale * scale * (nx * nx + ny * ny + nz * nz))
-        if nx * facing[r, 0] + ny * facing[r, 1] + nz * facing[r, 2] < np.float32(0.0):
+        aside = ONE - facing[r, 0] * toward[r, 0] - facing[r, 1] * toward[r, 1] - facing[r, 2] * toward[r, 2]
+        rim = RIM * min(max(aside, np.float32(0.0)), ONE)
+        if long * (nx * facing[r, 0] + ny * facing[r, 1] + nz * facing[r, 2]) < -rim:
             long = -long
         cosine = max(long * (nx * toward[r, 0] + ny * toward[r, 1] + nz * toward[r, 2]), np.float32(0.0))
         highlight = np.float32(0.0)

@@ -34,6 +34,8 @@ from svv.options import (
     DeviceOption,
     EncodingOption,
     Json,
+    Lighting,
+    LightingOption,
     Network,
     Out,
     Preset,
@@ -99,6 +101,7 @@ def train(
     seed: Seed = 0,
     device: DeviceOption = Device.cpu,
     encoding: EncodingOption = None,
+    lighting: LightingOption = Lighting.network,
     views_only: Annotated[
         bool, typer.Option("--views-only", help="Learn from the images alone, not from the volume.")
     ] = False,
@@ -124,7 +127,9 @@ def train(
     checkpoint = checkpoint_path(out)
     with shown("Training") as progress:
         name = None if encoding is None else encoding.value
-        scene, report = train_scene(view_set, preset.value, time_limit, seed, progress, checkpoint, where, name)
+        scene, report = train_scene(
+            view_set, preset.value, time_limit, seed, progress, checkpoint, where, name, lighting.value
+        )
     finish(scene, report, out, json, checkpoint)
 
 

@@ -20,6 +20,7 @@ from svv.options import (
     Seed,
     TimeLimit,
     parse_colour,
+    parse_light,
     parse_whole,
 )
 from svv.progress import shown
@@ -30,6 +31,8 @@ EDIT = (
     "svv edit scene.svv --isolate 0 --out alone.svv",
     "svv edit alone.svv --show all --out all.svv",
     "svv edit red.svv --undo --out scene.svv",
+    "svv edit phong.svv --light 50,20 --intensity 1.2 --out side.svv",
+    "svv edit phong.svv --region 0 --specular 0.4 --shininess 30 --out shiny.svv",
     "svv edit painted.svv --show-variant ink --strength 0.5 --out faint.svv",
 )
 PALETTE = (
@@ -48,6 +51,16 @@ def edit(
     lighting: Annotated[
         float | None, typer.Option(min=0, help="Factor on its light; 0 is flat. Unshaded views have none.")
     ] = None,
+    ambient: Annotated[float | None, typer.Option(min=0, help="Light that it gives back from everywhere (a).")] = None,
+    diffuse: Annotated[float | None, typer.Option(min=0, help="Part of the light that it scatters (a).")] = None,
+    specular: Annotated[float | None, typer.Option(min=0, help="Part of the light that it mirrors (a).")] = None,
+    shininess: Annotated[float | None, typer.Option(min=1, help="How sharp its highlight is (a).")] = None,
+    light: Annotated[
+        str | None,
+        typer.Option(metavar="headlight|AZ,EL|X,Y,Z", help="Where light comes from: degrees right of the camera and "
+                     "above it, or a direction in the world (a)."),
+    ] = None,
+    intensity: Annotated[float | None, typer.Option(min=0, help="Factor on the light's brightness (a).")] = None,
     strength: Annotated[
         float | None, typer.Option(min=0, max=1, help="How much of the styles is seen, of the region or of all.")
     ] = None,
@@ -63,24 +76,28 @@ def edit(
     """Change what is seen of a scene's regions. Nothing is trained, it takes a moment.
 
     What one command changes is one step of the history in the scene's file, which --undo takes back. Of several options
-    --reset works first, then those that hide and show.
+    --reset works first, then those that hide and show. (a): of scenes that were trained with --lighting phong.
     """
     from svv.fields.scene import Scene
     from svv.io.atomic import check_writable
 
-    changes = (colour, opacity, lighting, strength, isolate, hide, show, reset)
-    edits = any(change is not None for change in changes)
+    reflects = {"ambient": ambient, "diffuse": diffuse, "specular": specular, "shininess": shininess}
+    own = (colour, opacity, lighting, *reflects.values())
+    owned = any(change is not None for change in own)
+    changes = (strength, isolate, hide, show, reset, light, intensity)
+    edits = owned or any(change is not None for change in changes)
     if (undo or redo) and (edits or (undo and redo)):
         raise BadInput("Undo or redo alone: --undo, or --redo, or edits.")
-    if region is None and any(change is not None for change in changes[:3]):
+    if region is None and owned:
         raise BadInput("Say which region with --region K; `svv info` lists them.")
-    if region is not None and all(change is None for change in changes[:4]):
+    if region is not None and not owned and strength is None:
         raise BadInput("Nothing to change: give --colour, --opacity, --lighting or --strength for the region.")
     if not (edits or undo or redo or show_variant or drop_variant):
         raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
     rgb = None if colour is None else parse_colour(colour)
     named = {name: regions_in(text, name) for name, text in
              (("--isolate", isolate), ("--hide", hide), ("--show", show), ("--reset", reset)) if text}  # fmt: skip
+    lamp = {} if light is None else parse_light(light)
     check_writable(out)
     result = before = Scene.load(scene)
     if reset:
@@ -91,8 +108,10 @@ def edit(
         result = result.hidden(*named["--hide"])
     if show:
         result = result.shown(*named["--show"])
-    if region is not None and any(change is not None for change in changes[:3]):
-        result = result.edited(region, rgb, opacity, lighting)
+    if region is not None and owned:
+        result = result.edited(region, rgb, opacity, lighting, **reflects)
+    if light is not None or intensity is not None:
+        result = result.with_light(**(vars(result.lamp) if light is None else lamp) | {"intensity": intensity})
     if strength is not None:
         result = result.with_strength(strength, *(() if region is None else (region,)))
     result = result.as_one_step(before)

@@ -30,6 +30,14 @@ class Encoding(str, Enum):
     hash = "hash"
 
 
+class Lighting(str, Enum):
+    """What the light of a scene is."""
+
+    auto = "auto"
+    network = "network"
+    phong = "phong"
+
+
 class KernelFamily(str, Enum):
     """What a measured run calculates with."""
 
@@ -82,6 +90,10 @@ Seed = Annotated[int, typer.Option(help="Same seed, same result.")]
 PresetOption = Annotated[Preset, typer.Option(help="draft: seconds; fast, balanced: minutes; paper: its large grid.")]
 EncodingOption = Annotated[
     Encoding | None, typer.Option(help="lattice, or the paper's hash grid; by default the preset's own.")
+]
+LightingOption = Annotated[
+    Lighting,
+    typer.Option(help="network, or phong: a light that can be moved; auto: phong where held-out views allow it."),
 ]
 TimeLimit = Annotated[float | None, typer.Option(metavar="SECONDS", min=1, help="Shorten training to this long.")]
 TransferFunction = Annotated[
@@ -214,6 +226,30 @@ def parse_whole(text: str, option: str, least: int = 0) -> tuple[int, ...]:
     if not all(part.isascii() and part.isdigit() and int(part) >= least for part in parts):
         raise BadInput(f"{option} needs whole numbers of at least {least} with commas between, not '{text}'.")
     return tuple(dict.fromkeys(int(part) for part in parts))
+
+
+def parse_light(text: str) -> dict[str, object]:
+    """What ``with_light`` takes (:class:`svv.fields.edits.Editing`) of 'headlight', '40,20' or '1,0,0'.
+
+    Two numbers are degrees to the right of the camera and above it, three a direction in the world.
+
+    Raises:
+        BadInput: anything else.
+    """
+    if text == "headlight":
+        return {}
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 2:
+        return {"azimuth": numbers[0], "elevation": numbers[1]}
+    if len(numbers) == 3:
+        return {"direction": tuple(numbers)}
+    raise BadInput(
+        f"--light needs 'headlight', two angles beside the camera ('40,20': 40 degrees right, 20 up) or a direction in "
+        f"the world ('1,0,0'), not '{text}'."
+    )
 
 
 def parse_limits(text: str, option: str) -> tuple[float | None, ...]:

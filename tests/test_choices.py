@@ -123,7 +123,7 @@ def test_a_palette_has_as_many_colours_as_there_are(name: str, count: int) -> No
 @pytest.mark.parametrize("name", ["opaque, one region", "nested translucent"])
 def test_a_lighting_network_is_there_where_light_is(name: str) -> None:
     scene, notes = trained(name)
-    assert scene.settings.lit == MADE[name].shaded
+    assert (scene.settings.lighting == "network") == MADE[name].shaded
     assert "with shading" in notes or "without shading" in notes
 
 

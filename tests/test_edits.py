@@ -141,7 +141,9 @@ def test_every_field_is_an_edit_or_says_what_the_region_is() -> None:
     """So that undo, reset and files know the ones to come."""
     plain = Region((1.0, 0.0, 0.0), 0.5, values=(1.0, 2.0), ranges=((1.0, 2.0),), style="ink")
     assert edits_of(plain) == {}
-    edited = Region((1.0, 0.0, 0.0), 0.5, 0.5, 2.0, (0.0, 1.0, 0.0), "ink", 0.3, (1.0, 2.0), ((1.0, 2.0),), True)
+    reflects = {"ambient": 0.1, "diffuse": 0.2, "specular": 0.3, "shininess": 9.0}
+    known = (1.0, 2.0), ((1.0, 2.0),)
+    edited = Region((1.0, 0.0, 0.0), 0.5, 0.5, 2.0, (0.0, 1.0, 0.0), "ink", 0.3, *known, True, **reflects)
     edits = edits_of(edited)
     assert set(edits) == set(vars(edited)) - set(IDENTITY)
     assert with_edits(plain, edits) == edited

@@ -7,17 +7,19 @@ so a new kind of edit is a new field there, and undo, reset and the scene's file
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from svv.core.colour import to_hex
+from svv.core.light import COEFFICIENTS, Lamp
 from svv.errors import BadInput
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+    from svv.fields.networks import FieldSettings
     from svv.fields.scene import Region
 
 IDENTITY = ("colour", "share", "style", "values", "ranges")
@@ -52,6 +54,8 @@ class Step:
     """What was done, in a few words."""
     edits: tuple[Edits, ...]
     """The edits of every region before it; of a step that was undone, after it."""
+    lamp: Lamp = field(default_factory=Lamp)
+    """The light before it, likewise."""
 
 
 @dataclass(frozen=True)
@@ -61,22 +65,23 @@ class History:
     past: tuple[Step, ...] = ()
     future: tuple[Step, ...] = ()
 
-    def after(self, what: str, before: Sequence[Region]) -> History:
+    def after(self, what: str, before: Editing) -> History:
         """The history with one more step, from ``before`` on; what was undone cannot be redone any more."""
-        return History((*self.past, Step(what, tuple(map(edits_of, before))))[-STEPS:])
+        return History((*self.past, before.as_step(what))[-STEPS:])
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for the scene's header."""
-        return {name: [vars(step) for step in getattr(self, name)] for name in ("past", "future")}
+        named = {"past": self.past, "future": self.future}
+        return {name: [{**vars(s), "lamp": vars(s.lamp)} for s in steps] for name, steps in named.items()}
 
     @classmethod
     def from_json(cls, content: dict[str, Any], regions: Sequence[Region]) -> History:
         """The inverse of :meth:`to_json`; raises KeyError, TypeError or ValueError where it fits other regions."""
 
         def step(values: dict[str, Any]) -> Step:
-            edits = [{k: tuple(v) if isinstance(v, list) else v for k, v in e.items()} for e in values["edits"]]
+            edits = [_with_tuples(e) for e in values["edits"]]
             told = [edits_of(with_edits(region, e)) for region, e in zip(regions, edits, strict=True)]
-            return Step(str(values["what"]), tuple(told))
+            return Step(str(values["what"]), tuple(told), Lamp(**_with_tuples(values.get("lamp", {}))))
 
         return cls(*(tuple(step(values) for values in content[name])[-STEPS:] for name in ("past", "future")))
 
@@ -86,6 +91,8 @@ class Editing:
 
     regions: tuple[Region, ...]
     history: History
+    lamp: Lamp
+    settings: FieldSettings
 
     def edited(
         self,
@@ -93,6 +100,7 @@ class Editing:
         colour: Sequence[float] | None = None,
         opacity: float | None = None,
         lighting: float | None = None,
+        **reflects: float | None,
     ) -> Self:
         """A scene with one region's colour, opacity or lighting changed (photorealistic style editing).
 
@@ -101,10 +109,12 @@ class Editing:
             colour: RGB in [0, 1] that the region's palette colour becomes; its shades turn with it.
             opacity: Factor on the extinction, >= 0; 1 is as trained.
             lighting: Factor on the lighting, >= 0; 1 is as trained, 0 the flat material.
+            reflects: Of a scene with an explicit light, what the region makes of it: ``ambient``, ``diffuse`` and
+                ``specular``, parts of the light, >= 0, and ``shininess``, the exponent of the highlight, >= 1.
 
         Raises:
-            BadInput: no such region, a colour outside [0, 1], a negative or infinite factor, or a new colour for a
-                region that is styled.
+            BadInput: no such region, a colour outside [0, 1], a negative or infinite factor, a new colour for a
+                region that is styled, or a reflection where the light is a network's.
         """
         self._check(region)
         changes: Edits = {}
@@ -127,7 +137,43 @@ class Editing:
                     raise BadInput(f"The {name} factor must be a number of at least 0, not {factor}.")
                 changes[name] = float(factor)
                 said.append(f"{name} {factor:g}")
+        for name, value in reflects.items():
+            if name not in COEFFICIENTS:
+                raise TypeError(f"edited() got an unexpected keyword argument '{name}'")
+            if value is not None:
+                least = 1.0 if name == "shininess" else 0.0
+                if not (np.isfinite(value) and value >= least):
+                    raise BadInput(f"The {name} of a region must be a number of at least {least:g}, not {value}.")
+                self._check_light()
+                changes[name] = float(value)
+                said.append(f"{name} {value:g}")
         return self._changed(f"region {region}: {', '.join(said)}", {region: changes})
+
+    def with_light(
+        self,
+        azimuth: float = 0.0,
+        elevation: float = 0.0,
+        direction: Sequence[float] | None = None,
+        intensity: float | None = None,
+    ) -> Self:
+        """A scene under a light that stands elsewhere; without arguments a headlight again, as bright as it is.
+
+        Args:
+            azimuth: Degrees to the right of the camera, which the light follows, in [-180, 180].
+            elevation: Degrees above the camera, in [-90, 90].
+            direction: Where the light comes from in the world instead, x, y and z; it no longer follows the camera.
+            intensity: Factor on its brightness, >= 0; 1 is the light of the views. By default as it is.
+
+        Raises:
+            BadInput: the scene's light is a network's, or there is none; or numbers out of range.
+        """
+        self._check_light()
+        if direction is not None and (azimuth or elevation):
+            raise BadInput("Give the light angles beside the camera or a direction in the world, not both.")
+        fixed: Any = None if direction is None else tuple(direction)
+        bright = self.lamp.intensity if intensity is None else intensity
+        lamp = Lamp(float(azimuth), float(elevation), fixed, float(bright))
+        return self._after(lamp.said(), self.regions, lamp)
 
     def hidden(self, *regions: int) -> Self:
         """A scene in which these regions are not seen; their opacities are kept for when they are shown again.
@@ -172,7 +218,7 @@ class Editing:
         return self._changed(f"strength {strength:g}", changes)
 
     def reset(self, *regions: int) -> Self:
-        """A scene with these regions, by default all, as they were trained and painted. It can be undone.
+        """A scene with these regions, by default all and the light, as trained and painted. It can be undone.
 
         Raises:
             BadInput: there is no such region.
@@ -180,7 +226,7 @@ class Editing:
         chosen = regions or tuple(range(len(self.regions)))
         self._check(*chosen)
         after = tuple(with_edits(r, {}) if k in chosen else r for k, r in enumerate(self.regions))
-        return self._after(f"reset {_list(regions) or 'all'}", after)
+        return self._after(f"reset {_list(regions) or 'all'}", after, self.lamp if regions else Lamp())
 
     def undone(self) -> Self:
         """The scene before the last edit.
@@ -191,8 +237,7 @@ class Editing:
         if not self.history.past:
             raise BadInput("There is nothing to undo: the scene's history holds no edit.")
         *past, step = self.history.past
-        redo = Step(step.what, tuple(map(edits_of, self.regions)))
-        return self._at(step, History(tuple(past), (*self.history.future, redo)))
+        return self._at(step, History(tuple(past), (*self.history.future, self.as_step(step.what))))
 
     def redone(self) -> Self:
         """The scene with the edit that was undone last.
@@ -203,8 +248,11 @@ class Editing:
         if not self.history.future:
             raise BadInput("There is nothing to redo: no edit was undone since the last one.")
         *future, step = self.history.future
-        undo = Step(step.what, tuple(map(edits_of, self.regions)))
-        return self._at(step, History((*self.history.past, undo), tuple(future)))
+        return self._at(step, History((*self.history.past, self.as_step(step.what)), tuple(future)))
+
+    def as_step(self, what: str) -> Step:
+        """The edits as they are, for the history."""
+        return Step(what, tuple(map(edits_of, self.regions)), self.lamp)
 
     def as_one_step(self, before: Editing) -> Self:
         """The scene with all its edits since ``before``, an earlier state of it, as one step of the history."""
@@ -212,9 +260,9 @@ class Editing:
         steps = [step.what for step in self.history.past if id(step) not in known]
         if len(steps) < 2:
             return self
-        if self.regions == before.regions:
+        if self.regions == before.regions and self.lamp == before.lamp:
             return self._replaced(history=before.history)
-        return self._replaced(history=before.history.after("; ".join(steps), before.regions))
+        return self._replaced(history=before.history.after("; ".join(steps), before))
 
     def with_edits_of(self, other: Editing) -> Self:
         """This scene with the edits, and their history, of another that has the same regions.
@@ -225,7 +273,16 @@ class Editing:
             replace(theirs, style=own.style, strength=own.strength)
             for own, theirs in zip(self.regions, other.regions, strict=True)
         )
-        return self._replaced(regions=tuple(regions), history=other.history)
+        return self._replaced(regions=tuple(regions), lamp=other.lamp, history=other.history)
+
+    def _check_light(self) -> None:
+        if self.settings.lighting == "none":
+            raise BadInput("This scene has no light to change: its views were drawn without shading.")
+        if self.settings.lighting != "phong":
+            raise BadInput(
+                "The light of this scene cannot be moved, for a network has learned it together with the surfaces: "
+                "train it again with --lighting phong for a light that can."
+            )
 
     def _check(self, *regions: int) -> None:
         if not self.regions:
@@ -239,18 +296,23 @@ class Editing:
     def _changed(self, what: str, changes: dict[int, Edits]) -> Self:
         return self._after(what, tuple(replace(r, **changes.get(k, {})) for k, r in enumerate(self.regions)))
 
-    def _after(self, what: str, regions: tuple[Region, ...]) -> Self:
-        """The scene with other regions, and one more step in its history unless they are the same."""
-        if regions == self.regions:
+    def _after(self, what: str, regions: tuple[Region, ...], lamp: Lamp | None = None) -> Self:
+        """The scene with other regions or light, and one more step in its history unless they are the same."""
+        lamp = lamp or self.lamp
+        if regions == self.regions and lamp == self.lamp:
             return self
-        return self._replaced(regions=regions, history=self.history.after(what, self.regions))
+        return self._replaced(regions=regions, lamp=lamp, history=self.history.after(what, self))
 
     def _at(self, step: Step, history: History) -> Self:
         regions = (with_edits(r, e) for r, e in zip(self.regions, step.edits, strict=True))
-        return self._replaced(regions=tuple(regions), history=history)
+        return self._replaced(regions=tuple(regions), lamp=step.lamp, history=history)
 
     def _replaced(self, **changes: Any) -> Self:
         return replace(cast(Any, self), **changes)
+
+
+def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
 
 
 def _list(regions: Sequence[int]) -> str:

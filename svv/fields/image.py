@@ -16,6 +16,7 @@ from torch import Tensor
 from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
+from svv.fields.phong import SCALE, SOFT, Beams, PhongLight
 from svv.fields.rendering import Rays, Samples
 from svv.kernels import image as kernels
 from svv.kernels.dispatch import kernels_for
@@ -34,7 +35,7 @@ def can_fuse(scene: Scene) -> bool:
     )
 
 
-def shade(scene: Scene, samples: Samples, rays: Rays, network: str) -> tuple[Tensor, Tensor]:
+def shade(scene: Scene, samples: Samples, rays: Rays, network: str, beams: Beams) -> tuple[Tensor, Tensor]:
     """Colour (S, 3) and region (S,) int64 of samples, for the network ``pcn`` or ``styled``."""
     palette, geometry, light, count = scene.palette, scene.base.encoding, None, len(samples)
     assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
@@ -59,10 +60,29 @@ def shade(scene: Scene, samples: Samples, rays: Rays, network: str) -> tuple[Ten
     if any(r.edited_colour is not None for r in scene.regions):
         diffuse = _recoloured(scene, material)
     diffuse = scene.with_style(diffuse, region, samples.position, network).contiguous()
-    if light is not None:
-        factors = torch.tensor([r.lighting for r in scene.regions])
+    factors = torch.tensor([r.lighting for r in scene.regions])
+    if palette.phong is not None:
+        _light_by_phong(scene, palette.phong, samples, beams, material, factors, region, diffuse)
+    elif light is not None:
         kernels.light(*_arrays(light, factors, region), np.float32(SPECULAR_SHIFT), *_arrays(diffuse))
     return diffuse, region
+
+
+def _light_by_phong(
+    scene: Scene, phong: PhongLight, samples: Samples, beams: Beams, material: Tensor, factors: Tensor, region: Tensor,
+    colour: Tensor,
+) -> None:  # fmt: skip
+    """Light ``colour`` (S, 3), in place."""
+    coefficients, layout = scene.coefficients(), phong.normals.layout
+    assert coefficients is not None
+    half = torch.nn.functional.normalize(beams.facing + beams.toward, dim=1)
+    kernels.phong(
+        *_arrays(samples.position, samples.ray, beams.facing.contiguous(), beams.toward.contiguous(), half),
+        np.float32(beams.intensity),
+        *_arrays(layout.shapes, layout.scales, layout.bases, layout.index, phong.normals.table),
+        np.float32(SCALE), np.float32(SOFT), *_arrays(material, coefficients), np.float32(WEIGHT_FLOOR),
+        *_arrays(factors, region, colour),
+    )  # fmt: skip
 
 
 _BOTH: WeakKeyDictionary[SparseLattice, tuple[Tensor, Tensor]] = WeakKeyDictionary()

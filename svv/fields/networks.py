@@ -14,6 +14,7 @@ from torch.nn.functional import softplus
 
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
+from svv.fields.phong import Beams, PhongLight
 from svv.fields.rendering import CEILING, Extinction, Samples
 from svv.kernels.dispatch import kernels_for
 
@@ -48,8 +49,12 @@ class FieldSettings:
     """Width of hidden layers."""
     shading: bool = True
     """Whether the lighting MLP also scales the diffuse colour, as a headlight does; the paper's only adds a grey."""
-    lit: bool = True
-    """Whether there is a lighting MLP; views drawn without shading need none."""
+    lighting: str = "network"
+    """What lights the palette's colours. ``network``: the lighting MLP. ``phong``: normals and a few numbers a region,
+    so that the light can be moved. ``none``: nothing, as views drawn without shading need."""
+    headlight: str = "point"
+    """Of ``phong``, what a light at the camera is. ``point``: along each ray. ``axis``: along the camera's axis, for
+    all rays of a view."""
     finer: tuple[int, ...] = ()
     """Levels of a lattice beyond ``resolutions`` that the scene's own colours do not need, but its paint may."""
 
@@ -182,16 +187,28 @@ class PaletteField(nn.Module):
 
     The scale m(x, d) in (0, 2) is ours: a headlight multiplies the material's colour by the cosine to its normal,
     which no added grey can express on coloured material. Without ``shading`` m is 1 and the network is the paper's;
-    a scene that is not ``lit`` has c_s = 0 as well, and no lighting MLP.
+    with the lighting ``none`` c_s is 0 as well, and with ``phong`` both are an explicit light's (``phong``).
     """
 
-    def __init__(self, settings: FieldSettings, occupancy: Occupancy, geometry_width: int, colours: Tensor) -> None:
+    def __init__(
+        self,
+        settings: FieldSettings,
+        occupancy: Occupancy,
+        geometry_width: int,
+        colours: Tensor,
+        normal_resolutions: Sequence[int] | None = None,
+    ) -> None:
+        """Lay it out; an explicit light's normals have all levels unless ``normal_resolutions`` are given."""
         super().__init__()
         self.encoding = settings.encode(occupancy)
         self.colours = nn.Parameter(colours.clone())
         self.shading = settings.shading
         count, inputs = len(colours), geometry_width + DIRECTION_WIDTH
-        self.lighting_mlp = mlp(inputs, settings.width, 2, 2 if settings.shading else 1) if settings.lit else None
+        self.lighting_mlp, self.phong = None, None
+        if settings.lighting == "network":
+            self.lighting_mlp = mlp(inputs, settings.width, 2, 2 if settings.shading else 1)
+        elif settings.lighting == "phong":
+            self.phong = PhongLight(occupancy, normal_resolutions or settings.resolutions + settings.finer, count)
         self.palette_mlp = mlp(self.encoding.width, settings.width, 1, 1 + 4 * count)
 
     def light_like(self, base: BaseField) -> None:
@@ -223,9 +240,23 @@ class PaletteField(nn.Module):
         specular = softplus(h[:, 0] + SPECULAR_SHIFT)
         return specular, 2.0 * torch.sigmoid(h[:, 1]) if self.shading else torch.ones_like(specular)
 
-    def forward(self, position: Tensor, geometry: Tensor, directions: Tensor) -> PaletteColours:
-        """All parts of eq. 4 at samples."""
-        return PaletteColours(*self.lighting(geometry, directions), *self.material(position))
+    def forward(
+        self, position: Tensor, geometry: Tensor, directions: Tensor, beams: Beams, coefficients: Tensor | None = None
+    ) -> PaletteColours:
+        """All parts of eq. 4 at samples.
+
+        Args:
+            position: Box coordinates. (S, 3)
+            geometry: Geometry features, for the lighting MLP. (S, G)
+            directions: Encoded directions, for the lighting MLP. (S, 16)
+            beams: S beams, for an explicit light,
+            coefficients: which its regions reflect so; by default as learned. (P, 4)
+        """
+        material = self.material(position)
+        if self.phong is None:
+            return PaletteColours(*self.lighting(geometry, directions), *material)
+        specular, shade = self.phong(position, material[1], beams, coefficients)
+        return PaletteColours(specular, shade, *material)
 
 
 class UnrestrictedField(nn.Module):

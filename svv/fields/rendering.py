@@ -71,6 +71,10 @@ class RayCaster:
         )  # fmt: skip
         return torch.from_numpy(beams.pixels_of(seen, self.width, self.height))
 
+    def axes(self, pixels: Tensor) -> Tensor:
+        """Unit vectors along the camera's axis, backwards, for flat pixel indices as :meth:`rays` takes them. (R, 3)"""
+        return self._rotations[pixels.to(self.device) // (self.width * self.height), :, 2]
+
     def view(self, view: int) -> Rays:
         """All rays of one view, row by row from the top."""
         n = self.width * self.height

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from svv.core.cameras import Camera
 from svv.core.colour import shift_colours
+from svv.core.light import COEFFICIENTS, Lamp
 from svv.errors import BadInput, Progress, silent
 from svv.fields import image as fused
 from svv.fields.edits import Editing, History
@@ -27,6 +28,7 @@ from svv.fields.networks import (
     encode_directions,
 )
 from svv.fields.occupancy import Occupancy
+from svv.fields.phong import Beams
 from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
 from svv.fields.scene_arrays import NETWORKS, arrays_of, parts_of
 from svv.fields.variants import Variant, Variants
@@ -65,6 +67,14 @@ class Region:
     """and the ranges of the transfer function that it is made of."""
     hidden: bool = False
     """Whether it is left out of images, whatever its opacity."""
+    ambient: float | None = None
+    """Of an explicit light: what the learned coefficient was changed to, as the next three,"""
+    diffuse: float | None = None
+    """which are parts of the light,"""
+    specular: float | None = None
+    """highlights' too,"""
+    shininess: float | None = None
+    """and the exponent of the highlight."""
 
     @property
     def seen_opacity(self) -> float:
@@ -111,6 +121,8 @@ class Scene(Editing, Variants):
     """Name of the variant whose network is ``styled``, and"""
     others: tuple[Variant, ...] = ()
     """the variants that are not shown."""
+    lamp: Lamp = field(default_factory=Lamp)
+    """The light, of a scene whose lighting is ``phong``."""
 
     @property
     def networks(self) -> tuple[str, ...]:
@@ -166,8 +178,9 @@ class Scene(Editing, Variants):
         for first in range(0, len(in_sight), chunk):
             progress(first / len(in_sight), "rendering")
             own = in_sight[first : first + chunk]
-            parts = _empty_images(len(own), device)
-            self._render_rays(caster.rays(own), network, *parts)
+            parts, rays = _empty_images(len(own), device), caster.rays(own)
+            beams = Beams.of(self.lamp, camera, rays, self.settings.headlight)
+            self._render_rays(rays, beams, network, *parts)
             for image, part in zip(images, parts, strict=True):
                 image[own] = part
         rgba, depth, region = (image.cpu().numpy() for image in images)
@@ -180,16 +193,18 @@ class Scene(Editing, Variants):
         return Rendering(rgba.reshape(*shape, 4), depth.reshape(shape), region.reshape(shape))
 
     @torch.no_grad()
-    def _render_rays(self, rays: Rays, network: str, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
+    def _render_rays(
+        self, rays: Rays, beams: Beams, network: str, rgba: Tensor, depth: Tensor, region: Tensor
+    ) -> None:
         """Write what rays see into the images, where they see anything."""
         samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited())
         if not len(samples):
             return
         if network != "base" and fused.can_fuse(self):
-            colour, of = fused.shade(self, samples, rays, network)
+            colour, of = fused.shade(self, samples, rays, network, beams)
             fused.composite(self, samples, rays, colour, of, FAINT, rgba, depth, region)
             return
-        colour, of, sigma = self.shade(samples, rays, network)
+        colour, of, sigma = self.shade(samples, rays, network, beams)
         distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
         values = [colour, distance[:, None]]
         if self.palette is not None:
@@ -203,18 +218,31 @@ class Scene(Editing, Variants):
         depth[seen] = mean[:, 3] * self.occupancy.box.size
         region[seen] = mean[:, 4:].argmax(1).to(torch.int16) if self.palette is not None else 0
 
-    def shade(self, samples: Samples, rays: Rays, network: str) -> tuple[Tensor, Tensor, Tensor]:
-        """Colour (S, 3), region (S,) and edited extinction (S,) of samples."""
+    def shade(
+        self, samples: Samples, rays: Rays, network: str, beams: Beams | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Colour (S, 3), region (S,) and edited extinction (S,) of samples; without ``beams`` lit along the rays."""
         sigma, geometry = self.base.geometry(samples)
         directions = encode_directions(rays.directions, samples.ray)
         if network == "base" or self.palette is None:
             region = torch.zeros_like(samples.ray, dtype=torch.int64)
             return self.base(geometry, directions), region, sigma
-        parts = self.palette(samples.position, geometry, directions)
+        beams = (beams or Beams.headlight(-rays.directions)).at(samples.ray)
+        parts = self.palette(samples.position, geometry, directions, beams, self.coefficients())
         region = parts.region
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]
         return self.light(parts, self.diffuse(parts, samples.position, network)), region, sigma
+
+    def coefficients(self) -> Tensor | None:
+        """Ambient, diffuse, specular and shininess of each region as edited (P, 4); None without an explicit light."""
+        if self.palette is None or self.palette.phong is None:
+            return None
+        learned = self.palette.phong.coefficients()
+        edited = learned.new_tensor([
+            [torch.nan if (v := getattr(r, name)) is None else v for name in COEFFICIENTS] for r in self.regions
+        ])  # fmt: skip
+        return torch.where(edited.isnan(), learned, edited)
 
     def diffuse(self, parts: PaletteColours, position: Tensor, network: str) -> Tensor:
         """Edited diffuse colour of samples, from the UCN where a region is styled. (S, 3)"""
@@ -316,6 +344,7 @@ class Scene(Editing, Variants):
             "image_step_world_units": self.stride * self.marching.step * self.occupancy.box.size,
             "bounds": self.occupancy.box.bounds.tolist(),
             "regions": [vars(r) for r in self.regions],
+            **self._light_info(),
             "variant": self.variant,
             "variants": {v.name: {str(k): s for k, s in enumerate(v.styles) if s} for v in self.every_variant},
             "undo": [step.what for step in self.history.past],
@@ -323,6 +352,13 @@ class Scene(Editing, Variants):
             "camera_rig": self.camera_rig,
             "made": self.made,
         }
+
+    def _light_info(self) -> dict[str, Any]:
+        coefficients = self.coefficients()
+        if coefficients is None:
+            return {"lighting": self.settings.lighting}
+        reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in coefficients.tolist()]
+        return {"lighting": self.settings.lighting, "light": self.lamp.said(), "reflects": reflects}
 
 
 def _empty_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from svv.core.box import Box
+from svv.core.light import Lamp
 from svv.fields.encodings import Encoding, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
@@ -34,6 +35,8 @@ def arrays_of(scene: Scene, packed: bool) -> tuple[dict[str, Any], Arrays]:
         "settings": scene.settings.to_json(),
         "marching": {k: getattr(scene.marching, k) for k in ("step", "least_weight", "stop")},
         "images": {"stride": scene.stride, "joined": scene.joined},
+        "normal_resolutions": _normal_resolutions(scene),
+        "lamp": vars(scene.lamp),
         "density_resolutions": None if scene.base.density is None else scene.base.density.resolutions,
         "networks": scene.networks,
         "regions": [vars(r) for r in scene.regions],
@@ -65,13 +68,16 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     shape = tuple(header["shape"])
     bits = np.unpackbits(tensors["occupied"], count=int(np.prod(shape)))
     occupancy = Occupancy(box, int(header["cells"]), np.ascontiguousarray(bits.reshape(shape)))
-    s = header["settings"]
+    s = dict(header["settings"])
+    if "lit" in s:  # files of before there was an explicit light
+        s["lighting"] = "network" if s.pop("lit") else "none"
     settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"]), "finer": tuple(s.get("finer", ()))})
     base = BaseField(settings, occupancy, header["density_resolutions"])
     palette, styled = None, None
     regions = [_values(r) for r in header["regions"]]
     if "pcn" in header["networks"]:
-        palette = PaletteField(settings, occupancy, base.geometry_width, torch.zeros(len(regions), 3))
+        colours, normals = torch.zeros(len(regions), 3), header.get("normal_resolutions")
+        palette = PaletteField(settings, occupancy, base.geometry_width, colours, normals)
     if "styled" in header["networks"]:
         styled = UnrestrictedField(settings, occupancy)
     told = header.get("variants", [])
@@ -99,8 +105,13 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     return {
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette": palette,
         "styled": styled, "regions": regions, "camera_rig": header["camera_rig"], "made": header["made"], **images,
-        "painting": header.get("painting"), "others": tuple(variants),
+        "painting": header.get("painting"), "others": tuple(variants), "lamp": Lamp(**_values(header.get("lamp", {}))),
     }  # fmt: skip
+
+
+def _normal_resolutions(scene: Scene) -> tuple[int, ...] | None:
+    phong = None if scene.palette is None else scene.palette.phong
+    return None if phong is None else phong.normals.resolutions
 
 
 def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:

@@ -11,8 +11,11 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from svv.core.light import GRAZING, RIM
 from svv.kernels.marching import BLOCK
 from svv.kernels.trilinear import ONE, cell_at, mean_of, weights_of
+
+RIM, GRAZING = np.float32(RIM), np.float32(GRAZING)
 
 
 @njit(fastmath=True, inline="always")
@@ -74,6 +77,53 @@ def light(raw, factors, region, shift, colour):  # type: ignore[no-untyped-def]
         specular = factor * softplus(raw[i, 0] + shift)
         for c in range(3):
             colour[i, c] = colour[i, c] * shade + specular
+
+
+@njit(parallel=True, fastmath=True, cache=True)
+def phong(  # type: ignore[no-untyped-def]
+    position, ray, facing, toward, half, intensity, shapes, scales, bases, index, normals, scale, soft, raw,
+    coefficients, floor, factors, region, colour,
+):  # fmt: skip
+    """Light diffuse ``colour`` (S, 3), in place, as an explicit light does (:func:`svv.core.light.blinn_phong`).
+
+    ``facing``, ``toward``, ``half`` (R, 3): unit vectors of rays towards viewer, light and between both. ``normals``
+    (V, 3) times ``scale``: what the lattice holds, of which lengths above ``soft`` count. ``raw`` (S, 1 + 4 P): what
+    the palette MLP says, whose weights mix the ``coefficients`` (P, 4). ``factors`` (P,): of each region's lighting.
+    """
+    levels, count = shapes.shape[0], coefficients.shape[0]
+    for i in prange(position.shape[0]):
+        nx = ny = nz = np.float32(0.0)
+        for level in range(levels):
+            a, b, c, d, wx, wy, wz = cell_at(
+                position[i, 0], position[i, 1], position[i, 2], level, shapes, scales, bases, index
+            )
+            w = weights_of(wx, wy, wz)
+            nx += mean_of(normals, a, b, c, d, w, np.uint64(0))
+            ny += mean_of(normals, a, b, c, d, w, np.uint64(1))
+            nz += mean_of(normals, a, b, c, d, w, np.uint64(2))
+        ambient = diffuse = specular = shininess = total = np.float32(0.0)
+        for p in range(count):
+            share = softplus(raw[i, 1 + p]) + floor
+            ambient += share * coefficients[p, 0]
+            diffuse += share * coefficients[p, 1]
+            specular += share * coefficients[p, 2]
+            shininess += share * coefficients[p, 3]
+            total += share
+        r = ray[i]
+        long = scale / math.sqrt(soft * soft + scale * scale * (nx * nx + ny * ny + nz * nz))
+        aside = ONE - facing[r, 0] * toward[r, 0] - facing[r, 1] * toward[r, 1] - facing[r, 2] * toward[r, 2]
+        rim = RIM * min(max(aside, np.float32(0.0)), ONE)
+        if long * (nx * facing[r, 0] + ny * facing[r, 1] + nz * facing[r, 2]) < -rim:
+            long = -long
+        cosine = max(long * (nx * toward[r, 0] + ny * toward[r, 1] + nz * toward[r, 2]), np.float32(0.0))
+        highlight = np.float32(0.0)
+        if cosine > np.float32(0.0):
+            across = max(long * (nx * half[r, 0] + ny * half[r, 1] + nz * half[r, 2]), GRAZING)
+            highlight = intensity * specular / total * np.exp(shininess / total * np.log(across))
+        factor = factors[region[i]]
+        shade = max(ONE + factor * ((ambient + intensity * diffuse * cosine) / total - ONE), np.float32(0.0))
+        for c in range(3):
+            colour[i, c] = colour[i, c] * shade + factor * highlight
 
 
 @njit(parallel=True, fastmath=True, cache=True)

@@ -125,7 +125,8 @@ def _stage_2(
         known = regions_of(views.classified, views, scene, seed)
     palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette
     if chosen.fitted:
-        scene = replace(scene, settings=replace(scene.settings, lit=shows_light(scene, views, seed)[0]))
+        lighting = "network" if shows_light(scene, views, seed)[0] else "none"
+        scene = replace(scene, settings=replace(scene.settings, lighting=lighting))
     colours = torch.as_tensor(palette.colours, dtype=torch.float32)
     network = PaletteField(scene.settings, scene.occupancy, scene.base.geometry_width, colours)
     network.encoding.randomize(0.01, torch.Generator().manual_seed(seed))

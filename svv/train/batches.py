@@ -27,6 +27,8 @@ class Batch:
     """Straight RGB in [0, 1]. (R, 3)"""
     alpha: Tensor
     """(R,)"""
+    pixels: Tensor
+    """Which pixels these are, of all views. (R,) int64"""
 
     @property
     def premultiplied(self) -> Tensor:
@@ -66,7 +68,12 @@ class RayPool:
         generator = np.random.default_rng((self._seed, number))
         pixels = self._pool[generator.integers(0, len(self._pool), rays)].astype(np.int64)
         rgba = torch.from_numpy(self._pixels[pixels].astype(np.float32) / np.float32(255.0)).to(self._caster.device)
-        return Batch(self._caster.rays(torch.from_numpy(pixels)), rgba[:, :3], rgba[:, 3])
+        which = torch.from_numpy(pixels)
+        return Batch(self._caster.rays(which), rgba[:, :3], rgba[:, 3], which)
+
+    def axes(self, batch: Batch) -> Tensor:
+        """Unit vectors along the axis of each ray's camera, backwards. (R, 3)"""
+        return self._caster.axes(batch.pixels)
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` evenly drawn visible pixels."""

@@ -85,6 +85,10 @@ class RecolourSettings:
     """Weight of the palette's squared distance to where it started."""
     shade_weight: float = 0.003
     """Weight of (m - 1)^2, which keeps the material's brightness in I and the light's in m."""
+    phong_shade_weight: float = 0.0003
+    """The same of an explicit light, which can say less and so must say it more freely."""
+    phong_rate: float = 0.03
+    """Learning rate of an explicit light's coefficients."""
     mixing_weight: float = 0.01
     """Weight of 1 - sum w_i^2: each point belongs to one range of the transfer function, and an edit of one region
     must not bleed into another. Where the volume says which range that is, ``owner_weight`` counts instead."""
@@ -130,6 +134,9 @@ class Preset:
     reconstruct: ReconstructSettings
     recolour: RecolourSettings
     stylize: StylizeSettings = StylizeSettings()
+    lighting: str = "network"
+    """What a scene that shows light is lit by: ``network``, ``phong`` (:class:`svv.fields.phong.PhongLight`), or
+    ``auto``: ``phong`` where held-out views allow it (:func:`svv.train.lighting.light_by_trial`)."""
     fitted: bool = True
     """Whether the lattice is fitted to the views' pixels (:func:`fitted_field`)."""
 
@@ -196,6 +203,23 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
         recolour=replace(chosen.recolour, **{name: getattr(home.recolour, name) for name in rates}),
         fitted=home.fitted,
     )
+
+
+LIGHTINGS = ("network", "phong", "auto")
+
+
+def lit_by(chosen: Preset, lighting: str | None) -> Preset:
+    """A preset with another kind of light, by default its own.
+
+    Raises:
+        BadInput: there is no such kind, or it needs another encoding.
+    """
+    lighting = lighting or chosen.lighting
+    if lighting not in LIGHTINGS:
+        raise BadInput(f"There is no lighting '{lighting}'; choose one of {', '.join(LIGHTINGS)}.")
+    if lighting != "network" and chosen.field.encoding != "lattice":
+        raise BadInput("An explicit light needs the lattice: leave out --lighting, or take another preset or encoding.")
+    return replace(chosen, lighting=lighting)
 
 
 PIXELS_A_CELL = 2.5

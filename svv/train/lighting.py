@@ -1,14 +1,23 @@
-"""Whether a scene shows any lighting, so that its palette colour network has to learn some."""
+"""Whether a scene shows any lighting, so that its palette colour network has to learn some, and which kind."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
-from svv.fields.networks import encode_directions
+from svv.errors import Progress, part
+from svv.fields.networks import FieldSettings, encode_directions
+from svv.fields.phong import Beams
 from svv.fields.rendering import RayCaster, composite, march
-from svv.fields.scene import Scene
+from svv.fields.scene import Region, Scene
 from svv.io.viewset import ViewSet
+from svv.train.batches import RayPool
+from svv.train.config import RecolourSettings
+from svv.train.ranges import Owners
+from svv.train.recolour import recolour
 
 RAYS = 16384
 """Rays that are looked at."""
@@ -18,6 +27,15 @@ TURN = 0.35
 
 LEAST = 2.0 / 255.0
 """Change of colour, root of the mean square over the visible light, from which on there is lighting."""
+
+HELD_OUT = 8
+"""One view of so many takes no part in a trial."""
+
+TRIAL = 0.25
+"""Part of the steps of stage 2 that each trial has."""
+
+MARGIN = 1.0
+"""dB by which the lighting network may be better in a trial and yet not be taken: a light that moves is worth them."""
 
 
 def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
@@ -42,6 +60,79 @@ def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
     if change < LEAST:
         return False, f"{text}: no lighting network"
     return True, f"{text}, so there is a lighting network"
+
+
+def with_explicit_light(settings: FieldSettings, views: ViewSet) -> FieldSettings:
+    """The settings with an explicit light, which is where the views were lit from.
+
+    VTK's ray caster on processors takes a headlight for parallel to the camera's axis, for which views carry its name;
+    on GPUs, and others, for a point at the camera.
+    """
+    headlight = "axis" if views.meta.get("mapper") == "cpu" else "point"
+    return replace(settings, lighting="phong", headlight=headlight)
+
+
+def light_by_trial(
+    scene: Scene,
+    views: ViewSet,
+    palette: NDArray[np.floating],
+    settings: RecolourSettings,
+    seed: int,
+    owners: Owners | None,
+    progress: Progress,
+) -> tuple[Scene, str]:
+    """The scene with an explicit light where that draws held-out views as well as the network does, and why.
+
+    Both are trained for :data:`TRIAL` of the steps without every :data:`HELD_OUT` th view, and asked for that; the
+    explicit light is taken unless the network is better by more than :data:`MARGIN`.
+
+    Args:
+        scene: Without a palette network; its settings have the explicit light.
+        views: Training views.
+        palette: Colours of the regions. (P, 3)
+        settings: Of stage 2.
+        seed: Of both trials.
+        owners: The region that each point belongs to, where that is known.
+        progress: Called several times a second.
+    """
+    count = len(views.cameras)
+    held = list(range(0, count, HELD_OUT))
+    seen, unseen = views.take([k for k in range(count) if k not in held]), views.take(held)
+    short = replace(settings, iterations=max(1, round(settings.iterations * TRIAL)))
+    found = {}
+    for number, lighting in enumerate(("phong", "network")):
+        fields = replace(scene.settings, lighting=lighting)
+        network, shares, _ = recolour(
+            seen, scene.base, scene.occupancy, scene.marching, palette, fields, short, seed, None,
+            part(progress, 0.5 * number, 0.5 * number + 0.5), None, owners,
+        )  # fmt: skip
+        regions = tuple(Region(tuple(c), float(p)) for c, p in zip(network.colours.tolist(), shares, strict=True))
+        found[lighting] = accuracy(replace(scene, settings=fields, palette=network, regions=regions), unseen, seed)
+    taken = "phong" if found["phong"] >= found["network"] - MARGIN else "network"
+    reason = (
+        f"an explicit light (Blinn-Phong) draws {len(held)} held-out views with {found['phong']:.2f} dB after "
+        f"{short.iterations} steps, the lighting network with {found['network']:.2f} dB: "
+    ) + (
+        f"it is within {MARGIN:g} dB, so it is taken and can be moved"
+        if taken == "phong"
+        else f"more than {MARGIN:g} dB behind, so the network is taken"
+    )
+    return replace(scene, settings=replace(scene.settings, lighting=taken)), reason
+
+
+@torch.no_grad()
+def accuracy(scene: Scene, views: ViewSet, seed: int) -> float:
+    """PSNR in dB of the palette network's colours over black, on random pixels of views."""
+    batch = RayPool(views, scene.occupancy.box, seed, scene.device).batch(0, RAYS)
+    samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
+    facing = (
+        RayCaster(views.cameras, scene.occupancy.box, scene.device).axes(batch.pixels)
+        if scene.settings.headlight == "axis"
+        else -batch.rays.directions
+    )
+    colour, _, sigma = scene.shade(samples, batch.rays, "pcn", Beams.headlight(facing))
+    error = (composite(samples, sigma, colour)[0] - batch.premultiplied).square().mean()
+    return float(-10.0 * torch.log10(error.clamp(min=1e-12)))
 
 
 @torch.no_grad()

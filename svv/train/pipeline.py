@@ -22,12 +22,12 @@ from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
 from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import Preset, fitted_field, preset
+from svv.train.config import Preset, fitted_field, lit_by, preset
 from svv.train.distil import Distillation
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import load_features
 from svv.train.levels import with_fewest_levels
-from svv.train.lighting import shows_light
+from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
 from svv.train.loop import Loop
 from svv.train.ranges import hull_of, regions_of
 from svv.train.recolour import palette_of, recolour
@@ -54,6 +54,7 @@ def train_scene(
     checkpoint: Path | None = None,
     device: torch.device = CPU,
     encoding: str | None = None,
+    lighting: str | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stages 1 and 2: base field, palette, palette colour network.
 
@@ -68,6 +69,7 @@ def train_scene(
             scene is safe.
         device: Where to train, and where the scene is then (:func:`svv.kernels.dispatch.device_named`).
         encoding: ``lattice`` or ``hash``; by default the preset's own.
+        lighting: ``network``, ``phong`` or ``auto``; by default the preset's own.
 
     Returns:
         The scene, and a report: ``seconds`` a stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
@@ -75,9 +77,9 @@ def train_scene(
         ``encoding``, ``notes`` (why the model has the size it has).
 
     Raises:
-        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset or encoding, no time.
+        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset, encoding or lighting, no time.
     """
-    chosen = preset(preset_name, encoding)
+    chosen = lit_by(preset(preset_name, encoding), lighting)
     if len(views.cameras) < LEAST_VIEWS:
         raise BadInput(
             f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (92 are usual)."
@@ -160,12 +162,22 @@ def _train(
         notes.extend(palette.steps)
         if chosen.fitted:
             lit, reason = shows_light(scene, views, seed)
-            scene = replace(scene, settings=replace(scene.settings, lit=lit))
+            scene = replace(scene, settings=replace(scene.settings, lighting="network" if lit else "none"))
             notes.append(reason)
+    owners = None if known is None else known.owners
+    if scene.settings.lighting == "network" and chosen.lighting != "network":
+        scene = replace(scene, settings=with_explicit_light(scene.settings, views))
+        if chosen.lighting == "auto":
+            with _timed(seconds, "lighting"):
+                trial = part(progress, 0.7, 0.76)
+                scene, reason = light_by_trial(scene, views, palette.colours, chosen.recolour, seed, owners, trial)
+            notes.append(reason)
+        else:
+            notes.append("instead of it an explicit light (Blinn-Phong), as asked for: it can be moved")
     left = None if limit is None else max(0.1, limit - sum(seconds.values()))
     network, shares, seconds["pcn"] = recolour(
         views, scene.base, scene.occupancy, scene.marching, palette.colours, scene.settings, chosen.recolour, seed,
-        left, part(progress, 0.7, 1.0), saved, None if known is None else known.owners,
+        left, part(progress, 0.76 if "lighting" in seconds else 0.7, 1.0), saved, owners,
     )  # fmt: skip
     ranges = ((),) * len(shares) if known is None else known.ranges
     regions = tuple(

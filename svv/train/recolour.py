@@ -14,10 +14,11 @@ from svv.errors import Progress
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, encode_directions
 from svv.fields.occupancy import Occupancy
+from svv.fields.phong import Beams
 from svv.fields.rendering import Marching, composite, march
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
-from svv.train.batches import RayBudget, RayPool
+from svv.train.batches import Batch, RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import RecolourSettings
 from svv.train.loop import Loop, falling, network_adam
@@ -42,17 +43,26 @@ class Recolouring:
     """Where the volume says which region a point belongs to."""
     given: Unmixing | None = None
     """Where a palette was made by hand: what the pixels say of it."""
+    headlight: str = "point"
+    """See :attr:`svv.fields.networks.FieldSettings.headlight`."""
 
     def __post_init__(self) -> None:
         s = self.settings
         if s.joined > 0 and self.base.density is not None:
             self.marching = replace(self.marching, least_weight=s.joined, merge=True)
-        networks = [p for n, p in self.field.named_parameters() if not n.endswith(("table", "colours"))]
+        networks = [p for n, p in self.field.named_parameters() if not n.endswith(("table", "colours", "phong.raw"))]
+        groups = [
+            {"params": networks, "full": s.network_rate},
+            {"params": [self.field.colours], "full": s.palette_rate},
+        ]
+        encodings = [self.field.encoding]
+        if self.field.phong is not None:
+            groups.append({"params": [self.field.phong.raw], "full": s.phong_rate})
+            encodings.append(self.field.phong.normals)
+        self.shade_weight = s.shade_weight if self.field.phong is None else s.phong_shade_weight
         self.start = self.field.colours.detach().clone()
-        self.networks = network_adam(
-            [{"params": networks, "full": s.network_rate}, {"params": [self.field.colours], "full": s.palette_rate}]
-        )
-        self.tables = LatticeAdam([self.field.encoding])
+        self.networks = network_adam(groups)
+        self.tables = LatticeAdam(encodings)
         self.budget = RayBudget(s.rays, s.samples)
 
     def step(self, number: int, fraction: float) -> Tensor:
@@ -63,9 +73,10 @@ class Recolouring:
         self.budget.adjust(number, len(batch.rays), len(samples))
         with torch.no_grad():
             lit = self.field.lighting_mlp is not None
-            # Without light nobody looks at the geometry features, only at how many samples there are.
+            # Without a lighting network nobody looks at the geometry features, only at how many samples there are.
             sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
-        parts = self.field(samples.position, geometry, encode_directions(batch.rays.directions, samples.ray))
+        directions = encode_directions(batch.rays.directions, samples.ray)
+        parts = self.field(samples.position, geometry, directions, self._headlight(batch).at(samples.ray))
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
@@ -80,7 +91,7 @@ class Recolouring:
         error = (out[:, :3] - batch.premultiplied).square().mean()
         drift = (self.field.colours - self.start).square().sum()
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
-        penalties = out.new_tensor([s.offset_weight * early, s.shade_weight, s.mixing_weight])
+        penalties = out.new_tensor([s.offset_weight * early, self.shade_weight, s.mixing_weight])
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
         if self.owners is not None and len(samples):
             owner, own = self.owners.told(parts.weights, samples.position)
@@ -97,10 +108,14 @@ class Recolouring:
         for group in self.networks.param_groups:
             group["lr"] = group["full"] * rate
         self.networks.step()
-        self.tables.step([s.feature_rate * rate])
+        self.tables.step([s.feature_rate * rate] * len(self.tables.encodings))
         with torch.no_grad():
             self.field.colours.clamp_(0.0, 1.0)
         return error.detach()
+
+    def _headlight(self, batch: Batch) -> Beams:
+        """The light that the views were drawn under."""
+        return Beams.headlight(self.pool.axes(batch) if self.headlight == "axis" else -batch.rays.directions)
 
     @torch.no_grad()
     def shares(self, rays: int = 16384) -> NDArray[np.float64]:
@@ -158,8 +173,10 @@ def recolour(
     network.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
     device = base.encoding.table.device
     network.to(device).light_like(base)
+    if network.phong is not None and base.density is not None:
+        network.phong.start(base.density, occupancy, views.meta.get("shading"), seed)
     pool = RayPool(views, occupancy.box, seed, device)
-    work = Recolouring(base, network, occupancy, marching, pool, settings, owners, given)
+    work = Recolouring(base, network, occupancy, marching, pool, settings, owners, given, field.headlight)
     loop = Loop(settings.iterations, limit, progress, "palette colour network")
     if checkpoint is not None:
         state = checkpoint.stage("palette", network, work.networks, work.tables)
@@ -168,5 +185,7 @@ def recolour(
             work.budget.rays = int((checkpoint.extra("palette") or {})["rays"])
         loop.save = lambda done, spent: state.save(done, spent, {"rays": np.array(work.budget.rays)})
     seconds = loop.run(work.step)
+    if network.phong is not None:
+        network.phong.settle(occupancy)
     network.requires_grad_(False)
     return network, work.shares(), seconds

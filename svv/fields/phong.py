@@ -1,0 +1,149 @@
+"""An explicit light instead of the lighting network: normals and a dozen numbers, so that the light can be moved.
+
+Letters: S samples, R rays, P palette colours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.ndimage import gaussian_filter
+from torch import Tensor, nn
+from torch.nn.functional import softplus
+
+from svv.core.cameras import Camera
+from svv.core.light import COEFFICIENTS, Lamp, blinn_phong
+from svv.fields.encodings import SparseLattice
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import CEILING, Rays
+
+SCALE = 10.0
+"""A normal is this many times what the lattice holds, so that it learns at the rate of features."""
+
+SOFT = 0.1
+"""A vector v stands for the normal v / sqrt(SOFT^2 + |v|^2): where there is no surface it is short, and unlit."""
+
+LONGEST = 2.0
+"""Length of v beyond which it says nothing more; shorter ones fit into bytes more exactly."""
+
+SHININESS = 10.0
+"""Unit of the highlight's exponent while learning."""
+
+START = {"ambient": 0.08, "diffuse": 0.9, "specular": 0.05, "shininess": 13.0}
+"""Coefficients at the start, where the views do not say how they were shaded."""
+
+LEAST = {"ambient": 0.02, "diffuse": 0.05, "specular": 0.01, "shininess": 1.0}
+"""Smallest coefficients at the start, for a softplus hardly learns from 0."""
+
+FLATTEN = 0.25
+"""Power of the extinction whose gradient the normals begin with: 1 would leave faint surfaces hardly any."""
+
+BLUR = 1.0
+"""Width of the Gaussian whose derivatives give that gradient, cells."""
+
+
+@dataclass(frozen=True)
+class Beams:
+    """Where the light of R rays comes from: unit vectors towards viewer and light (R, 3), and how bright it is."""
+
+    facing: Tensor
+    toward: Tensor
+    intensity: float = 1.0
+
+    @classmethod
+    def headlight(cls, facing: Tensor) -> Beams:
+        """Of a light at the viewer."""
+        return cls(facing, facing)
+
+    @classmethod
+    def of(cls, lamp: Lamp, camera: Camera, rays: Rays, headlight: str) -> Beams:
+        """Of a lamp, for the rays of a camera, see :attr:`svv.fields.networks.FieldSettings.headlight`."""
+        rotation = camera.camera_to_world[:3, :3]
+        facing = -rays.directions
+        if headlight == "axis":
+            facing = facing.new_tensor(rotation[:, 2]).expand_as(facing)
+        if not lamp.moved:
+            return cls(facing, facing, lamp.intensity)
+        if lamp.direction is not None:
+            direction = np.asarray(lamp.direction) / np.linalg.norm(lamp.direction)
+            return cls(facing, facing.new_tensor(direction).expand_as(facing), lamp.intensity)
+        return cls(facing, facing @ facing.new_tensor(lamp.turn(rotation).T), lamp.intensity)
+
+    def at(self, ray: Tensor) -> Beams:
+        """Those of each sample's ray. (S,) -> S beams"""
+        ray = ray.long()
+        facing = self.facing[ray]
+        return Beams(facing, facing if self.toward is self.facing else self.toward[ray], self.intensity)
+
+
+class PhongLight(nn.Module):
+    """Normals of the scene and what each region makes of light (:func:`svv.core.light.blinn_phong`)."""
+
+    def __init__(self, occupancy: Occupancy, resolutions: Sequence[int], regions: int) -> None:
+        """Normals on the vertices of occupied cells, cells per box unit of each level; all zero."""
+        super().__init__()
+        self.normals = SparseLattice(occupancy.occupied, occupancy.cells, resolutions, 3)
+        self.raw = nn.Parameter(torch.zeros(regions, len(COEFFICIENTS)))
+
+    def coefficients(self) -> Tensor:
+        """Ambient, diffuse, specular (>= 0) and shininess (> 0) of each region. (P, 4)"""
+        return softplus(self.raw) * self.raw.new_tensor([1.0, 1.0, 1.0, SHININESS])
+
+    def start(self, density: SparseLattice, occupancy: Occupancy, shading: dict[str, Any] | None, seed: int) -> None:
+        """Begin with the gradient of the extinction, and with what the views say of how they were shaded."""
+        said = {} if shading is None else {**shading, "shininess": shading.get("specular_power")}
+        values = [max(float(said.get(name) or (START if shading is None else LEAST)[name]), LEAST[name])
+                  for name in COEFFICIENTS]  # fmt: skip
+        values[3] = min(values[3], 60.0) / SHININESS  # a sharper highlight falls between pixels and learns nothing
+        self.normals.randomize(0.001, torch.Generator().manual_seed(seed))
+        with torch.no_grad():
+            self.raw.copy_(self.raw.new_tensor(values).expm1().log())
+            level = self.normals.levels - 1
+            gradient = gradient_of(density, occupancy, self.normals.resolutions[level])
+            self.normals.table[self.normals.rows_of_level(level)] = gradient.to(self.raw.device) / SCALE
+
+    @torch.no_grad()
+    def settle(self, occupancy: Occupancy) -> None:
+        """Sum the levels of the normals into one, once they are learned: the same normals, looked up in less time."""
+        device = self.raw.device
+        self.normals = self.normals.summed(occupancy.occupied, occupancy.cells).to(device)
+        length = SCALE * self.normals.table.norm(dim=1, keepdim=True)
+        self.normals.table.mul_(LONGEST / length.clamp(min=LONGEST))
+
+    def normal(self, position: Tensor) -> Tensor:
+        """Normals, of either side, shorter than 1 where there is no surface. (S, 3) -> (S, 3)"""
+        v = SCALE * self.normals(position).view(len(position), -1, 3).sum(dim=1)
+        return v / (SOFT * SOFT + v.square().sum(dim=1, keepdim=True)).sqrt()
+
+    def forward(
+        self, position: Tensor, weights: Tensor, beams: Beams, coefficients: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Specular grey c_s >= 0 (S,) and shade m >= 0 (S,): coefficients (P, 4) mixed by palette weights (S, P)."""
+        mixed = weights @ (self.coefficients() if coefficients is None else coefficients)
+        return blinn_phong(self.normal(position), beams.facing, beams.toward, beams.intensity, mixed)
+
+
+@torch.no_grad()
+def gradient_of(density: SparseLattice, occupancy: Occupancy, resolution: int) -> Tensor:
+    """Unit vectors against the gradient of the extinction at a lattice's vertices, as they are stored. (V, 3)
+
+    Shorter where the gradient is hardly any. ``density`` gives the exponent, the sum over its levels.
+    """
+    lattice = SparseLattice(occupancy.occupied, occupancy.cells, (resolution,), 1)
+    vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells)
+    x, y, z = vertices.T
+    end = torch.tensor(occupancy.box.extent, dtype=torch.float32)
+    points = torch.minimum(torch.from_numpy(vertices.astype(np.float32)) / resolution, end)
+    exponent = density(points.to(density.table.device)).sum(dim=1).clamp(-6.0, CEILING).cpu().numpy()
+    field = np.full(tuple(lattice.shapes[0].tolist()), np.exp(-6.0 * FLATTEN), np.float32)
+    field[x, y, z] = np.exp(FLATTEN * exponent)
+    found = np.empty((len(vertices), 3), np.float32)
+    for axis in range(3):
+        order = [int(k == axis) for k in range(3)]
+        found[:, axis] = -gaussian_filter(field, BLUR, order=order, mode="nearest")[x, y, z]
+    length = np.linalg.norm(found, axis=1, keepdims=True)
+    return torch.from_numpy(found / (length + 1e-3))

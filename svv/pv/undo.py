@@ -68,13 +68,13 @@ def watch(filter: Any) -> None:
 
 
 def values_of(proxy: Any) -> dict[str, Any]:
-    """The values of a proxy's properties that people set; not its inputs."""
+    """What people have set of a proxy by property, but its inputs and the file to save to."""
     filter = _python(proxy)
     found = {}
     for name in filter.ListProperties():
         own = filter.GetProperty(name)
         plain = own.SMProperty
-        if plain.IsA("vtkSMVectorProperty") and not plain.GetInformationOnly() and plain.GetXMLName() not in BUTTONS:
+        if plain.IsA("vtkSMVectorProperty") and not plain.GetInformationOnly() and plain.GetXMLName() != "SaveFile":
             data = own.GetData()
             found[name] = list(data) if isinstance(data, list | tuple) else data
     return found

@@ -59,7 +59,7 @@ def regions_overlay(picture: ArrayLike, labels: NDArray[np.integer]) -> NDArray[
 
 
 def region_map_overlay(region: NDArray[np.integer], colours: ArrayLike | None = None) -> NDArray[np.uint8]:
-    """A scene's regions as an image shows them, flat, outlined and numbered.
+    """A scene's regions as an image shows them, flat and numbered.
 
     Args:
         region: (h, w), -1 where nothing is.
@@ -70,7 +70,6 @@ def region_map_overlay(region: NDArray[np.integer], colours: ArrayLike | None = 
     """
     paints = np.asarray(PAINTS if colours is None else colours, np.float32)
     shown = paints[np.maximum(region, 0) % len(paints)]
-    shown = _outlined(shown, np.asarray(region, np.int64), np.ones(3, np.float32))
     alpha = np.where(region >= 0, 255, 0).astype(np.uint8)
     return np.concatenate([_numbered(to_bytes(shown), np.asarray(region, np.int64)), alpha[..., None]], axis=2)
 

@@ -181,6 +181,8 @@ def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
         if source:
             mask, _ = mask_for(values, region, source, styles.open(source, progress)[1])
             styles.add(source, mask, region, progress)
+    if not styles.mapping:
+        raise BadInput("No region is left to paint: every one stays as it is.")
     for source in dict.fromkeys(common):
         if source not in rows.values():
             styles.notes.append(f"{source} has no region and is not used; there are more pictures than regions.")

@@ -33,7 +33,7 @@ def status(filter):
 
 def arrays(filter, port=0):
     filter.UpdatePipeline()
-    data = sm.Fetch(OutputPort(filter, port))
+    data = sm.Fetch(filter, idx=port)
     width, height, _ = data.GetDimensions()
     found = data.GetPointData()
     return {found.GetArrayName(i): vtk_to_numpy(found.GetArray(i)).reshape(height, width, -1)[::-1]
@@ -55,7 +55,7 @@ def inside(pvpython, tmp_path: Path):
     cube.save(tmp_path / "cube.svv")
     ink = cube.painted(cube_paint(cube, 1), {0: "brush"}, {}, "ink")
     ink.painted(cube_paint(cube, 2), {0: "oil", 1: "oil"}, {}, "oil").save(tmp_path / "two.svv")
-    picture = np.zeros((60, 80, 3), np.float32) + (0.85, 0.2, 0.1)
+    picture = np.full((60, 80, 3), (0.85, 0.2, 0.1), np.float32)
     picture[:, 40:] = (0.1, 0.7, 0.25)
     picture[::6] *= 0.4
     write_png(tmp_path / "halves.png", picture)

@@ -13,7 +13,10 @@ EXAMPLES = (
     "svv pvpython edit_palette.py scene.svv",
     "svv pvpython edit_palette.py scene.svv --colour 0=#d02020 --opacity 1=0.3 --out red.svv --picture red.png",
     "svv pvpython edit_palette.py scene.svv --lighting 0=1.5 1=0 --state session.pvsm",
+    "svv pvpython edit_palette.py scene.svv --isolate 0,2 --picture part.png",
 )
+
+SHOWN = ("image", "numbered regions", "regions in their colours")
 
 
 def main() -> None:
@@ -23,6 +26,9 @@ def main() -> None:
     parser.add_argument("--colour", nargs="+", default=[], metavar="K=#rrggbb", help="a region's new colour")
     parser.add_argument("--opacity", nargs="+", default=[], metavar="K=F", help="factor on a region's opacity; 0 hides")
     parser.add_argument("--lighting", nargs="+", default=[], metavar="K=F", help="factor on a region's lighting")
+    parser.add_argument("--hide", type=int, nargs="+", default=[], metavar="K", help="regions that are not seen")
+    parser.add_argument("--isolate", default="", metavar="K,...", help="regions that alone are seen")
+    parser.add_argument("--show", default="image", choices=SHOWN, help="what the picture shows")
     parser.add_argument("--out", "-o", type=Path, help="write the edited scene here")
     parser.add_argument("--picture", type=Path, help="write a picture of it here (.png or .vti)")
     parser.add_argument("--size", type=int, default=800, help="pixels along a side of the picture (800)")
@@ -43,7 +49,7 @@ def edit(chosen) -> None:
     if not chosen.scene.is_file():
         raise BadInput(f"There is no scene {chosen.scene}; check the path.")
     reader = simple.OpenDataFile(str(chosen.scene.resolve()))
-    edited = simple.StyleRFEdit(Input=reader)
+    edited = simple.StyleRFEdit(Input=reader, Isolate=chosen.isolate)
     regions = scripts.table_of(reader)
     for region, text in pairs(chosen.colour, len(regions)):
         setattr(edited, f"Region{region}Recolour", 1)
@@ -51,9 +57,13 @@ def edit(chosen) -> None:
     for name, texts in (("Opacity", chosen.opacity), ("Lighting", chosen.lighting)):
         for region, text in pairs(texts, len(regions)):
             setattr(edited, f"Region{region}{name}", factor(text))
+    for region in chosen.hide:
+        if not 0 <= region < len(regions):
+            raise BadInput(f"There is no region {region}; the scene has {len(regions)}, counted from 0.")
+        setattr(edited, f"Region{region}Hide", 1)
     for row in scripts.table_of(edited):
         print(", ".join(f"{name} {value}" for name, value in row.items()))
-    image = simple.StyleRFRender(Input=edited, ImageSize=[chosen.size] * 2)
+    image = simple.StyleRFRender(Input=edited, ImageSize=[chosen.size] * 2, Show=chosen.show)
     if chosen.picture is not None:
         scripts.update(image, 76.0)  # the orbit's frame from the front, a little above
         simple.SaveData(str(chosen.picture), proxy=image)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
@@ -53,10 +55,61 @@ def regions_overlay(picture: ArrayLike, labels: NDArray[np.integer]) -> NDArray[
     paints = np.asarray(PAINTS, np.float32)
     shown = 0.62 * values + 0.38 * paints[labels % len(paints)]
     shown = _outlined(shown, labels, np.ones(3, np.float32))
-    image = Image.fromarray(to_bytes(shown))
+    return _numbered(to_bytes(shown), labels)
+
+
+def region_map_overlay(region: NDArray[np.integer], colours: ArrayLike | None = None) -> NDArray[np.uint8]:
+    """A scene's regions as an image shows them, flat and numbered.
+
+    Args:
+        region: (h, w), -1 where nothing is.
+        colours: (regions, 3) in [0, 1]; without them colours that are easily told apart.
+
+    Returns:
+        (h, w, 4) levels, transparent where nothing is.
+    """
+    paints = np.asarray(PAINTS if colours is None else colours, np.float32)
+    shown = paints[np.maximum(region, 0) % len(paints)]
+    alpha = np.where(region >= 0, 255, 0).astype(np.uint8)
+    return np.concatenate([_numbered(to_bytes(shown), np.asarray(region, np.int64)), alpha[..., None]], axis=2)
+
+
+def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """A picture with ticks and numbers along its upper and left edge, from which places in it can be read.
+
+    Args:
+        picture: (h, w, 3) levels.
+        size: Width and height in pixels that the numbers count: those of the file.
+
+    Returns:
+        (h, w, 3) levels.
+    """
+    image = Image.fromarray(picture)
+    height, width = picture.shape[:2]
+    text = min(max(10, max(height, width) // 50), 20)
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(text)
+    least = 3.5 * text * max(size) / max(height, width)  # between two numbers, in pixels of the file
+    step = next(s for k in range(9) for s in (10**k, 2 * 10**k, 5 * 10**k) if s >= least)
+    style: dict[str, Any] = {"fill": "white", "font": font, "stroke_width": 2, "stroke_fill": "black"}
+    for horizontal, length, pixels in ((True, size[0], width), (False, size[1], height)):
+        for place in range(step, length - step // 4, step):
+            at = place * pixels / length
+            ends = (at, 0, at, text / 2) if horizontal else (0, at, text / 2, at)
+            draw.line(ends, fill="black", width=4)
+            draw.line(ends, fill="white", width=2)
+            xy, anchor = ((at, 0.7 * text), "mt") if horizontal else ((0.7 * text, at), "lm")
+            draw.text(xy, str(place), anchor=anchor, **style)
+    return np.asarray(image)
+
+
+def _numbered(levels: NDArray[np.uint8], labels: NDArray[np.integer]) -> NDArray[np.uint8]:
+    """A picture (h, w, 3) with the number of each label (h, w) of at least 0 where it has most room."""
+    image = Image.fromarray(levels)
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(max(14, max(labels.shape) // 24))
     for number in range(int(labels.max()) + 1):
         room = np.asarray(distance_transform_edt(np.pad(labels == number, 1)))[1:-1, 1:-1]
+        if not room.any():
+            continue
         y, x = np.unravel_index(int(room.argmax()), room.shape)
         draw.text(
             (float(x), float(y)), str(number), fill="white", stroke_width=2, stroke_fill="black", anchor="mm", font=font

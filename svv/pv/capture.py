@@ -12,11 +12,15 @@ from typing import Any
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
+from svv.pv.undo import watch
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that look at a volume."""
 
-IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsReader")
+BUTTONS = ("StyleRFEdit", "StyleRFPalette")
+"""Filters with buttons that set their panel (:mod:`svv.pv.undo`)."""
+
+IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsReader", "StyleRFStylize")
 """Filters and readers whose output is an image of colours."""
 
 DISPLAY = "UniformGridRepresentation"
@@ -122,6 +126,9 @@ def _registered(session: Any, *_: Any) -> None:
                     capture(filter)
                 except BadInput:
                     continue  # the filter says what is missing when it is applied
+    for name in BUTTONS:
+        for filter in _proxies(session, name):
+            watch(filter)
     loading = session.GetInLoadXMLState()  # a state says itself how things are shown
     for display in _proxies(session, DISPLAY, "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:

@@ -10,12 +10,14 @@ from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 from svv.pv.properties import (
     Property,
     choice,
+    file,
     group,
     integer,
     number,
     numbers,
     scalars,
     switch,
+    text,
     transfer_function,
 )
 
@@ -27,6 +29,18 @@ TAKE_HELP = (
 )
 REGIONS = 8
 """Regions that the panel of StyleRF Edit shows, as many as a palette may have; those that a scene lacks do nothing."""
+
+ROW = ("Style", "Positive", "Negative", "Mask", "Part")
+"""What StyleRF Stylize asks about each region."""
+AUTOMATIC, AS_IT_IS, PICTURE, NO_GALLERY = "by mapping", "as it is", "picture ", "none"
+GALLERY = (
+    "stipple", "cross-hatching", "woodcut", "watercolour", "impasto", "pastel", "mosaic", "ink-wash", "screen-print",
+    "charcoal", "oil", "pointillism",
+)  # fmt: skip
+"""The names of :data:`svv.train.gallery.GALLERY`, which takes too long to import before ParaView's window is there."""
+COLOURS, FALSE_COLOURS, IN_COLOUR = "image", "numbered regions", "regions in their colours"
+ADDED = 3
+"""Colours that the panel of StyleRF Palette can add at once."""
 
 
 def menu(cls: Any) -> Any:
@@ -98,6 +112,9 @@ def image_properties(size: int) -> list[Property]:
     """Which image of a scene is made."""
     return [
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
+        choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
+               "What the picture shows: the scene, or its regions, numbered, in false colours or in their own."),
+        text("Variant", "Which of the scene's paintings; empty: the one that it shows.", "", True),
         choice("Network", ("last", "base", "pcn", "styled"), "last",
                "What gives the colours: base (as learned), pcn (the palette, with its edits), styled; last is the last "
                "that the scene has."),
@@ -119,4 +136,43 @@ def region_properties(region: int) -> Sequence[Property]:
         number(f"{name}Opacity", 1.0, "Factor on the region's opacity.", 0.0, 4.0, advanced),
         number(f"{name}Lighting", 1.0, "Factor on the region's lighting; 0 is flat.", 0.0, 2.0,
                advanced),
+        switch(f"{name}Hide", False, "Whether to leave it out of images; its opacity is kept.", advanced),
+    ])  # fmt: skip
+
+
+def correction_properties(region: int) -> Sequence[Property]:
+    """What can be corrected about one palette colour."""
+    name, advanced = f"Region{region}", region > 3
+    return group(f"Region {region}", [
+        switch(f"{name}SetColour", False, "Whether training is to begin with another colour for the region.", advanced),
+        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "That colour.", "color_selector", advanced),
+        switch(f"{name}Remove", False, "Whether it is to be no region; others take over what it shows.", advanced),
+        switch(f"{name}Split", False, "Whether each range of the transfer function that it shows becomes a region.",
+               advanced),
+    ])  # fmt: skip
+
+
+def added_properties(number: int) -> Sequence[Property]:
+    """A colour that the palette lacks."""
+    name, advanced = f"Colour{number}", number > 1
+    return group(f"New colour {number}", [
+        switch(f"{name}Add", False, "Whether to add a colour to the palette.", advanced),
+        numbers(f"{name}Value", (1.0, 0.5, 0.0), "The colour of the part that is missing.", "color_selector", advanced),
+    ])  # fmt: skip
+
+
+def style_properties(region: int) -> Sequence[Property]:
+    """Which style a region gets, and which part of its picture."""
+    name, advanced = f"Region{region}", region > 3
+    return group(f"Region {region}", [
+        choice(f"{name}Style", (AUTOMATIC, AS_IT_IS, *(f"{PICTURE}{k}" for k in range(REGIONS)), *GALLERY), AUTOMATIC,
+               "The region's picture: by the mapping, none, one of Style Files (from 0), or one of the gallery.",
+               advanced),
+        text(f"{name}Positive", "Places in the picture that the region learns from, x,y in its pixels from the upper "
+             "left, with semicolons between: 310,120; 40,300. Empty, and without a mask: all of it.", "", advanced),
+        text(f"{name}Negative", "Places that it does not learn from.", "", advanced),
+        file(f"{name}Mask", "png", "Masks", "A mask of the picture to go on from, with the points kept beside it; "
+             "white is learned from.", advanced=advanced),
+        integer(f"{name}Part", -1, "Number of the part of the picture, where Picture Parts cuts it; -1: not by parts.",
+                -1, None, advanced),
     ])  # fmt: skip

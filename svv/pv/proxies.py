@@ -1,4 +1,4 @@
-"""The filters that ParaView shows under Filters > StyleRF.
+"""The filters under Filters > StyleRF that look at a volume or draw a scene; those that change scenes: scene_filters.
 
 Each class is a list of properties and a few calls into :mod:`svv.pv.work`. Its docstring is what ParaView shows as
 help.
@@ -10,7 +10,7 @@ from typing import Any
 
 from paraview.util.vtkAlgorithm import smproperty, smproxy
 
-from svv.errors import BadInput, part
+from svv.errors import part
 from svv.pv.data import put_image, put_scene, put_views, scene_of
 from svv.pv.filters import (
     ORBIT,
@@ -23,14 +23,11 @@ from svv.pv.filters import (
 )
 from svv.pv.panels import (
     PICTURES,
-    PRESETS,
-    REGIONS,
     TAKE_HELP,
     device,
     image_properties,
     keep_input_visible,
     menu,
-    region_properties,
     takes_scene,
     takes_volume,
     training_properties,
@@ -38,19 +35,15 @@ from svv.pv.panels import (
 )
 from svv.pv.properties import (
     button,
-    choice,
     file,
     files,
-    integer,
-    number,
     panel,
     status,
-    text,
     time_steps,
 )
 
 __all__ = [
-    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFEdit", "StyleRFStylize", "StyleRFRender",
+    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender",
 ]  # fmt: skip
 
 
@@ -144,104 +137,6 @@ class StyleRFTrain(Filter):
     def before(self, outputs: list[Any]) -> None:
         if self.last("scene") is not None:
             put_scene(self.last("scene"), outputs[0])
-
-
-@smproxy.filter(label="StyleRF Edit", support_reload=False)
-@menu
-@panel(*(p for region in range(REGIONS) for p in region_properties(region)), status())
-@takes_scene
-class StyleRFEdit(Filter):
-    """Change colour, opacity and lighting of a scene's regions, at once and without training. The rows of the input's
-    table are the regions."""
-
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
-
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
-        scene = before = scene_of(inputs[0])
-        for region in range(REGIONS):
-            name = f"Region{region}"
-            colour = self.values[f"{name}Colour"] if self.values[f"{name}Recolour"] else None
-            # 1 is the panel's 'as it is': it must not undo what an edit before this filter did.
-            opacity, lighting = (
-                None if self.values[f"{name}{what}"] == 1.0 else self.values[f"{name}{what}"]
-                for what in ("Opacity", "Lighting")
-            )
-            if (colour, opacity, lighting) != (None, None, None):
-                scene = scene.edited(region, colour, opacity, lighting)
-        put_scene(scene.as_one_step(before), outputs[0])
-
-
-@smproxy.filter(label="StyleRF Stylize", support_reload=False)
-@menu
-@panel(
-    files("StyleFiles", PICTURES, "Pictures", "Pictures in whose manner the regions are painted."),
-    text("StyleOfRegions",
-         "Number of the picture (from 0) for each region in turn, -1 for a region that stays as it is, for example "
-         "0, -1, 1. Empty: every region gets a picture in turn."),
-    number("Strength", 1.0, "0 shows the regions as they were, 1 as painted; no training.", 0.0, 1.0),
-    choice("Preset", PRESETS, "balanced", "How long painting takes: draft for a first look."),
-    integer("Seed", 0, "Same seed, same result.", 0, None, True),
-    device(),
-    button("PaintAgain", "Paint again, from the start."),
-    button("ResetStyle", "Go back to the scene before painting; Paint Again paints it."),
-    file("SaveFile", "svv", "Scenes", "Where the button Save Scene writes the scene.", save=True),
-    button("SaveScene", "Write the painted scene to the file above."),
-    status(),
-)  # fmt: skip
-@takes_scene
-class StyleRFStylize(Filter):
-    """Paint the regions of a scene in the manner of pictures, the same from all sides."""
-
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
-        self._reset = False
-
-    def PaintAgain(self) -> None:
-        """Paint again, from the start."""
-        self._reset = False
-        self.forget("scene")
-
-    def ResetStyle(self) -> None:
-        """Go back to the scene before painting."""
-        self._reset = True
-        self.Modified()
-
-    def SaveScene(self) -> None:
-        """Write the painted scene to a file."""
-        scene, file = self.last("scene"), self.values["SaveFile"]
-        if scene is None or not file:
-            self.say("There is nothing to save yet: choose a file under Save To, and press Apply.")
-            return
-        try:
-            self._with_strength(scene).save(file)
-        except BadInput as error:
-            self.say(str(error))
-
-    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.work import style_key, stylize
-
-        scene = scene_of(inputs[0])
-        if self._reset:
-            put_scene(scene, outputs[0])
-            return "As it was before painting."
-        # Edits before this filter do not change what is painted, only how it is shown.
-        key = (style_key(self.values), repr(scene.made))
-
-        def make() -> Any:
-            with self.training() as progress:
-                return stylize(scene, self.values, progress)
-
-        painted = self.kept("scene", key, make)
-        put_scene(self._with_strength(painted.with_edits_of(scene)), outputs[0])
-        return f"Painted in {painted.made['stylized']['seconds']['total']:.0f} s."
-
-    def before(self, outputs: list[Any]) -> None:
-        if self.last("scene") is not None:
-            put_scene(self._with_strength(self.last("scene")), outputs[0])
-
-    def _with_strength(self, scene: Any) -> Any:
-        return scene.with_strength(self.values["Strength"])
 
 
 @smproxy.filter(label="StyleRF Render", support_reload=False)

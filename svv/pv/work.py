@@ -18,6 +18,7 @@ from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
 from svv.pv.data import camera_of, digest_of, views_of
 from svv.pv.filters import ORBIT
+from svv.pv.panels import COLOURS, IN_COLOUR, REGIONS, ROW
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -157,29 +158,32 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
     return scene
 
 
-def stylize(scene: Scene, values: Values, progress: Progress) -> Scene:
-    """The scene with its regions painted as the panel says.
+def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = False) -> Scene:
+    """The scene with its regions painted as the panel says, as a variant that is shown.
+
+    Args:
+        scene: With a palette network.
+        values: The panel's; those that it lacks are at their defaults.
+        progress: Called several times a second.
+        go_on: Go on with the painting that the scene shows.
 
     Raises:
-        BadInput: no style file, one that cannot be read, or a mapping that cannot be.
+        BadInput: any reason of :func:`svv.pv.styling.styles_of` or :func:`svv.train.pipeline.stylize_scene`.
         Cancelled: ``progress`` raised it.
     """
-    from svv.io.images import read_style
     from svv.kernels.dispatch import device_named
+    from svv.pv.styling import styles_of
     from svv.train.pipeline import stylize_scene
 
-    if not values["StyleFiles"]:
-        raise BadInput("Choose at least one picture under Style Files.")
-    files = [Path(file) for file in values["StyleFiles"]]
-    chosen = whole_numbers_in(values.get("StyleOfRegions", ""), "Style of Regions")
-    if len(chosen) > len(scene.regions):
-        raise BadInput(f"Style of Regions names {len(chosen)} styles, but the scene has {len(scene.regions)} regions.")
-    mapping = {region: style for region, style in enumerate(chosen) if style >= 0} if chosen else None
-    styled, _ = stylize_scene(
-        scene.on(device_named(values["Device"])), [read_style(file) for file in files], mapping, (), values["Preset"],
-        values["Seed"], progress, names=[file.stem for file in files],
+    device = device_named(values["Device"])
+    styles = styles_of(scene, values, part(progress, 0.0, 0.02))
+    styled, report = stylize_scene(
+        scene.on(device), styles.pictures, styles.mapping, (), values["Preset"], values["Seed"],
+        part(progress, 0.02, 1.0), names=styles.names, masks=styles.masks, stroke_size=values.get("StrokeSize", 1.0),
+        go_on=go_on, variant=None if go_on else values.get("Variant") or None,
     )  # fmt: skip
-    return styled
+    notes = {**report, "notes": [*styles.notes, *report["notes"]]}
+    return replace(styled, made={**styled.made, "stylized": notes})
 
 
 def style_key(values: Values) -> str:
@@ -188,20 +192,20 @@ def style_key(values: Values) -> str:
     Raises:
         BadInput: a file is not there.
     """
+    from svv.train.gallery import PREFIX
+
     files = []
     for name in values["StyleFiles"]:
+        if name.startswith(PREFIX):
+            files.append((name, 0))
+            continue
         if not Path(name).is_file():
             raise BadInput(f"There is no style picture {name}; choose another under Style Files.")
         files.append((name, Path(name).stat().st_mtime_ns))
-    return repr([files, *(values.get(k) for k in ("StyleOfRegions", "Preset", "Seed"))])
-
-
-def whole_numbers_in(text: str, name: str) -> list[int]:
-    """'0, 2' as whole numbers; raises BadInput for anything else."""
-    try:
-        return [int(word) for word in text.replace(",", " ").split()]
-    except ValueError:
-        raise BadInput(f"{name} must be whole numbers with commas between them, not '{text}'.") from None
+    rows = [values.get(f"Region{k}{what}") for k in range(REGIONS) for what in ROW]
+    masks = [Path(name).stat().st_mtime_ns for name in rows if isinstance(name, str) and Path(name).is_file()]
+    others = ("Gallery", "Mapping", "PictureParts", "StrokeSize", "Preset", "Seed")
+    return repr([files, rows, masks, *(values.get(k) for k in others)])
 
 
 # --- images ---------------------------------------------------------------------------------------------------------
@@ -237,10 +241,18 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
     Raises:
         BadInput: the scene does not hold the network that the panel asks for, or the device is not there.
     """
+    from svv.io.mask_pictures import region_map_overlay
     from svv.io.output import to_bytes
     from svv.kernels.dispatch import device_named
+    from svv.report.render import region_colours
 
+    if values.get("Variant"):
+        scene = scene.with_variant(values["Variant"])
     network = None if values["Network"] == "last" else values["Network"]
     background = values["BackgroundColour"] if values["Background"] else None
     shown = scene.on(device_named(values["Device"])).render(camera, network, background, progress)
-    return {"RGBA": to_bytes(shown.rgba), "Depth": shown.depth, "Region": shown.region}
+    rgba = to_bytes(shown.rgba)
+    if values.get("Show", COLOURS) != COLOURS:
+        colours = region_colours(scene) if values["Show"] == IN_COLOUR else None
+        rgba = region_map_overlay(shown.region, colours)
+    return {"RGBA": rgba, "Depth": shown.depth, "Region": shown.region}

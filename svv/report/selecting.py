@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from svv.core.segmentation import Points
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import check_writable, make_folder
 from svv.io.mask_file import (
+    Mask,
     Selection,
     overlay_file,
     picture_size,
@@ -55,7 +59,7 @@ def write_regions(
         path = folder / f"region-{number}.png"
         write_mask(path, labels == number)
         # As one that began as something else: its few points will not say all of it.
-        write_selection(path, Selection(_size(source, picture.shape), segmenter=by, grown=True))
+        write_selection(path, Selection(source_size(source, picture.shape), segmenter=by, grown=True))
         paths.append(path)
     progress(1.0, "")
     return paths
@@ -99,9 +103,42 @@ def write_selected(
         raise BadInput("Only what is not wanted is given: set at least one --positive point, too.")
     for path in (out, overlay_file(out)):
         check_writable(path)
-    finder = segmenter(by)
     _, picture = open_style(source, progress)
-    size = _size(source, picture.shape)
+    mask, chosen = selected(source, picture, positive, negative, refine, by, progress)
+    write_mask(out, mask)
+    write_selection(out, chosen)
+    write_small_png(overlay_file(out), mask_overlay(picture, mask, chosen), bright=True)
+    progress(1.0, "")
+    return float(mask.mean())
+
+
+def selected(
+    source: str,
+    picture: NDArray[np.floating],
+    positive: Points = (),
+    negative: Points = (),
+    refine: Path | None = None,
+    by: str = "scikit-image",
+    progress: Progress = silent,
+) -> tuple[Mask, Selection]:
+    """The part of a style picture that points and a mask ask for, and all its points; nothing is written.
+
+    Args:
+        source: A file or ``gallery:NAME``.
+        picture: What it shows, (h, w, 3) as :func:`svv.train.gallery.open_style` has it.
+        positive: Places that are wanted, (x, y) in pixels of the file.
+        negative: Places that are not.
+        refine: A mask to go on from, as of :func:`write_selected`; without new points it is taken as it is.
+        by: Of :data:`svv.train.segmenters.SEGMENTERS`.
+        progress: Called now and then.
+
+    Raises:
+        BadInput: as :func:`write_selected`.
+    """
+    if refine is None and not positive:
+        raise BadInput("Only what is not wanted is given: set at least one positive point, too.")
+    finder = segmenter(by)
+    size = source_size(source, picture.shape)
     known, start = Selection(size, segmenter=by), None
     if refine is not None:
         mask = read_mask(refine, picture.shape)
@@ -111,20 +148,18 @@ def write_selected(
                 f"The mask {refine} was made in a picture of {known.size[0]} x {known.size[1]} pixels, and this one "
                 f"has {size[0]} x {size[1]}: name the picture it belongs to."
             )
+        if not positive and not negative:
+            return mask, known
         start = mask if known.grown else None
     chosen = known.with_points(positive, negative)
     progress(0.3, "superpixels")
     mask = finder.select(picture, *chosen.scaled(picture.shape), start=start)
     if not mask.any():
-        raise BadInput("Nothing is left of the selection: take a --negative point back, or add a --positive one.")
-    write_mask(out, mask)
-    write_selection(out, chosen)
-    write_small_png(overlay_file(out), mask_overlay(picture, mask, chosen), bright=True)
-    progress(1.0, "")
-    return float(mask.mean())
+        raise BadInput("Nothing is left of the selection: take a negative point back, or add a positive one.")
+    return mask, chosen
 
 
-def _size(source: str, shape: Sequence[int]) -> tuple[int, int]:
+def source_size(source: str, shape: Sequence[int]) -> tuple[int, int]:
     """Width and height in which places in a picture are given: the file's own."""
     if source.startswith(PREFIX):
         return int(shape[1]), int(shape[0])

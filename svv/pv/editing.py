@@ -1,0 +1,126 @@
+"""What the panels of StyleRF Edit and StyleRF Palette mean: edits of a scene, and a correction of its palette."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from svv.core.correction import Correction
+from svv.errors import BadInput, Progress, part
+from svv.pv.panels import ADDED, REGIONS
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
+    from svv.io.viewset import ViewSet
+
+Values = Mapping[str, Any]
+
+
+def as_edited(scene: Scene, values: Values) -> Scene:
+    """A scene with the edits of the panel, which are one step of its history.
+
+    Raises:
+        BadInput: any reason of the edits' (:mod:`svv.fields.edits`), or more to be undone than there is.
+    """
+    if values["Undo"] > len(scene.history.past):
+        raise BadInput(f"{values['Undo']} edits are to be undone, but the scene came with {len(scene.history.past)}.")
+    for _ in range(values["Undo"]):
+        scene = scene.undone()
+    before = scene
+    if values["AsTrained"]:
+        scene = scene.reset()
+    if values["Variant"]:
+        scene = scene.with_variant(values["Variant"])
+    if values["ShowHidden"]:
+        scene = scene.shown()
+    if values["Isolate"].strip():
+        scene = scene.isolated(*whole_numbers_in(values["Isolate"], "Isolate"))
+    for region in range(REGIONS):
+        name = f"Region{region}"
+        colour = values[f"{name}Colour"] if values[f"{name}Recolour"] else None
+        # 1 is the panel's 'as it is': it must not undo what an edit before this filter did.
+        opacity, lighting = (
+            None if values[f"{name}{what}"] == 1.0 else values[f"{name}{what}"] for what in ("Opacity", "Lighting")
+        )
+        if (colour, opacity, lighting) != (None, None, None):
+            scene = scene.edited(region, colour, opacity, lighting)
+        if values[f"{name}Hide"]:
+            scene = scene.hidden(region)
+    if values["Strength"] != 1.0:
+        scene = scene.with_strength(values["Strength"])
+    return scene.as_one_step(before)
+
+
+def told(scene: Scene) -> str:
+    """One line for the panel: what there is to undo, and the paintings."""
+    past = scene.history.past
+    lines = [f"{len(scene.regions)} regions"]
+    if past:
+        lines.append(f"last edit: {past[-1].what} ({len(past)} to undo)")
+    if scene.variants:
+        lines.append(f"paintings: {', '.join(scene.variants)}, shown: {scene.variant}")
+    return "; ".join(lines) + "."
+
+
+def whole_numbers_in(text: str, name: str) -> list[int]:
+    """'0, 2' as whole numbers; raises BadInput for anything else."""
+    try:
+        return [int(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        raise BadInput(f"{name} must be whole numbers with commas between them, not '{text}'.") from None
+
+
+def correction_in(values: Values) -> Correction:
+    """The correction that the panel asks for; one without anything is false.
+
+    Raises:
+        BadInput: text that is no regions.
+    """
+    groups = filter(str.strip, values["Merge"].split(";"))
+    chosen = {
+        what: [k for k in range(REGIONS) if values[f"Region{k}{what}"]] for what in ("Remove", "Split", "SetColour")
+    }
+    return Correction(
+        tuple(tuple(whole_numbers_in(group, "Merge")) for group in groups),
+        tuple(chosen["Remove"]),
+        {k: values[f"Region{k}Colour"] for k in chosen["SetColour"]},
+        tuple(chosen["Split"]),
+        tuple(values[f"Colour{k}Value"] for k in range(ADDED) if values[f"Colour{k}Add"]),
+    )
+
+
+def correct(scene: Scene, views: ViewSet | None, values: Values, progress: Progress) -> tuple[Scene, dict[str, Any]]:
+    """The scene with its palette corrected as the panel says, and the report.
+
+    Args:
+        scene: With a palette network.
+        views: Those of the second input; None where the panel names a file.
+        values: The panel's.
+        progress: Called several times a second.
+
+    Raises:
+        BadInput: no views, or any reason of :func:`svv.train.correct.correct_palette`.
+        Cancelled: ``progress`` raised it.
+    """
+    from svv.io.viewset import ViewSet
+    from svv.kernels.dispatch import device_named
+    from svv.train.correct import correct_palette
+
+    device = device_named(values["Device"])
+    if views is None:
+        if not values["ViewsFile"]:
+            raise BadInput(
+                "The regions are learned again from the views that the scene was trained on: connect StyleRF Views as "
+                "the second input, or choose their transforms_train.json under Views File."
+            )
+        file = Path(values["ViewsFile"])
+        views = ViewSet.read(file.parent, file.stem.removeprefix("transforms_"), part(progress, 0.0, 0.1))
+    if values["ViewsOnly"]:
+        views = replace(views, classified=None)
+    result, report = correct_palette(
+        scene.on(device), views, correction_in(values), values["Preset"], values["TimeLimit"] or None, values["Seed"],
+        part(progress, 0.1, 1.0),
+    )  # fmt: skip
+    return result.on(scene.device), report

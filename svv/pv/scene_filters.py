@@ -1,0 +1,274 @@
+"""The filters under Filters > StyleRF that change a scene: its edits, its palette, its paintings.
+
+Each class is a list of properties and a few calls into :mod:`svv.pv.editing`, :mod:`svv.pv.styling` and
+:mod:`svv.pv.work`. Its docstring is what ParaView shows as help.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from paraview.util.vtkAlgorithm import smproperty, smproxy
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+
+from svv.errors import BadInput
+from svv.pv.data import put_image, put_scene, scene_of, views_of
+from svv.pv.filters import Filter, set_image_information
+from svv.pv.panels import (
+    ADDED,
+    GALLERY,
+    NO_GALLERY,
+    PICTURES,
+    PRESETS,
+    REGIONS,
+    added_properties,
+    correction_properties,
+    device,
+    menu,
+    region_properties,
+    style_properties,
+    takes_scene,
+)
+from svv.pv.properties import Property, button, choice, file, files, integer, number, panel, status, switch, text
+
+PAINTING = "painting "
+"""Under this and their names StyleRF Stylize keeps paintings."""
+
+__all__ = ["StyleRFEdit", "StyleRFPalette", "StyleRFStylize"]
+
+
+def save_properties() -> list[Property]:
+    """The button Save, and where it writes to."""
+    return [
+        file("SaveFile", "svv", "Scenes", "Where the button Save Scene writes the scene.", save=True),
+        button("SaveScene", "Write the scene that the filter gives out to the file above."),
+    ]
+
+
+class SceneOutput(Filter):
+    """Gives out a scene, which it can also save."""
+
+    def give(self, scene: Any, table: Any) -> None:
+        """Give out a scene."""
+        self.kept("given", object(), lambda: scene)
+        put_scene(scene, table)
+
+    def SaveScene(self) -> None:
+        """Write the scene to a file."""
+        scene, name = self.last("given"), self.values["SaveFile"]
+        if scene is None or not name:
+            self.say("There is nothing to save yet: choose a file under Save File, and press Apply.")
+            return
+        try:
+            scene.save(name)
+        except BadInput as error:
+            self.say(str(error))
+        else:
+            self._status = f"Saved as {name}."
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.last("given") is not None:
+            put_scene(self.last("given"), outputs[0])
+
+
+@smproxy.filter(label="StyleRF Edit", support_reload=False)
+@menu
+@panel(
+    button("UndoEdit", "Take back what was applied last."),
+    button("RedoEdit", "Apply again what was taken back."),
+    button("ResetEdits", "Set everything in this panel back, so that the scene is as it came."),
+    *(p for region in range(REGIONS) for p in region_properties(region)),
+    text("Isolate", "Numbers of the regions that alone are seen, such as 0, 2. Empty: all that are not hidden."),
+    switch("ShowHidden", False, "Show regions again that were hidden before this filter."),
+    number("Strength", 1.0, "How much of a painting is seen: 0 the palette's colours, 1 as it came.", 0.0, 1.0),
+    text("Variant", "Which of the scene's paintings is shown; empty: the one that it came with."),
+    integer("Undo", 0, "Take back so many of the edits that the scene came with, before those above.", 0, 50, True),
+    switch("AsTrained", False, "Take back all edits that the scene came with, before those above.", True),
+    *save_properties(),
+    status(),
+)
+@takes_scene
+class StyleRFEdit(SceneOutput):
+    """Change colour, opacity and lighting of a scene's regions, hide and isolate them, at once and without training.
+    The rows of the input's table are the regions."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+
+    def UndoEdit(self) -> None:
+        """Done where the panel is: :mod:`svv.pv.undo`."""
+
+    RedoEdit = ResetEdits = UndoEdit
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.editing import as_edited, told
+
+        scene = as_edited(scene_of(inputs[0]), self.values)
+        self.give(scene, outputs[0])
+        return told(scene)
+
+
+@smproxy.filter(label="StyleRF Palette", support_reload=False)
+@menu
+@panel(
+    Property("Views", '''<InputProperty name="Views" label="Views" command="SetInputConnection" port_index="1">
+        <ProxyGroupDomain name="groups"><Group name="sources"/><Group name="filters"/></ProxyGroupDomain>
+        <DataTypeDomain name="input_type"><DataType value="vtkDataSet"/></DataTypeDomain>
+        <Documentation>The views that the scene was trained on: StyleRF Views, or a folder of views.</Documentation>
+        <Hints><Optional/></Hints></InputProperty>''', None, {}),
+    file("ViewsFile", "json", "Views",
+         "Without an input of views: transforms_train.json of the folder of views that the scene was trained on."),
+    text("Merge", "Regions that become one, such as 0, 1; with semicolons between several: 0, 1; 2, 3."),
+    *(p for region in range(REGIONS) for p in correction_properties(region)),
+    *(p for number in range(ADDED) for p in added_properties(number)),
+    choice("Preset", PRESETS, "balanced", "How long the regions are trained: draft for a first look."),
+    number("TimeLimit", 0.0, "Shorten training to this many seconds; 0 is no limit.", 0.0),
+    integer("Seed", 0, "Same seed, same result.", 0, None, True),
+    switch("ViewsOnly", False, "Take the palette as given, and let the views alone say which point is whose.", True),
+    device(),
+    button("TrainAgain", "Train again, though nothing was changed."),
+    button("ResetPalette", "Set everything in this panel back, so that the scene is as it came."),
+    *save_properties(),
+    status(),
+)  # fmt: skip
+@takes_scene
+class StyleRFPalette(SceneOutput):
+    """Correct a scene's palette by hand: set, add, merge, remove and split colours, and learn its regions again. The
+    base network is kept, and paintings are dropped, for they are of the old regions."""
+
+    def __init__(self) -> None:
+        super().__init__(2, 1, "vtkTable")
+
+    def FillInputPortInformation(self, port: int, info: Any) -> int:
+        """A scene, and views if they are at hand."""
+        info.Set(self.INPUT_IS_OPTIONAL(), port)
+        return super().FillInputPortInformation(port, info)
+
+    def TrainAgain(self) -> None:
+        """Train again."""
+        self.forget("corrected")
+
+    def ResetPalette(self) -> None:
+        """Done where the panel is: :mod:`svv.pv.undo`."""
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.editing import correct, correction_in
+
+        scene, correction = scene_of(inputs[0]), correction_in(self.values)
+        if not correction:
+            self.give(scene, outputs[0])
+            return "The palette as it came: set, add, merge, remove or split a colour."
+        views = views_of(inputs[1])
+        source = f"{id(views):x}" if views is not None else self.values["ViewsFile"]
+        settings = [self.values[name] for name in ("Preset", "TimeLimit", "Seed", "ViewsOnly")]
+        key = repr([scene.made, [region.colour for region in scene.regions], source, correction, settings])
+
+        def make() -> Any:
+            with self.training() as progress:
+                return correct(scene, views, self.values, progress)
+
+        result, report = self.kept("corrected", key, make)
+        self.give(result, outputs[0])
+        return f"{'; '.join(report['notes'][:-1])}; trained in {report['seconds']['total']:.0f} s."
+
+
+@smproxy.filter(label="StyleRF Stylize", support_reload=False)
+@menu
+@smproperty.xml('<OutputPort name="Scene" index="0"/><OutputPort name="Mask" index="1"/>')
+@panel(
+    files("StyleFiles", PICTURES, "Pictures", "Pictures in whose manner the regions are painted."),
+    choice("Gallery", (NO_GALLERY, *GALLERY), NO_GALLERY, "One more picture, of those that come with the program."),
+    choice("Mapping", ("in turn", "by colour"), "in turn",
+           "Who gets which picture: the regions in turn, or each the one whose mean colour is most like it. A "
+           "region's row goes before."),
+    number("Strength", 1.0, "0 shows the regions as they were, 1 as painted; no training.", 0.0, 1.0),
+    number("StrokeSize", 1.0, "Scale of the pictures against the image: 2 makes strokes twice as large.", 0.25, 4.0),
+    choice("Preset", PRESETS, "balanced", "How long painting takes: draft for a first look."),
+    switch("PreviewOnly", False, "Show the masks, and do not paint yet."),
+    *(p for region in range(REGIONS) for p in style_properties(region)),
+    integer("ShownMask", 0, "The region whose picture and mask the second output shows.", 0, REGIONS - 1),
+    integer("PictureParts", 0, "Cut pictures into so many parts that look alike, 2 to 32; 0: not.", 0, 32),
+    file("MaskFolder", "", "", "Where to write the masks too: region-K.png, and its points beside it."),
+    switch("Continue", False, "Go on with the last painting when pictures or masks are others, instead of anew."),
+    text("Variant", "Name of the painting: another name paints beside those that are there, in the same scene."),
+    text("ShowVariant", "Which painting is shown; empty: that of the name above."),
+    integer("Seed", 0, "Same seed, same result.", 0, None, True),
+    device(),
+    button("PaintAgain", "Paint again: from the start, or on where Continue is chosen."),
+    button("ResetStyle", "Go back to the scene before painting; Paint Again paints it."),
+    *save_properties(),
+    status(),
+)  # fmt: skip
+@takes_scene
+class StyleRFStylize(SceneOutput):
+    """Paint the regions of a scene in the manner of pictures, the same from all sides. The second output shows a
+    picture, and what of it a region learns from."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 2, "vtkTable")
+        self._reset, self._round = False, 0
+
+    def FillOutputPortInformation(self, port: int, info: Any) -> int:
+        """A scene, and an image."""
+        info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkTable", "vtkImageData")[port])
+        return 1
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """The size of the picture that is shown."""
+        try:
+            height, width = self._preview()[0].shape[:2]
+        except (BadInput, ImportError):  # RequestData says it
+            height, width = 1, 1
+        set_image_information(self, out_info, width, height, 1)
+        return 1
+
+    def PaintAgain(self) -> None:
+        """Paint again."""
+        self._reset, self._round = False, self._round + 1
+        self.Modified()
+
+    def ResetStyle(self) -> None:
+        """Go back to the scene before painting."""
+        self._reset = True
+        self.Modified()
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.pv.styling import painted, paintings_on, write_masks
+        from svv.pv.work import style_key
+
+        scene, values = scene_of(inputs[0]), self.values
+        base = repr(scene.made)  # edits before this filter do not change what is painted, only how it is shown
+        if self._reset:
+            self.give(scene, outputs[0])
+            return "As it was before painting."
+        style, name = style_key(values), values["Variant"]
+        picture, overlay, taken = self._preview()
+        rows, columns = np.mgrid[: taken.shape[0], : taken.shape[1]].astype(np.int32)
+        pixels = np.stack([columns, rows], axis=2)
+        put_image(outputs[1], {"RGBA": overlay, "Picture": picture, "Mask": taken, "Pixel": pixels})
+        if values["MaskFolder"]:
+            folder = Path(values["MaskFolder"])
+            self.kept("masks", (style, folder), lambda: write_masks(scene, values, folder, self.progress))
+        said = f"{taken.astype(bool).mean():.0%} of the picture is taken; nothing was painted."
+        if not values["PreviewOnly"]:
+            before = self.last(f"{PAINTING}{name}")
+
+            def make() -> Any:
+                with self.training() as progress:
+                    return painted(scene, before, values, progress)
+
+            painting = self.kept(f"{PAINTING}{name}", (base, style, self._round), make)
+            said = painting.told()
+        there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}
+        result = paintings_on(scene, there, values["ShowVariant"], "" if values["PreviewOnly"] else name)
+        self.give(result.with_strength(values["Strength"]) if result.styled is not None else result, outputs[0])
+        return said
+
+    def _preview(self) -> Any:
+        from svv.pv.styling import preview
+        from svv.pv.work import style_key
+
+        key = (style_key(self.values), self.values["ShownMask"])
+        return self.kept("preview", key, lambda: preview(self.values, self.progress))

@@ -1,0 +1,254 @@
+"""The panels of Edit, Palette and Stylize in the real ParaView: what they do to a scene, show of it, and refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from svv.core.cameras import sphere_cameras
+from svv.fields.scene import Scene
+from svv.io.output import to_bytes, write_png
+from svv.io.viewset import ViewSet
+from svv.train.gallery import GALLERY, open_style
+from svv.train.style_choice import pairs_by_colour
+from tests.cube import cube_paint, cube_scene
+
+START = """
+import json, os, sys
+import numpy as np
+from paraview.simple import *
+from paraview import servermanager as sm
+from vtkmodules.util.numpy_support import vtk_to_numpy
+folder = sys.argv[1]
+os.chdir(folder)
+said = {}
+
+def status(filter):
+    filter.UpdatePipeline()
+    filter.UpdatePropertyInformation()
+    return filter.Status
+
+def arrays(filter, port=0):
+    filter.UpdatePipeline()
+    data = sm.Fetch(filter, idx=port)
+    width, height, _ = data.GetDimensions()
+    found = data.GetPointData()
+    return {found.GetArrayName(i): vtk_to_numpy(found.GetArray(i)).reshape(height, width, -1)[::-1]
+            for i in range(found.GetNumberOfArrays())}
+
+def column(filter, name):
+    filter.UpdatePipeline()
+    return vtk_to_numpy(sm.Fetch(filter).GetColumnByName(name)).tolist()
+"""
+END = """
+json.dump(said, open("said.json", "w"))
+"""
+
+
+@pytest.fixture
+def inside(pvpython, tmp_path: Path):
+    """Run a script in pvpython in a folder with `cube.svv`, the painted `two.svv`, and two pictures."""
+    cube = cube_scene()
+    cube.save(tmp_path / "cube.svv")
+    ink = cube.painted(cube_paint(cube, 1), {0: "brush"}, {}, "ink")
+    ink.painted(cube_paint(cube, 2), {0: "oil", 1: "oil"}, {}, "oil").save(tmp_path / "two.svv")
+    picture = np.full((60, 80, 3), (0.85, 0.2, 0.1), np.float32)
+    picture[:, 40:] = (0.1, 0.7, 0.25)
+    picture[::6] *= 0.4
+    write_png(tmp_path / "halves.png", picture)
+    write_png(tmp_path / "blue.png", np.where(picture > 0.5, picture, 0.3)[..., ::-1])
+
+    def run(script: str) -> dict:
+        pvpython(START + script + END, tmp_path)
+        return json.loads((tmp_path / "said.json").read_text())
+
+    return run
+
+
+def test_regions_are_hidden_isolated_and_edits_taken_back(inside, tmp_path: Path) -> None:
+    said = inside("""
+edit = StyleRFEdit(Input=OpenDataFile(folder + "/cube.svv"), Region0Opacity=0.5)
+image = StyleRFRender(Input=edit, ImageSize=[40, 40])
+seen = lambda: sorted(set(arrays(image)["Region"].ravel().tolist()))
+said["all"] = seen()
+edit.Region1Hide = 1
+said["hidden"] = seen()
+edit.SaveFile = folder + "/edited.svv"
+status(edit)
+edit.SaveScene()
+edit.UndoEdit()
+said["undone"] = [edit.Region1Hide, seen()]
+edit.RedoEdit()
+said["redone"] = [edit.Region1Hide, seen()]
+edit.ResetEdits()
+said["reset"] = [edit.Region1Hide, edit.Region0Opacity, column(edit, "Opacity")]
+edit.Isolate = "2"
+said["isolated"] = seen()
+again = StyleRFEdit(Input=OpenDataFile(folder + "/edited.svv"))
+said["again"] = [status(again), column(again, "Opacity")]
+again.Undo = 1
+said["before"] = [column(again, "Opacity")]
+again.Undo, again.AsTrained = 0, 1
+said["as trained"] = [column(again, "Opacity")]
+again.AsTrained, again.Undo = 0, 2
+said["too many"] = status(again)
+two = StyleRFEdit(Input=OpenDataFile(folder + "/two.svv"), Variant="ink", Strength=0.5)
+said["variant"] = [status(two), [sm.Fetch(two).GetColumnByName("Style").GetValue(k) for k in range(3)]]
+two.Variant = "chalk"
+said["no variant"] = status(two)
+""")
+    assert said["all"] == [-1, 0, 1, 2] and said["hidden"] == [-1, 0, 2]
+    assert said["undone"] == [0, [-1, 0, 1, 2]] and said["redone"] == [1, [-1, 0, 2]]
+    assert said["reset"] == [0, 1.0, [1.0, 1.0, 1.0]] and said["isolated"] == [-1, 2]
+    regions = Scene.load(tmp_path / "edited.svv").regions
+    assert [(r.opacity, r.hidden) for r in regions] == [(0.5, False), (1.0, True), (1.0, False)]
+    assert said["again"][1] == [0.5, 1.0, 1.0] and "1 to undo" in said["again"][0]
+    assert said["before"] == said["as trained"] == [[1.0, 1.0, 1.0]]
+    assert "came with 1" in said["too many"] and "no variant 'chalk'" in said["no variant"]
+    assert said["variant"][1] == ["brush", "", ""] and "shown: ink" in said["variant"][0]
+
+
+def test_a_preview_shows_the_regions(inside) -> None:
+    said = inside("""
+reader = OpenDataFile(folder + "/cube.svv")
+image = StyleRFRender(Input=reader, ImageSize=[80, 80], Show="regions in their colours")
+for show in ("regions in their colours", "numbered regions"):
+    image.Show = show
+    found = arrays(image)
+    region = found["Region"][..., 0]
+    said[show] = [np.median(found["RGBA"][region == k], axis=0).tolist() for k in (-1, 0, 1, 2)]
+""")
+    colours = [[*to_bytes(region.colour).tolist(), 255] for region in cube_scene().regions]
+    assert said["regions in their colours"][1:] == colours
+    assert said["regions in their colours"][0][3] == said["numbered regions"][0][3] == 0
+    assert len({tuple(colour) for colour in said["numbered regions"]}) == 4
+
+
+def test_masks_are_shown_and_kept_before_anything_is_painted(inside, tmp_path: Path) -> None:
+    said = inside("""
+reader = OpenDataFile(folder + "/cube.svv")
+paint = StyleRFStylize(Input=reader, StyleFiles=["halves.png"], PreviewOnly=1, ShownMask=1,
+                       MaskFolder=folder + "/masks", Region1Positive="10,30", Region1Negative="70,30")
+mask = arrays(paint, 1)
+said["status"], said["mask"] = status(paint), mask["Mask"][..., 0].tolist()
+said["pixel"], said["sizes"] = mask["Pixel"][7, 3].tolist(), {k: v.shape for k, v in mask.items()}
+paint.Region1Positive, paint.Region1Negative, paint.Region1Mask = "", "", folder + "/masks/region-1.png"
+said["from file"] = arrays(paint, 1)["Mask"][..., 0].tolist()
+paint.Region1Mask, paint.PictureParts = "", 2
+said["parts"] = np.unique(arrays(paint, 1)["Mask"]).tolist()
+paint.Region1Part = 1
+said["part"] = float(arrays(paint, 1)["Mask"].mean())
+paint.StyleFiles, paint.Gallery, paint.PictureParts, paint.Region1Part = [], "mosaic", 0, -1
+said["gallery"] = arrays(paint, 1)["RGBA"].shape
+""")
+    mask = np.array(said["mask"])
+    assert said["sizes"]["RGBA"] == [60, 80, 3] and said["pixel"] == [3, 7]
+    assert mask[:, :36].mean() > 0.95 and mask[:, 44:].mean() < 0.05
+    assert "nothing was painted" in said["status"] and said["from file"] == said["mask"]
+    assert (tmp_path / "masks" / "region-1.json").is_file() and (tmp_path / "masks" / "region-1-overlay.png").is_file()
+    assert said["parts"] == [0, 1] and 0.3 < said["part"] < 0.7 and said["gallery"] == [512, 512, 3]
+
+
+def test_regions_get_the_pictures_of_their_rows_and_paintings_stand_side_by_side(inside, tmp_path: Path) -> None:
+    said = inside("""
+reader = OpenDataFile(folder + "/cube.svv")
+style = lambda: [sm.Fetch(paint).GetColumnByName("Style").GetValue(k) for k in range(3)]
+paint = StyleRFStylize(Input=reader, StyleFiles=["halves.png", "blue.png"], Preset="draft", StrokeSize=0.5,
+                       Region0Style="picture 1", Region1Style="as it is", Region2Style="picture 0",
+                       Region2Positive="10,30")
+said["first"] = [status(paint), style()]
+paint.Strength = 0.25
+said["weaker"] = [status(paint), column(paint, "Opacity")]
+paint.Variant, paint.Mapping = "by likeness", "by colour"
+for k in range(3):
+    setattr(paint, f"Region{k}Style", "by mapping")
+said["second"] = [status(paint), style()]
+paint.ShowVariant = "styled"
+said["shown"] = [status(paint), style()]
+paint.ShowVariant, paint.Continue, paint.StrokeSize = "", 1, 0.6
+said["on"] = status(paint)
+paint.SaveFile = folder + "/painted.svv"
+paint.SaveScene()
+paint.ResetStyle()
+said["reset"] = [status(paint), style()]
+""")
+    assert said["first"][1] == ["blue", "", "halves (region 2)"], said
+    assert said["weaker"][0] == said["first"][0], "painted again, though only the strength was changed"
+    assert said["shown"] == [said["second"][0], said["first"][1]]
+    styles = [open_style(tmp_path / name)[1] for name in ("halves.png", "blue.png")]
+    pairs = pairs_by_colour(cube_scene().regions, styles)
+    assert [name.split(" ")[0] for name in said["second"][1]] == [("halves", "blue")[pairs[k]] for k in range(3)]
+    painted = Scene.load(tmp_path / "painted.svv")
+    assert painted.variants == ("by likeness", "styled") and painted.variant == "by likeness"
+    assert painted.made["stylized"]["continued"] == [0, 1, 2]
+    assert painted.regions[0].strength == 0.25 and said["reset"][1] == ["", "", ""]
+
+
+def test_a_palette_is_corrected_and_learned_again(inside, tmp_path: Path) -> None:
+    cube = cube_scene()
+    cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, 0.5, 48)
+    images = np.stack([to_bytes(cube.render(camera).rgba) for camera in cameras])
+    ViewSet(tuple(cameras), images, tuple(f"r_{k}" for k in range(12)), {}).write(tmp_path / "views", "train")
+    said = inside("""
+reader = OpenDataFile(folder + "/cube.svv")
+palette = StyleRFPalette(Input=reader, Preset="draft", TimeLimit=1.0)
+said["nothing"] = status(palette)
+palette.Merge = "0, 2"
+said["no views"] = status(palette)
+views = OpenDataFile(folder + "/views/transforms_train.json")
+palette.Views = views
+said["merged"] = [status(palette), column(palette, "Region")]
+palette.Merge, palette.Views, palette.ViewsFile = "", None, folder + "/views/transforms_train.json"
+palette.Region1SetColour, palette.Region1Colour = 1, [0.1, 0.2, 0.9]
+palette.Colour0Add, palette.Colour0Value = 1, [0.9, 0.9, 0.1]
+said["changed"] = [status(palette), column(palette, "Region")]
+palette.SaveFile = folder + "/corrected.svv"
+palette.SaveScene()
+palette.ResetPalette()
+said["reset"] = [palette.Colour0Add, column(palette, "Region")]
+palette.Region7Remove = 1
+said["no region"] = status(palette)
+""")
+    assert "as it came" in said["nothing"] and "connect StyleRF Views" in said["no views"], said
+    assert said["merged"][1] == [0, 1] and "regions 0 and 2 merged" in said["merged"][0]
+    assert said["changed"][1] == [0, 1, 2, 3] and "#e6e61a added" in said["changed"][0]
+    assert len(Scene.load(tmp_path / "corrected.svv").regions) == 4
+    assert said["reset"] == [0, [0, 1, 2]] and "no region 7" in said["no region"]
+
+
+def test_what_cannot_be_painted_is_one_sentence(inside) -> None:
+    said = inside("""
+reader = OpenDataFile(folder + "/cube.svv")
+def tried(name, **values):
+    said[name] = status(StyleRFStylize(Input=reader, Preset="draft", **{"StyleFiles": ["halves.png"], **values}))
+tried("none", StyleFiles=[])
+tried("missing", StyleFiles=["nowhere.png"])
+tried("gallery", StyleFiles=["gallery:gouache"])
+tried("picture", Region0Style="picture 3")
+tried("region", Region5Style="woodcut")
+tried("points", Region0Positive="here")
+tried("outside", Region0Positive="500,5")
+tried("both", Region0Positive="10,10", Region0Negative="10,10")
+tried("negative", Region0Negative="10,10")
+tried("mask", Region0Mask="nowhere.png")
+tried("cut", Region0Part=1)
+tried("part", Region0Part=9, PictureParts=2)
+tried("all kept", **{f"Region{k}Style": "as it is" for k in range(3)})
+tried("variant", ShowVariant="chalk", PreviewOnly=1)
+""")
+    expected = {
+        "none": "at least one picture", "missing": "no style picture", "gallery": "no 'gouache' in the gallery",
+        "picture": "picture 3, but there are 1", "region": "no region 5", "points": "must be places",
+        "outside": "outside of the picture", "both": "asked for and ruled out", "negative": "at least one positive",
+        "mask": "no mask", "cut": "Picture Parts", "part": "is cut into 2", "all kept": "No region is left",
+        "variant": "no variant 'chalk'",
+    }  # fmt: skip
+    assert {name: words in said[name] for name, words in expected.items()} == dict.fromkeys(expected, True), said
+
+
+def test_the_panel_offers_the_whole_gallery() -> None:
+    source = (Path(__file__).parents[2] / "svv" / "pv" / "panels.py").read_text()
+    assert all(f'"{name}"' in source for name in GALLERY)

@@ -1,0 +1,98 @@
+"""The panels of Edit and Stylize in ParaView's window, with the previews beside them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from svv.io.output import write_png
+from svv.train.gallery import gallery_picture
+from tests.cube import cube_scene
+
+SCRIPT = """
+from paraview.simple import *
+from svv.pv.follow import fit, show_image
+
+scene, style = ARGUMENTS
+LoadPalette("WhiteBackground")
+reader = OpenDataFile(scene)
+RenameSource("scene", reader)
+edit = StyleRFEdit(Input=reader, Region0Recolour=1, Region0Colour=[0.1, 0.6, 0.5], Region0Opacity=1.5)
+RenameSource("edits", edit)
+image = StyleRFRender(Input=edit, ImageSize=[400, 400], Show="numbered regions")
+RenameSource("regions", image)
+paint = StyleRFStylize(Input=edit, StyleFiles=[style], PreviewOnly=1, Gallery="mosaic", Region0Style="picture 0",
+                       Region0Positive="250,260", Region0Negative="40,40; 470,480")
+RenameSource("painting", paint)
+for filter in (edit, image, paint):
+    filter.UpdatePipeline()
+left = GetActiveViewOrCreate("RenderView")
+right = CreateView("RenderView")
+layout = GetLayout(left)
+AssignViewToLayout(view=right, layout=layout, hint=layout.SplitViewVertical(left, 0.5))
+mask = OutputPort(paint, 1)
+for shown, view in ((image, left), (mask, right)):
+    show_image(shown, view)
+    size = shown.GetDataInformation().GetExtent()
+    fit(view, size[1] + 1, size[3] + 1)
+SetActiveView(left)
+SetActiveSource(edit)
+RenderAllViews()
+stage = 0
+
+def tick(*_):
+    global stage
+    stage += 1
+    if stage == 8:
+        paint.UpdatePropertyInformation()
+        done("edit " + paint.Status)
+    if stage == 20:
+        SetActiveSource(paint)
+    if stage == 26:
+        interactor.DestroyTimer(timer)
+        done("stylize")
+
+interactor = left.GetInteractor()
+interactor.AddObserver("TimerEvent", tick)
+timer = interactor.CreateRepeatingTimer(1000)
+done("ready")
+"""
+
+
+def pixels(picture: Path) -> np.ndarray:
+    return np.asarray(Image.open(picture).convert("RGB"), np.int16)
+
+
+def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -> None:
+    # SVV_SCREENSHOT names a folder for the pictures of the documentation, SVV_SCENE a scene to show in them.
+    kept, scene = os.environ.get("SVV_SCREENSHOT"), os.environ.get("SVV_SCENE")
+    if scene is None:
+        scene = str(tmp_path / "cube.svv")
+        cube_scene().save(scene)
+    write_png(tmp_path / "impasto.png", gallery_picture("impasto"))
+    running = gui(f"ARGUMENTS = {[str(Path(scene).resolve()), str(tmp_path / 'impasto.png')]!r}\n{SCRIPT}")
+    assert running.first == "ready"
+    said = running.wait()
+    assert "nothing was painted" in said, said
+    edit = running.screenshot(tmp_path / "edit.png")
+    assert running.wait() == "stylize"
+    stylize = running.screenshot(tmp_path / "stylize.png")
+    shown = pixels(edit)
+    # Both views show something in colour, and the panel at the left has the colour that the region was given.
+    colourful = (shown.max(axis=2) - shown.min(axis=2)) > 60
+    assert colourful[100:500, 500:].mean() > 0.02 and colourful[560:1000, 500:].mean() > 0.02
+    button = np.abs(shown[:, :420] - to_levels((0.1, 0.6, 0.5))).max(axis=2) <= 3
+    assert button.sum() > 50, "the panel shows no button in the region's colour"
+    assert (np.abs(pixels(stylize)[:, :420] - shown[:, :420]).max(axis=2) > 30).mean() > 0.01
+    if kept:
+        shutil.copy(edit, Path(kept) / "paraview-panel.png")
+        shutil.copy(stylize, Path(kept) / "paraview-panel-stylize.png")
+
+
+def to_levels(colour: tuple[float, float, float]) -> np.ndarray:
+    return np.rint(np.array(colour) * 255).astype(np.int16)

@@ -241,7 +241,12 @@ class PaletteField(nn.Module):
         return specular, 2.0 * torch.sigmoid(h[:, 1]) if self.shading else torch.ones_like(specular)
 
     def forward(
-        self, position: Tensor, geometry: Tensor, directions: Tensor, beams: Beams, coefficients: Tensor | None = None
+        self,
+        position: Tensor,
+        geometry: Tensor,
+        directions: Tensor,
+        beams: Beams | None = None,
+        coefficients: Tensor | None = None,
     ) -> PaletteColours:
         """All parts of eq. 4 at samples.
 
@@ -249,12 +254,13 @@ class PaletteField(nn.Module):
             position: Box coordinates. (S, 3)
             geometry: Geometry features, for the lighting MLP. (S, G)
             directions: Encoded directions, for the lighting MLP. (S, 16)
-            beams: S beams, for an explicit light,
-            coefficients: which its regions reflect so; by default as learned. (P, 4)
+            beams: S beams, which an explicit light needs,
+            coefficients: and what its regions make of them; by default as learned. (P, 4)
         """
         material = self.material(position)
         if self.phong is None:
             return PaletteColours(*self.lighting(geometry, directions), *material)
+        assert beams is not None
         specular, shade = self.phong(position, material[1], beams, coefficients)
         return PaletteColours(specular, shade, *material)
 

@@ -15,7 +15,8 @@ from svv.core.light import GRAZING, RIM
 from svv.kernels.marching import BLOCK
 from svv.kernels.trilinear import ONE, cell_at, mean_of, weights_of
 
-RIM, GRAZING = np.float32(RIM), np.float32(GRAZING)
+SLACK, SMALLEST = np.float32(RIM), np.float32(GRAZING)
+"""Of :mod:`svv.core.light`, in single precision: a float beside would make numba calculate in double."""
 
 
 @njit(fastmath=True, inline="always")
@@ -112,13 +113,13 @@ def phong(  # type: ignore[no-untyped-def]
         r = ray[i]
         long = scale / math.sqrt(soft * soft + scale * scale * (nx * nx + ny * ny + nz * nz))
         aside = ONE - facing[r, 0] * toward[r, 0] - facing[r, 1] * toward[r, 1] - facing[r, 2] * toward[r, 2]
-        rim = RIM * min(max(aside, np.float32(0.0)), ONE)
+        rim = SLACK * min(max(aside, np.float32(0.0)), ONE)
         if long * (nx * facing[r, 0] + ny * facing[r, 1] + nz * facing[r, 2]) < -rim:
             long = -long
         cosine = max(long * (nx * toward[r, 0] + ny * toward[r, 1] + nz * toward[r, 2]), np.float32(0.0))
         highlight = np.float32(0.0)
         if cosine > np.float32(0.0):
-            across = max(long * (nx * half[r, 0] + ny * half[r, 1] + nz * half[r, 2]), GRAZING)
+            across = max(long * (nx * half[r, 0] + ny * half[r, 1] + nz * half[r, 2]), SMALLEST)
             highlight = intensity * specular / total * np.exp(shininess / total * np.log(across))
         factor = factors[region[i]]
         shade = max(ONE + factor * ((ambient + intensity * diffuse * cosine) / total - ONE), np.float32(0.0))

@@ -181,10 +181,12 @@ def stylize(
 
     Stopped with Ctrl-C, the same command goes on where it was.
     """
+    from svv.kernels.dispatch import device_named
     from svv.train.pipeline import stylize_scene
 
     pairs = None if mapping is None else parse_mapping(mapping)
     _check_targets(out, json)
+    device_named(device.value)  # said before pictures of the gallery are painted
     names, styles, masks = cli_style.read_styles(style, style_mask or [])
     loaded = _load(scene, device)
     checkpoint = checkpoint_path(out)

@@ -58,4 +58,5 @@ class Unmixing:
         amount, place = found[best, rows, :2].clamp_min(0.0), self._places[best]
         amount[:, 1] = torch.where(place[:, 0] == place[:, 1], 0.0, amount[:, 1])
         shares = colour.new_zeros(len(colour), self._count).scatter_add_(1, place, amount)
-        return shares / shares.sum(dim=1, keepdim=True).clamp_min(1e-6)
+        total = shares.sum(dim=1, keepdim=True)
+        return torch.where(total > 1e-6, shares / total.clamp_min(1e-6), 0.0)

@@ -12,7 +12,7 @@ from svv.options import Json, Network, Out, Preset, PresetOption, SceneFile, See
 from svv.progress import shown
 
 if TYPE_CHECKING:
-    from svv.report.consistency import Protocol
+    from svv.report.orbit_path import Protocol
 
 CONSISTENCY = (
     "svv consistency styled.svv --json consistency.json --out consistency",
@@ -59,7 +59,8 @@ def consistency(
     """
     from svv.fields.scene import Scene
     from svv.io.atomic import check_writable, write_json
-    from svv.report.consistency import METRICS, consistency, digest
+    from svv.report.consistency import consistency
+    from svv.report.orbit_path import METRICS, digest
     from svv.report.style_table import markdown
 
     protocol = _protocol(orbit, size, every, intervals, flows)
@@ -150,7 +151,7 @@ def ablate(
 
 
 def _protocol(orbit: int, size: int, every: int, intervals: str, flows: str) -> Protocol:
-    from svv.report.consistency import Protocol
+    from svv.report.orbit_path import Protocol
 
     kinds = tuple(dict.fromkeys(part.strip() for part in flows.split(",")))
     for kind in kinds:

@@ -22,7 +22,8 @@ from svv.fields.scene import Rendering, Scene
 from svv.io.output import to_bytes
 from svv.io.viewset import ViewSet
 from svv.report import ablation, style_modes
-from svv.report.consistency import METRICS, OrbitPath, Protocol, Warp, consistency, draw_frames, means, measure_frames
+from svv.report.consistency import consistency, draw_frames, means, measure_frames
+from svv.report.orbit_path import METRICS, OrbitPath, Protocol, Warp
 from svv.report.style_modes import MODES, Comparison, compare_styles
 from svv.report.style_table import averaged, victories
 from svv.train.config import PRESETS, Preset, StylizeSettings

@@ -22,7 +22,8 @@ from svv.io.atomic import make_folder, write_json
 from svv.io.images import read_style
 from svv.io.output import region_picture, write_png
 from svv.io.viewset import ViewSet
-from svv.report.consistency import FINE, OrbitPath, Protocol, digest, draw_frames, finely, measure_frames
+from svv.report.consistency import draw_frames, measure_frames
+from svv.report.orbit_path import FINE, OrbitPath, Protocol, digest, finely
 from svv.report.pictures import cropped, over_white, sheet
 from svv.report.render import region_colours
 from svv.report.stability_measures import matched, overlaps

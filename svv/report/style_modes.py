@@ -24,19 +24,8 @@ from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.io.images import read_style
 from svv.io.output import on_background
-from svv.report.consistency import (
-    FINE,
-    LEAST_ALPHA,
-    METRICS,
-    OrbitPath,
-    Protocol,
-    digest,
-    draw_frames,
-    finely,
-    kept,
-    means,
-    measure_frames,
-)
+from svv.report.consistency import draw_frames, means, measure_frames
+from svv.report.orbit_path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, digest, finely, kept
 from svv.report.pictures import read_png
 from svv.report.style_table import (
     JUDGED,

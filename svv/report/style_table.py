@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from svv.io.atomic import atomic_path, write_json
 from svv.io.output import to_bytes, write_png
-from svv.report.consistency import OrbitPath, Protocol
+from svv.report.orbit_path import OrbitPath, Protocol
 from svv.report.pictures import cropped, error_picture, fitted, over_white, read_png, sheet
 
 Row = dict[str, Any]

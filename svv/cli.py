@@ -7,6 +7,7 @@ Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
@@ -29,6 +30,7 @@ from svv import (
 )
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
+from svv.measure import share_processors
 from svv.options import (
     Device,
     DeviceOption,
@@ -394,6 +396,7 @@ cli_paraview.add_to(app)  # last, as in the help
 
 def main() -> NoReturn:
     """Run the command line; what went wrong becomes one sentence and an exit code."""
+    share_processors(os.environ)
 
     def run() -> object:
         try:

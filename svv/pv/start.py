@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from svv.errors import BadInput
+from svv.measure import share_processors
 
 PROGRAMS = ("paraview", "pvpython", "pvbatch", "pvserver")
 OLDEST = (5, 11)
@@ -195,11 +196,13 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
             f"in {environment}); prepare it once with `make paraview` or `svv paraview --prepare`."
         )
     plugins = [str(plugin_folder()), *filter(None, environ.get("PV_PLUGIN_PATH", "").split(os.pathsep))]
-    return {
+    ours = {
         **environ,
         "PV_PLUGIN_PATH": os.pathsep.join(dict.fromkeys(plugins)),
         "PYTHONPATH": os.pathsep.join(python_path(paraview, environment, environ)),
     }
+    share_processors(ours)
+    return ours
 
 
 def needs_display(paraview: ParaView, program: str) -> bool:

@@ -1,0 +1,29 @@
+"""What svv does for others on the same machine."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from svv.measure import SPINS, share_processors
+
+
+@pytest.mark.parametrize("chosen", [{"OMP_WAIT_POLICY": "active"}, {"GOMP_SPINCOUNT": "5"}])
+def test_what_the_user_says_about_waiting_stays(chosen: dict[str, str]) -> None:
+    environ = dict(chosen)
+    share_processors(environ)
+    assert environ == chosen
+
+
+def test_the_command_says_how_to_wait_before_torch_is_loaded() -> None:
+    code = (
+        "import os, sys\n"
+        "for name in ('OMP_WAIT_POLICY', 'GOMP_SPINCOUNT'): os.environ.pop(name, None)\n"
+        "from svv import cli\n"
+        "cli.end_with = lambda run, name: print('torch' in sys.modules, os.environ['GOMP_SPINCOUNT'])\n"
+        "cli.main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", SPINS]

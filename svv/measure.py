@@ -48,7 +48,7 @@ def share_processors(environ: MutableMapping[str, str]) -> None:
 
     GNU OpenMP, which torch and numba use, waits for milliseconds at full load otherwise. Where another program wants
     the processor, too, a thread then often waits for one that is not running because of it: beside one busy process
-    a step of training on two processors took 61 ms, and takes 32 ms so; alone 17.5 and 17.9 ms. What the user has
+    a step of training on two processors took 55 ms, and takes 32 ms so; alone 17 ms either way. What the user has
     set stays.
     """
     if "OMP_WAIT_POLICY" not in environ:

@@ -87,7 +87,7 @@ def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
     height, width = picture.shape[:2]
     text = max(12, max(height, width) // 36)
     dark = np.arange(height)[:, None] < 1.9 * text, np.arange(width)[None] < 2.9 * text
-    image = Image.fromarray(np.where((dark[0] | dark[1])[..., None], picture // 4, picture))
+    image = Image.fromarray(np.where((dark[0] | dark[1])[..., None], picture // 3, picture))
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(text)
     least = 3.5 * text * max(size) / max(height, width)  # between two numbers, in pixels of the file
     step = next(s for k in range(9) for s in (10**k, 2 * 10**k, 5 * 10**k) if s >= least)

@@ -31,7 +31,7 @@ image = StyleRFRender(Input=edit, ImageSize=[400, 400], Show="numbered regions",
                       Camera=[x + 0.2 * radius, y - 0.5 * radius, z + 0.2 * radius, x, y, z, 0, 0, 1, 30])
 RenameSource("regions", image)
 paint = StyleRFStylize(Input=edit, StyleFiles=[style], PreviewOnly=1, Gallery="mosaic", Region0Style="picture 0",
-                       Region0Positive="250,260", Region0Negative="60,60; 470,480")
+                       Region0Positive="250,260", Region0Negative="80,180; 470,480")
 RenameSource("painting", paint)
 for filter in (edit, image, paint):
     filter.UpdatePipeline()

@@ -13,7 +13,7 @@ from PIL import Image
 from svv import cli
 from svv.errors import BadInput
 from svv.io.mask_file import Selection, overlay_file, picture_size, points_file, read_mask, read_selection, write_mask
-from svv.io.mask_pictures import mask_overlay, regions_overlay
+from svv.io.mask_pictures import mask_overlay, region_map_overlay, regions_overlay, with_rulers
 from svv.options import parse_mapping, parse_points, parse_style_masks
 
 H, W = 60, 80
@@ -215,3 +215,21 @@ def test_texts_of_options() -> None:
 def test_texts_of_masks_that_cannot_be(texts: list[str], words: str) -> None:
     with pytest.raises(BadInput, match=words):
         parse_style_masks(texts, 2)
+
+
+def test_a_map_of_regions_has_their_colours_and_numbers() -> None:
+    region = np.full((60, 90), -1)
+    region[:, 30:60], region[:, 60:] = 0, 2
+    shown = region_map_overlay(region, [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
+    assert (shown[region < 0, 3] == 0).all() and (shown[region >= 0, 3] == 255).all()
+    assert tuple(shown[0, 45]) == (255, 0, 0, 255) and tuple(shown[0, 75]) == (0, 0, 255, 255)
+    numbered = (shown[..., :3] != [255, 0, 0]).any(-1) & (region == 0)
+    assert 0 < numbered.sum() < 0.3 * (region == 0).sum()
+    assert not region_map_overlay(np.full((20, 20), -1))[..., 3].any()
+
+
+@pytest.mark.parametrize("size", [(200, 100), (4000, 2000), (20, 10)])
+def test_rulers_stay_at_the_edges(size: tuple[int, int]) -> None:
+    picture = np.full((100, 200, 3), 90, np.uint8)
+    shown = with_rulers(picture, size)
+    assert (shown[40:, 50:] == picture[40:, 50:]).all() and (shown[:20] > 200).any() and (shown[:, :30] > 200).any()

@@ -84,13 +84,14 @@ def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
     Returns:
         (h, w, 3) levels.
     """
-    image = Image.fromarray(picture)
     height, width = picture.shape[:2]
-    text = min(max(10, max(height, width) // 50), 20)
+    text = max(12, max(height, width) // 36)
+    dark = np.arange(height)[:, None] < 1.9 * text, np.arange(width)[None] < 2.9 * text
+    image = Image.fromarray(np.where((dark[0] | dark[1])[..., None], picture // 3, picture))
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(text)
     least = 3.5 * text * max(size) / max(height, width)  # between two numbers, in pixels of the file
     step = next(s for k in range(9) for s in (10**k, 2 * 10**k, 5 * 10**k) if s >= least)
-    style: dict[str, Any] = {"fill": "white", "font": font, "stroke_width": 2, "stroke_fill": "black"}
+    style: dict[str, Any] = {"fill": "white", "font": font, "stroke_width": 1, "stroke_fill": "black"}
     for horizontal, length, pixels in ((True, size[0], width), (False, size[1], height)):
         for place in range(step, length - step // 4, step):
             at = place * pixels / length
@@ -105,14 +106,14 @@ def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
 def _numbered(levels: NDArray[np.uint8], labels: NDArray[np.integer]) -> NDArray[np.uint8]:
     """A picture (h, w, 3) with the number of each label (h, w) of at least 0 where it has most room."""
     image = Image.fromarray(levels)
-    draw, font = ImageDraw.Draw(image), ImageFont.load_default(max(14, max(labels.shape) // 24))
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(max(18, max(labels.shape) // 14))
     for number in range(int(labels.max()) + 1):
         room = np.asarray(distance_transform_edt(np.pad(labels == number, 1)))[1:-1, 1:-1]
         if not room.any():
             continue
         y, x = np.unravel_index(int(room.argmax()), room.shape)
         draw.text(
-            (float(x), float(y)), str(number), fill="white", stroke_width=2, stroke_fill="black", anchor="mm", font=font
+            (float(x), float(y)), str(number), fill="white", stroke_width=1, stroke_fill="black", anchor="mm", font=font
         )
     return np.asarray(image)
 

@@ -1,7 +1,7 @@
 """The filters under Filters > StyleRF that change a scene: its edits, its palette, its paintings.
 
-Each class is a list of properties and a few calls into :mod:`svv.pv.editing`, :mod:`svv.pv.styling` and
-:mod:`svv.pv.work`. Its docstring is what ParaView shows as help.
+Each class is a list of properties and a few calls into :mod:`svv.pv.editing`, :mod:`svv.pv.masks`,
+:mod:`svv.pv.styling` and :mod:`svv.pv.work`. Its docstring is what ParaView shows as help.
 """
 
 from __future__ import annotations
@@ -235,7 +235,8 @@ class StyleRFStylize(SceneOutput):
         self.Modified()
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.styling import painted, paintings_on, write_masks
+        from svv.pv.masks import write_masks
+        from svv.pv.styling import painted, paintings_on
         from svv.pv.work import style_key
 
         scene, values = scene_of(inputs[0]), self.values
@@ -267,7 +268,7 @@ class StyleRFStylize(SceneOutput):
         return said
 
     def _preview(self) -> Any:
-        from svv.pv.styling import preview
+        from svv.pv.masks import preview
         from svv.pv.work import style_key
 
         key = (style_key(self.values), self.values["ShownMask"])

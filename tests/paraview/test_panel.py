@@ -26,6 +26,13 @@ folder = sys.argv[1]
 os.chdir(folder)
 said = {}
 
+from dataclasses import replace
+from svv.train import config
+draft = config.PRESETS["draft"]
+few = replace(draft.stylize, distil_iterations=20, distil_views=6, distil_rays=512, style_iterations=3, style_views=3,
+              style_size=48)
+config.PRESETS["draft"] = replace(draft, stylize=few)  # a test is no painting
+
 def status(filter):
     filter.UpdatePipeline()
     filter.UpdatePropertyInformation()
@@ -57,7 +64,7 @@ def inside(pvpython, tmp_path: Path):
     ink.painted(cube_paint(cube, 2), {0: "oil", 1: "oil"}, {}, "oil").save(tmp_path / "two.svv")
     picture = np.full((60, 80, 3), (0.85, 0.2, 0.1), np.float32)
     picture[:, 40:] = (0.1, 0.7, 0.25)
-    picture[::6] *= 0.4
+    picture[:, ::2] *= 0.9
     write_png(tmp_path / "halves.png", picture)
     write_png(tmp_path / "blue.png", np.where(picture > 0.5, picture, 0.3)[..., ::-1])
 

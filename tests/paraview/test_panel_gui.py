@@ -24,10 +24,14 @@ reader = OpenDataFile(scene)
 RenameSource("scene", reader)
 edit = StyleRFEdit(Input=reader, Region0Recolour=1, Region0Colour=[0.1, 0.6, 0.5], Region0Opacity=1.5)
 RenameSource("edits", edit)
-image = StyleRFRender(Input=edit, ImageSize=[400, 400], Show="numbered regions")
+from svv.fields.scene import Scene
+rig = Scene.load(scene).camera_rig
+(x, y, z), radius = rig["centre"], rig["radius"]
+image = StyleRFRender(Input=edit, ImageSize=[400, 400], Show="numbered regions",
+                      Camera=[x + 0.2 * radius, y - 0.5 * radius, z + 0.2 * radius, x, y, z, 0, 0, 1, 30])
 RenameSource("regions", image)
 paint = StyleRFStylize(Input=edit, StyleFiles=[style], PreviewOnly=1, Gallery="mosaic", Region0Style="picture 0",
-                       Region0Positive="250,260", Region0Negative="40,40; 470,480")
+                       Region0Positive="250,260", Region0Negative="80,180; 470,480")
 RenameSource("painting", paint)
 for filter in (edit, image, paint):
     filter.UpdatePipeline()
@@ -47,21 +51,25 @@ stage = 0
 
 def tick(*_):
     global stage
-    stage += 1
     if stage == 8:
         paint.UpdatePropertyInformation()
         done("edit " + paint.Status)
-    if stage == 20:
+    if stage != 9 or edit.Region0Recolour == 0:  # until the button is pressed
+        stage += 1
+    if stage == 10:
         SetActiveSource(paint)
-    if stage == 26:
+    if stage == 16:
         interactor.DestroyTimer(timer)
-        done("stylize")
+        done(f"reset {edit.Region0Opacity}")
 
 interactor = left.GetInteractor()
 interactor.AddObserver("TimerEvent", tick)
 timer = interactor.CreateRepeatingTimer(1000)
 done("ready")
 """
+
+RESET = 138, 670
+"""Where the button Reset Edits is."""
 
 
 def pixels(picture: Path) -> np.ndarray:
@@ -80,7 +88,8 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
     said = running.wait()
     assert "nothing was painted" in said, said
     edit = running.screenshot(tmp_path / "edit.png")
-    assert running.wait() == "stylize"
+    running.xdotool("mousemove", *RESET, "click", 1)
+    assert running.wait() == "reset 1.0"
     stylize = running.screenshot(tmp_path / "stylize.png")
     shown = pixels(edit)
     # Both views show something in colour, and the panel at the left has the colour that the region was given.

@@ -99,6 +99,7 @@ def test_an_orbit_beside_the_volume_as_paraview_renders_it(made: Path, pvpython,
 def test_edits_go_through_the_filters(made: Path, pvpython, tmp_path: Path) -> None:
     done = pvpython(
         SCRIPTS / "edit_palette.py", made / "out" / "scene.svv", "--colour", "0=#ff00ff", "--opacity", "0=0.5",
+        "--isolate", "0", "--show", "regions in their colours",
         "--out", tmp_path / "edited.svv", "--picture", tmp_path / "edited.png", "--size", 64,
         "--state", tmp_path / "session.pvsm",
     )  # fmt: skip
@@ -107,7 +108,9 @@ def test_edits_go_through_the_filters(made: Path, pvpython, tmp_path: Path) -> N
     assert len([line for line in done.stdout.splitlines() if line.startswith("Region")]) == len(
         Scene.load(made / "out" / "scene.svv").regions
     )
-    assert read_png(tmp_path / "edited.png")[..., 3].max() > 0
+    picture = read_png(tmp_path / "edited.png")
+    seen = picture[picture[..., 3] > 0]
+    assert len(seen) and (np.median(seen, axis=0)[:3] == (255, 0, 255)).all()
     assert "StyleRFEdit" in (tmp_path / "session.pvsm").read_text()
 
 

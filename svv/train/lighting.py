@@ -80,6 +80,7 @@ def light_by_trial(
     seed: int,
     owners: Owners | None,
     progress: Progress,
+    limit: float | None = None,
 ) -> tuple[Scene, str]:
     """The scene with an explicit light where that draws held-out views as well as the network does, and why.
 
@@ -94,6 +95,7 @@ def light_by_trial(
         seed: Of both trials.
         owners: The region that each point belongs to, where that is known.
         progress: Called several times a second.
+        limit: Seconds for both.
     """
     count = len(views.cameras)
     held = list(range(0, count, HELD_OUT))
@@ -103,7 +105,8 @@ def light_by_trial(
     for number, lighting in enumerate(("phong", "network")):
         fields = replace(scene.settings, lighting=lighting)
         network, shares, _ = recolour(
-            seen, scene.base, scene.occupancy, scene.marching, palette, fields, short, seed, None,
+            seen, scene.base, scene.occupancy, scene.marching, palette, fields, short, seed,
+            None if limit is None else 0.5 * limit,
             part(progress, 0.5 * number, 0.5 * number + 0.5), None, owners,
         )  # fmt: skip
         regions = tuple(Region(tuple(c), float(p)) for c, p in zip(network.colours.tolist(), shares, strict=True))
@@ -113,7 +116,7 @@ def light_by_trial(
         f"an explicit light (Blinn-Phong) draws {len(held)} held-out views with {found['phong']:.2f} dB after "
         f"{short.iterations} steps, the lighting network with {found['network']:.2f} dB: "
     ) + (
-        f"it is within {MARGIN:g} dB, so it is taken and can be moved"
+        f"not more than {MARGIN:g} dB behind, so it is taken and can be moved"
         if taken == "phong"
         else f"more than {MARGIN:g} dB behind, so the network is taken"
     )

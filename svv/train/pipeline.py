@@ -169,8 +169,10 @@ def _train(
         scene = replace(scene, settings=with_explicit_light(scene.settings, views))
         if chosen.lighting == "auto":
             with _timed(seconds, "lighting"):
-                trial = part(progress, 0.7, 0.76)
-                scene, reason = light_by_trial(scene, views, palette.colours, chosen.recolour, seed, owners, trial)
+                third = None if limit is None else max(0.1, limit - sum(seconds.values())) / 3.0
+                scene, reason = light_by_trial(
+                    scene, views, palette.colours, chosen.recolour, seed, owners, part(progress, 0.7, 0.76), third
+                )
             notes.append(reason)
         else:
             notes.append("instead of it an explicit light (Blinn-Phong), as asked for: it can be moved")

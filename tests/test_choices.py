@@ -27,6 +27,7 @@ from svv.io.viewset import ViewSet
 from svv.report.stability_scenes import NESTED, SCENES, Array, KnownScene, Range, shells
 from svv.train.config import PRESETS, fitted_field
 from svv.train.levels import with_fewest_levels, without_finer
+from svv.train.loop import Loop
 from svv.train.pipeline import stylize_scene, train_scene
 from svv.train.reconstruct import first_occupancy
 from svv.train.textures import style_picture
@@ -192,3 +193,15 @@ def test_paint_has_the_levels_that_colours_do_without() -> None:
     again, camera = Scene.from_bytes(painted.to_bytes()), views_of("opaque, one region").cameras[2].resized(48, 48)
     assert again.settings == painted.settings
     np.testing.assert_allclose(again.render(camera).rgba, painted.render(camera).rgba, atol=0.05)
+
+
+def test_why_a_training_stopped_there_and_whether_more_would_help() -> None:
+    for factor, gain in ((1.0, 0.0), (10.0**-0.1, 1.0)):
+        losses = [torch.tensor(factor ** (number // 10)) for number in range(100)]
+        loop = Loop(100, None, silent, "")
+        loop.run(lambda number, fraction: losses[number])  # noqa: B023
+        assert loop.last_gain() == pytest.approx(gain, abs=1e-4)
+    stopped = Loop(100, None, silent, "", done=95)
+    stopped.run(lambda number, fraction: torch.tensor(1.0))
+    assert stopped.last_gain() is None
+    assert "stage 1 stopped after 120 steps, the preset's; the last tenth of them brought" in trained("striped")[1]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -14,6 +15,9 @@ from svv.errors import Progress
 
 SAVE_EVERY = 30.0
 """Seconds between two checkpoints."""
+
+PARTS = 10
+"""Parts of a run whose mean losses are kept."""
 
 
 @dataclass
@@ -31,6 +35,8 @@ class Loop:
     save: Callable[[int, float], None] | None = None
     done: int = 0
     spent: float = 0.0
+    course: dict[int, list[Tensor]] = field(default_factory=dict)
+    """Losses of each of the ``PARTS`` parts of the run, since it was begun or gone on with."""
 
     def run(self, step: Callable[[int, float], Tensor]) -> float:
         """Call ``step(number, fraction)`` until done; it returns the loss, shown beside the label.
@@ -51,6 +57,7 @@ class Loop:
                     break
             loss = step(self.done, fraction)
             mean = loss if mean is None else mean + 0.05 * (loss - mean)
+            self.course.setdefault(int(PARTS * fraction), []).append(loss)
             self.done += 1
             now = time.monotonic()
             self.spent = before + now - begin
@@ -62,6 +69,14 @@ class Loop:
                 saved = time.monotonic()
         self.progress(1.0, self.label)
         return self.spent
+
+    def last_gain(self) -> float | None:
+        """Decibels by which the mean loss of the last part lies below that of the one before; None without both."""
+        ends = [self.course.get(PARTS - k) for k in (2, 1)]
+        if not all(ends):
+            return None
+        before, last = (float(torch.stack(losses).mean()) for losses in ends if losses)
+        return 10.0 * math.log10(max(before, 1e-12) / max(last, 1e-12))
 
 
 def falling(fraction: float, end: float) -> float:

@@ -139,10 +139,11 @@ def _train(
             field, reason = fitted_field(field, views.cameras, occupancy.box)
             notes.append(reason)
         first = None if limit is None else max(0.1, (limit - seconds["hull"]) * BASE_PART)
-        base, occupancy, marching, seconds["base"] = reconstruct(
+        base, occupancy, marching, seconds["base"], reason = reconstruct(
             views, field, chosen.reconstruct, occupancy, seed, first, part(progress, 0.02, 0.7), saved,
             device,
         )
+        notes.append(reason)
         notes.append(
             f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty"
         )

@@ -31,6 +31,9 @@ FAINTEST = 0.05
 LEAST_EXPONENT = -6.0
 """Of the extinction in 1 / box unit: a box of it would dim a ray by 1/400."""
 
+MORE = 0.1
+"""dB that the last tenth of a schedule must bring for a longer one to be said to pay."""
+
 DENSITY_COST = 0.25
 """What a sample costs that only the density learns from, in those with a colour."""
 
@@ -199,7 +202,7 @@ def reconstruct(
     progress: Progress,
     checkpoint: Checkpoint | None = None,
     device: torch.device = CPU,
-) -> tuple[BaseField, Occupancy, Marching, float]:
+) -> tuple[BaseField, Occupancy, Marching, float, str]:
     """Train the base field.
 
     Args:
@@ -214,7 +217,7 @@ def reconstruct(
         device: Where to train.
 
     Returns:
-        The frozen field, the pruned occupancy, how its rays are sampled, and the seconds spent.
+        The frozen field, the pruned occupancy, how its rays are sampled, the seconds spent, and why it stopped there.
     """
     work = Reconstruction(views, occupancy, field, settings, seed, device)
     loop = Loop(settings.iterations, limit, progress, "base NeRF")
@@ -228,7 +231,23 @@ def reconstruct(
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()
-    return base, pruned, Marching(work.marching.step), seconds
+    return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, limit)
+
+
+def _why_there(loop: Loop, limit: float | None) -> str:
+    """Why the training stopped where it did, and whether more of it would help.
+
+    Each step draws its pixels at random from all views, a few in a thousand of them, so its error is one of pixels
+    that were hardly looked at before.
+    """
+    whole = loop.done >= loop.iterations
+    where = "the preset's" if whole else f"at its limit of {limit:.0f} s"
+    text = f"stage 1 stopped after {loop.done} steps, {where}"
+    gain = loop.last_gain()
+    if gain is None:
+        return text
+    more = "a longer schedule would add to that" if gain >= MORE else "a longer schedule would add little"
+    return f"{text}; the last tenth of them brought {gain:.2f} dB: {more}"
 
 
 def first_occupancy(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import copy
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from svv.core.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled, silent
@@ -20,6 +22,7 @@ from svv.io.viewset import ViewSet
 from svv.train import pipeline
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings, fitted_field
+from svv.train.loop import Loop
 from svv.train.pipeline import stylize_scene, train_scene
 from svv.train.sampling import with_fewest_samples
 from svv.train.stylize import visible_from
@@ -282,10 +285,25 @@ def test_checkpoint_of_another_run_is_not_used(views: ViewSet, tmp_path: Path) -
     assert not Checkpoint(path, {"seed": 0}).finished
 
 
-def test_time_limit_is_kept_and_still_gives_a_scene(views: ViewSet) -> None:
-    scene, report = train_scene(views, "balanced", time_limit=4.0)
-    assert report["seconds"]["total"] < 12.0
+def test_time_limit_ends_a_training_and_still_gives_a_scene(views: ViewSet) -> None:
+    scene, report = train_scene(views, "balanced", time_limit=2.0)
+    assert any(note.startswith("stage 1 stopped") and "at its limit of" in note for note in report["notes"])
     assert scene.networks == ("base", "pcn")
+
+
+def test_a_loop_spends_its_limit_and_its_schedule_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = itertools.count()  # each look at it is a tenth of a second later
+    monkeypatch.setattr("svv.train.loop.time.monotonic", lambda: 0.1 * next(clock))
+    fractions: list[float] = []
+
+    def step(number: int, fraction: float) -> Tensor:
+        fractions.append(fraction)
+        return torch.zeros(())
+
+    loop = Loop(1000, 4.0, silent, "")
+    assert 4.0 <= loop.run(step) <= 4.2
+    assert loop.done == len(fractions) < 1000
+    assert fractions == sorted(fractions) and 0.9 < fractions[-1] < 1.0
 
 
 @pytest.mark.parametrize(("preset", "limit", "words"), [("best", None, "no preset"), ("draft", 0.0, "time limit")])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -28,6 +27,7 @@ from svv import (
     cli_stability,
     cli_style,
 )
+from svv.cli_table import print_table
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
 from svv.measure import share_processors
@@ -295,7 +295,7 @@ def evaluate(
         scores["region_overlap"] = region_overlaps(loaded, view_set, volume)
     if json is not None:
         write_json(json, scores)
-    _print_table(scores)
+    print_table(scores)
 
 
 @app.command(epilog=examples("svv info scene.svv", "svv info scene.svv --json info.json"))
@@ -309,7 +309,7 @@ def info(scene: SceneFile, json: Json = None) -> None:
         write_json(json, content)
     colours = ("colour", "edited_colour")
     regions = [{**r, **{k: hex_colour(r[k]) for k in colours if r[k]}} for r in content["regions"]]
-    _print_table({**content, "regions": regions})
+    print_table({**content, "regions": regions})
 
 
 def checkpoint_path(out: Path) -> Path:
@@ -345,39 +345,6 @@ def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, c
     checkpoint.unlink(missing_ok=True)
     total, size = duration(report["seconds"]["total"]), report["scene_bytes"] / 1e6
     print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions, {total}")
-
-
-def _print_table(content: Mapping[str, Any], indent: str = "") -> None:
-    """Names and values on standard output; what is nested stands indented under its name."""
-    wide = max((len(name) for name, value in content.items() if not _is_nested(value)), default=0)
-    for name, value in content.items():
-        if not _is_nested(value):
-            print(f"{indent}{name:<{wide}}  {_text(value)}")
-            continue
-        print(f"{indent}{name}")
-        if isinstance(value, dict):
-            _print_table(value, indent + "  ")
-        else:
-            for index, item in enumerate(value):
-                print(f"{indent}  {index}: {_text(item)}")
-
-
-def _is_nested(value: object) -> bool:
-    if isinstance(value, list | tuple):
-        return any(isinstance(item, dict | str) for item in value) and any(" " in _text(item) for item in value)
-    return isinstance(value, dict) and len(_text(value)) > 80
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_text(item)}" for key, item in value.items())
-    if isinstance(value, list | tuple):
-        return " ".join(_text(item) for item in value)
-    return str(value)
 
 
 app.command(epilog=examples(*cli_style.STYLES))(cli_style.styles)

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from svv.errors import BadInput
-from svv.train.pipeline import style_pairs
+from svv.train.style_choice import style_pairs
 from svv.train.stylize import StyledView
 
 

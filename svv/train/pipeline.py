@@ -33,7 +33,7 @@ from svv.train.ranges import hull_of, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
-from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour
+from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
 
@@ -323,28 +323,6 @@ def stylize_scene(
         "notes": notes,
     }
     return replace(styled, made={**scene.made, "stylized": report}), report
-
-
-def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep: Collection[int]) -> dict[int, int]:
-    """Style of each region that gets one; raises BadInput for pairs that cannot be."""
-    if regions == 0:
-        raise BadInput("The scene holds no palette network, so it has no regions to style; train it again.")
-    if styles == 0:
-        raise BadInput("Give at least one style picture.")
-    for region in [*keep, *(mapping or {})]:
-        if not 0 <= region < regions:
-            raise BadInput(f"There is no region {region}: the scene has the regions 0 to {regions - 1}.")
-    for style in (mapping or {}).values():
-        if not 0 <= style < styles:
-            raise BadInput(f"There is no style {style}: the styles given are 0 to {styles - 1}.")
-    both = sorted(set(keep) & set(mapping or {}))
-    if both:
-        raise BadInput(f"Region {both[0]} is to be kept and styled at once; leave it out of --keep or of --map.")
-    free = [k for k in range(regions) if k not in set(keep)]
-    pairs = dict(mapping) if mapping is not None else {region: k % styles for k, region in enumerate(free)}
-    if not pairs:
-        raise BadInput("No region is left to style: every one is kept.")
-    return pairs
 
 
 def _run_stage(loop: Loop, work: Distillation | Stylization, saved: Checkpoint | None, name: str) -> float:

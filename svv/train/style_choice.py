@@ -62,6 +62,28 @@ def colour_differences(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDAr
     return np.asarray(deltaE_ciede2000(first[:, None], second[None]))
 
 
+def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep: Collection[int]) -> dict[int, int]:
+    """Style of each region that gets one; raises BadInput for pairs that cannot be."""
+    if regions == 0:
+        raise BadInput("The scene holds no palette network, so it has no regions to style; train it again.")
+    if styles == 0:
+        raise BadInput("Give at least one style picture.")
+    for region in [*keep, *(mapping or {})]:
+        if not 0 <= region < regions:
+            raise BadInput(f"There is no region {region}: the scene has the regions 0 to {regions - 1}.")
+    for style in (mapping or {}).values():
+        if not 0 <= style < styles:
+            raise BadInput(f"There is no style {style}: the styles given are 0 to {styles - 1}.")
+    both = sorted(set(keep) & set(mapping or {}))
+    if both:
+        raise BadInput(f"Region {both[0]} is to be kept and styled at once; leave it out of --keep or of --map.")
+    free = [k for k in range(regions) if k not in set(keep)]
+    pairs = dict(mapping) if mapping is not None else {region: k % styles for k, region in enumerate(free)}
+    if not pairs:
+        raise BadInput("No region is left to style: every one is kept.")
+    return pairs
+
+
 def pairs_by_colour(
     regions: Sequence[Region],
     styles: Sequence[NDArray[np.floating]],

@@ -185,6 +185,20 @@ def test_paint_on_a_surface_agrees_and_paint_on_the_screen_does_not(tmp_path: Pa
         assert rows[True][interval]["share"] > 0.02
 
 
+def test_one_colour_agrees_with_itself_however_opacity_changes(tmp_path: Path) -> None:
+    """Opacity is the scene's, the same in every mode: over white it would be most of what frames differ by."""
+    scene = Balls()
+    path = OrbitPath(scene, SHORT, tmp_path / "geometry", "one")
+
+    def translucent(frame: int) -> np.ndarray:
+        alpha = scene.render(path.cameras[frame], "pcn").rgba[..., 3:] * (0.3 + 0.5 * frame / SHORT.orbit)
+        return np.concatenate([np.broadcast_to([0.2, 0.4, 0.3], (SIZE, SIZE, 3)), alpha], axis=-1).astype(np.float32)
+
+    for row in means(measure_frames(path, draw_frames(tmp_path / "frames", "one", SHORT.frames, translucent))):
+        assert row["share"] > 0.02
+        assert [row["rmse"], row["flip"]] == pytest.approx([0, 0], abs=1e-6)
+
+
 def test_what_is_there_is_not_done_again(tmp_path: Path) -> None:
     scene = Balls()
     first = consistency(scene, "pcn", SHORT, tmp_path, "key")

@@ -15,7 +15,7 @@ from svv.fields.scene import Scene
 from svv.train.features import load_features
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import StyleLossSettings, StyleTarget
-from svv.train.stylize import stylization_cameras, visible_from
+from svv.train.stylize import StyledView, spread_along_rays, stylization_cameras, visible_from
 from tests.balls import SHORT
 
 SMALL = StyleLossSettings(style_size=96)
@@ -169,6 +169,26 @@ def test_stopped_work_goes_on_only_with_the_same_masks(scene: Scene, picture: np
         style(scene, [picture], masks=[LEFT], checkpoint=path, progress=stop, seed=1)
     style(scene, [picture], masks=[~LEFT], checkpoint=path, progress=note, seed=1)
     assert "distillation" in labels
+
+
+def test_spread_along_rays_is_the_variance_in_the_pixels() -> None:
+    """0 where each pixel sees one colour; otherwise value and gradient are those of the weighted variance."""
+    generator = torch.Generator().manual_seed(0)
+    pixel, weight = torch.tensor([0, 0, 0, 3, 3, 5]), torch.rand(6, generator=generator) + 0.1
+    view = StyledView(torch.zeros(6, 3), weight, pixel, torch.zeros(6, dtype=torch.long), 2, 3)
+    own = torch.arange(6)
+    colour = torch.rand(6, 3, generator=generator)
+    assert float(spread_along_rays(view, own, colour[pixel])) == pytest.approx(0, abs=1e-9)
+
+    colour.requires_grad_()
+    spread = spread_along_rays(view, own, colour)
+    variance = torch.zeros(())
+    for number in pixel.unique():
+        c, w = colour[pixel == number], weight[pixel == number][:, None]
+        variance = variance + (w * (c - (w * c).sum(0) / w.sum()).square()).sum() / weight.sum()
+    assert spread.item() == pytest.approx(variance.item())
+    pair = [torch.autograd.grad(value, colour, retain_graph=True)[0] for value in (spread, variance)]
+    torch.testing.assert_close(*pair)
 
 
 def test_strokes_scale_with_their_size(picture: np.ndarray, monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:

@@ -5,6 +5,9 @@ path, 1 for short-range and 10 for long-range consistency; the earlier one is mo
 splatting along the optical flow. Compared are the pixels that are visible in both frames, pass the forward-backward
 check and are not on a motion boundary. The flow comes once from the scene's expected depth and once from an estimator
 that sees pictures of the unstyled scene only.
+
+Straight colours are compared, without a background: a translucent scene's opacity changes with the view, and over white
+that made two frames of a scene of one grey differ by as much as the frames of any style.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.io.output import write_png
 from svv.report.orbit_path import METRICS, OrbitPath, Protocol, digest, finely, kept
-from svv.report.pictures import over_white, read_png
+from svv.report.pictures import read_png
 
 Frame = Callable[[int], NDArray[np.floating]]
 """RGBA of a frame of the orbit, straight alpha in [0, 1] (h, w, 4), by its number."""
@@ -60,13 +63,18 @@ def measure_frames(path: OrbitPath, frames: Path, progress: Progress = silent) -
     left = [pair for pair in wanted if (pair[0], *pair[2:]) not in found]
     for index, (kind, interval, first, second) in enumerate(left):
         progress(index / len(left), f"{kind} flow, frames {first} and {second}")
-        one, two = (over_white(read_png(frames / f"{number:04d}.png")) for number in (first, second))
+        one, two = (straight(frames, number) for number in (first, second))
         values = path.warp(kind, first, second).differences(one, two)
         records.append({"flow": kind, "interval": interval, "first": first, "second": second, **values})
         if index % SAVE_EVERY == 0 or index == len(left) - 1:
             write_json(file, {"key": path.key, "pairs": records})
     progress(1.0, "measured")
     return records
+
+
+def straight(frames: Path, number: int) -> NDArray[np.uint8]:
+    """Colour levels (h, w, 3) of a frame, as they are beside its alpha."""
+    return read_png(frames / f"{number:04d}.png")[..., :3]
 
 
 def means(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

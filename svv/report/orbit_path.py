@@ -55,7 +55,8 @@ FINE: dict[str, Any] = {"stride": 0.5, "joined": 1 / 1024}
 """Sampling of depths and compared frames. With that of images (:mod:`svv.train.sampling`) the noise of sampling, which
 moves with the camera, was three fifths of what frames of an unstyled scene differed by."""
 
-RULES = [LEAST_ALPHA, LEAST_ARRIVED, NEARER, BRIGHTER, RELATIVE, ABSOLUTE, BOUNDARY_RELATIVE, BOUNDARY_ABSOLUTE]
+RULES = ["straight colours", LEAST_ALPHA, LEAST_ARRIVED, NEARER, BRIGHTER, RELATIVE, ABSOLUTE, BOUNDARY_RELATIVE,
+         BOUNDARY_ABSOLUTE]  # fmt: skip
 """What decides on pixels and warps: figures under other rules are measured anew."""
 
 METRICS = ("rmse", "mse", "flip", "rmse_part", "flip_part")
@@ -104,11 +105,11 @@ class Warp:
     mask: NDArray[np.bool_]
 
     def moved(self, first: NDArray[np.uint8]) -> Array:
-        """The first frame, levels (h, w, 3), as it is seen from the second camera; nan where nothing arrives."""
+        """The first frame's levels (h, w, 3), as they are seen from the second camera; nan where nothing arrives."""
         return splatted(first / 255.0, self.flow, self.importance)[0]
 
     def differences(self, first: NDArray[np.uint8], second: NDArray[np.uint8]) -> dict[str, float]:
-        """RMSE, MSE and FLIP between two frames over white, levels (h, w, 3), and the share of pixels compared.
+        """RMSE, MSE and FLIP between two frames' straight colours, levels (h, w, 3), and the share of pixels compared.
 
         ``rmse_part`` and ``flip_part`` are RMSE and FLIP as parts of what they are between the second frame and its
         mean colour: pale pictures differ little whatever they show, and here they gain nothing by it. 0 is agreement, 1

@@ -99,9 +99,10 @@ def contact_sheet(file: Path, path: OrbitPath, folders: dict[str, Path], style: 
     warp = path.warp("depth", first, second)
     columns = []
     for folder in folders.values():
-        one, two = (over_white(read_png(folder / f"{frame:04d}.png")) for frame in (first, second))
+        frames = [read_png(folder / f"{frame:04d}.png") for frame in (first, second)]
+        one, two = (frame[..., :3] for frame in frames)
         moved = to_bytes(np.where(warp.mask[..., None], warp.moved(one), two / 255.0))
-        columns.append((one, two, error_picture(two, moved, 2.0)))
+        columns.append((*map(over_white, frames), error_picture(two, moved, 2.0)))
     rows = cropped([list(row) for row in zip(*columns)])
     labels = list(folders)
     if style is not None:

@@ -39,6 +39,9 @@ from svv.train.stylize import RIM, Stylization
 ROUNDS = 3
 """How often the SNeRF-like mode stylizes its images and refits its field."""
 
+PASSES = 5
+"""How often each refit of the SNeRF-like mode sees every view. After one pass its pictures are blander yet."""
+
 FLAT = 1e-3
 """Variance added to a channel's before the colour transfer, so that a scene of one colour is not blown up."""
 
@@ -107,8 +110,8 @@ class Refit(Stylization):
 
 
 def unseeded(loss: StyleLossSettings) -> StyleLossSettings:
-    """The loss without what is ours alone: the painted start and the anchor."""
-    return replace(loss, seeded=False, anchor=0.0)
+    """The loss without what is ours alone: the painted start, the anchor, and one colour along a ray."""
+    return replace(loss, seeded=False, anchor=0.0, along_rays=0.0)
 
 
 def arf_like(
@@ -144,8 +147,8 @@ def snerf_like(
 ) -> tuple[Scene, dict[str, float]]:
     """Images stylized one by one and the field refitted to them, in turn; see :func:`arf_like`.
 
-    An image gets as many steps in all as a frame that is optimised alone (``style_iterations``), and the refit as many
-    as the other modes' stylization, each in equal parts for ``ROUNDS`` rounds.
+    An image gets as many steps in all as a frame that is optimised alone (``style_iterations``), in ``ROUNDS`` equal
+    rounds; each refit sees every view ``PASSES`` times at least, so the field is fitted, as SNeRF's is.
     """
     distillation, seconds = _distilled(scene, None, settings, seed, part(progress, 0.0, 0.1))
     work = Refit(scene, distillation.field, {0: target}, settings, part(progress, 0.1, 0.15), whole=True)
@@ -156,8 +159,7 @@ def snerf_like(
         begin = time.monotonic()
         work.paint(steps, part(each, 0.0, 0.8))
         seconds["images"] += time.monotonic() - begin
-        # Every view at least once a round, else some of its images would have been painted for nothing.
-        refit = Loop(max(steps, len(work.views)), None, part(each, 0.8, 1.0), "refit")
+        refit = Loop(max(steps, PASSES * len(work.views)), None, part(each, 0.8, 1.0), "refit")
         seconds["refit"] += refit.run(work.step)
     return flat(scene, distillation.field, "SNeRF-like"), seconds
 

@@ -64,11 +64,14 @@ class StyleLossSettings:
     """Whether distillation paints the scene with the style as a solid texture, for the matching to start from."""
     anchor: float = 3.0
     """Weight of the squared distance to the colours after distillation, in a scene: all views share its strokes."""
+    along_rays: float = 3.0
+    """Weight of the spread of a region's colours along the rays, in a scene
+    (:func:`svv.train.stylize.spread_along_rays`): frames agree better, and strokes that only speckle go first."""
     background: float | None = None
     """Grey level in [0, 1] behind a region's render; None is the luminance of the style's mean colour."""
 
 
-PAPER_LOSS = StyleLossSettings(balance=None, colours=0.0, energy=0.0, seeded=False, anchor=0.0)
+PAPER_LOSS = StyleLossSettings(balance=None, colours=0.0, energy=0.0, seeded=False, anchor=0.0, along_rays=0.0)
 """The loss as the paper has it."""
 
 OBLIQUE = torch.linalg.qr(torch.tensor([[0.74, -0.31, 0.6], [0.51, 0.84, -0.2], [0.44, -0.45, -0.77]]))[0]

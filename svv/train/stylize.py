@@ -141,12 +141,37 @@ class Stylization:
                 image, mask = view.image(colours, region, target.background)
                 own = (view.region == region).nonzero()[:, 0]
                 away = ((colours[own] - start[own]).square().sum(1) * view.weight[own]).sum() / view.weight[own].sum()
-                losses.append(target.loss(image, mask) + self.anchors[region] * away)
+                loss = target.loss(image, mask) + self.anchors[region] * away
+                if target.settings.along_rays:
+                    loss = loss + target.settings.along_rays * spread_along_rays(view, own, colours[own])
+                losses.append(loss)
         return losses
 
     @staticmethod
     def _covers(view: StyledView, region: int) -> bool:
         return float(view.weight[view.region == region].sum()) >= LEAST_PIXELS
+
+
+def spread_along_rays(view: StyledView, own: Tensor, colours: Tensor) -> Tensor:
+    """How much the colours of some samples differ along their rays: the weighted mean of |c - mean in the pixel|^2.
+
+    Paint that changes through the thickness of a translucent region shows another mixture from every side, and where
+    strokes lie behind each other they average to nothing. Paint that is the same along each ray does neither.
+
+    Args:
+        view: What is seen.
+        own: Indices of the samples, (N,).
+        colours: Theirs, (N, 3).
+
+    Returns:
+        A scalar; 0 where each pixel sees one colour.
+    """
+    weight, pixel = view.weight[own], view.pixel[own]
+    with torch.no_grad():  # the part of the gradient that goes through the mean is zero
+        sums = colours.new_zeros(view.height * view.width, 4)
+        sums.index_add_(0, pixel, torch.cat([colours * weight[:, None], weight[:, None]], dim=1))
+        mean = sums[:, :3] / sums[:, 3:].clamp_min(1e-6)
+    return ((colours - mean[pixel]).square().sum(1) * weight).sum() / weight.sum()
 
 
 def stylization_cameras(scene: Scene, settings: StylizeSettings) -> Sequence[Camera]:

@@ -89,6 +89,10 @@ class Comparison:
         """The loss, with a style picture as large as the frames."""
         return replace(PAPER_LOSS if self.paper_loss else StyleLossSettings(), style_size=self.protocol.size)
 
+    def loss_of(self, mode: str) -> StyleLossSettings:
+        """What a mode is trained with: what is ours alone is not in the others', nor in what their results depend on."""
+        return unseeded(self.loss) if mode in RIVALS else self.loss
+
 
 @dataclass(frozen=True)
 class Case:
@@ -160,7 +164,7 @@ class _CaseWork:
         """The folder of a mode's frames, and the seconds that stylizing took."""
         how, numbers = self.how, self.how.protocol.frames
         parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), "stylize": asdict(how.chosen.stylize),
-                 "loss": asdict(how.loss), "seed": how.seed, "features": how.features, "sampling": FINE}  # fmt: skip
+                 "loss": asdict(how.loss_of(mode)), "seed": how.seed, "features": how.features, "sampling": FINE}  # fmt: skip
         key, folder = digest(parts), self.folder / mode
         drawing = part(progress, 0.7, 1.0)
         if mode == "frame-by-frame":
@@ -178,7 +182,7 @@ class _CaseWork:
     def _made(self, mode: str, progress: Progress) -> tuple[Scene, float]:
         """The scene that a mode makes, and its seconds: read, where it was made before."""
         how = self.how
-        settings, loss = how.chosen.stylize, how.loss
+        settings, loss = how.chosen.stylize, how.loss_of(mode)
         key = digest({"mode": mode, **self.hashes, "stylize": asdict(settings), "loss": asdict(loss),
                       "seed": how.seed, "features": how.features})  # fmt: skip
         return kept_scene(
@@ -195,7 +199,7 @@ class _CaseWork:
                 progress, checkpoint, [name], how.features, loss,
             )  # fmt: skip
             return made, {k: v for k, v in report["seconds"].items() if k != "total"}
-        target = StyleTarget(load_features(how.features), self._picture(), unseeded(loss), how.seed)
+        target = StyleTarget(load_features(how.features), self._picture(), loss, how.seed)
         rival = {"arf-like": arf_like, "snerf-like": snerf_like}[mode]
         return rival(self.scene, target, settings, how.seed, progress)
 

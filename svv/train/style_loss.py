@@ -64,7 +64,7 @@ class StyleLossSettings:
     """Whether distillation paints the scene with the style as a solid texture, for the matching to start from."""
     anchor: float = 3.0
     """Weight of the squared distance to the colours after distillation, in a scene: all views share its strokes."""
-    along_rays: float = 3.0
+    along_rays: float = 6.0
     """Weight of the spread of a region's colours along the rays, in a scene
     (:func:`svv.train.stylize.spread_along_rays`): frames agree better, and strokes that only speckle go first."""
     background: float | None = None

@@ -116,10 +116,13 @@ def train(
     """
     from svv.io.viewset import ViewSet
     from svv.kernels.dispatch import device_named
+    from svv.train import config
     from svv.train.pipeline import train_scene
 
     _check_targets(out, json)
     where = device_named(device.value)
+    name = None if encoding is None else encoding.value
+    config.lit_by(config.preset(preset.value, name), lighting.value)  # said before the views are read
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, "train", progress)
     if "assumed" in view_set.meta:
@@ -128,7 +131,6 @@ def train(
         view_set = replace(view_set, classified=None)
     checkpoint = checkpoint_path(out)
     with shown("Training") as progress:
-        name = None if encoding is None else encoding.value
         scene, report = train_scene(
             view_set, preset.value, time_limit, seed, progress, checkpoint, where, name, lighting.value
         )

@@ -11,6 +11,7 @@ import typer
 from svv.options import (
     Encoding,
     KernelFamily,
+    Lighting,
     Mapper,
     MapperOption,
     Network,
@@ -29,6 +30,7 @@ CHART = (
     "svv chart views head.vti --tf skin.json --presets fast,balanced --time-limits 30,120,full --out chart",
     "svv chart head.vti --tf skin.json --encodings lattice --sizes 200,400 --render-sizes 800 --seeds 0,1,2 -o chart",
     "svv chart views --presets balanced,paper --encodings hash --time-limits 600 --out paper",
+    "svv chart views --presets fast --encodings lattice --lighting network,phong --time-limits 60 --out lights",
 )
 
 
@@ -58,6 +60,9 @@ def chart(
         str, typer.Option(metavar="A,B", help="Of fast (numba, on a GPU Triton) and torch (the plain reference).")
     ] = "fast",
     seeds: Annotated[str, typer.Option(metavar="N,...", help="A run for each.")] = "0",
+    lighting: Annotated[
+        str, typer.Option(metavar="A,B", help="Of network, phong (needs the lattice), auto; see svv train.")
+    ] = "network",
     network: Annotated[Network, typer.Option(help="Whose colours are scored: base or pcn.")] = Network.pcn,
     test: Annotated[int, typer.Option(min=5, help="Unseen views that are scored and timed.")] = 8,
     n: Views = 92,
@@ -81,6 +86,7 @@ def chart(
         parse_choices(devices, "--devices", Processor),
         parse_choices(kernels, "--kernels", KernelFamily),
         parse_whole(seeds, "--seeds"),
+        parse_choices(lighting, "--lighting", Lighting),
     )
     plan = Chart(sources, tf or [], out, grid, Measure(test, network.value, n, mapper.value))
     left = [step for step in plan.steps if not plan.is_done(step)]

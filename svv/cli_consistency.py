@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from svv.errors import BadInput
+from svv.option_group import spread
 from svv.options import Json, Network, Out, Preset, PresetOption, SceneFile, Seed, parse_whole
 from svv.progress import shown
 
@@ -28,26 +30,56 @@ ABLATE = (
     "svv ablate scene.svv --style brush.png --views views --only lambda-delta,refinement --out stage2",
 )
 
-OrbitFrames = Annotated[int, typer.Option("--orbit", metavar="N", min=2, help="Frames of the whole path.")]
-FrameSize = Annotated[int, typer.Option("--size", min=32, help="Width and height of the frames in pixels.")]
-Every = Annotated[int, typer.Option("--every", metavar="K", min=1, help="A pair begins at every Kth frame.")]
-Intervals = Annotated[str, typer.Option("--intervals", metavar="N,...", help="Frames between those of a pair.")]
 Flows = Annotated[
     str, typer.Option("--flows", metavar="A,B", help="Of depth (ours, exact), and the estimators tvl1 and ilk.")
-]
-Features = Annotated[
-    str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
 ]
 KINDS = ("depth", "tvl1", "ilk")
 
 
+@dataclass(frozen=True)
+class Frames:
+    """Which frames are measured, and which pairs of them."""
+
+    orbit: Annotated[int, typer.Option("--orbit", metavar="N", min=2, help="Frames of the whole path.")] = 181
+    size: Annotated[int, typer.Option("--size", min=32, help="Width and height of the frames in pixels.")] = 400
+    every: Annotated[int, typer.Option("--every", metavar="K", min=1, help="A pair begins at every Kth frame.")] = 1
+    intervals: Annotated[
+        str, typer.Option("--intervals", metavar="N,...", help="Frames between those of a pair.")
+    ] = "1,10"
+
+    def protocol(self, flows: str) -> Protocol:
+        """As the layers below take it."""
+        from svv.report.orbit_path import Protocol
+
+        kinds = tuple(dict.fromkeys(part.strip() for part in flows.split(",")))
+        for kind in kinds:
+            if kind not in KINDS:
+                raise BadInput(f"--flows has no '{kind}'; choose of {', '.join(KINDS)}, with commas between.")
+        return Protocol(self.orbit, self.size, self.every, parse_whole(self.intervals, "--intervals", 1), kinds)
+
+
+ALL_FRAMES, FEW_FRAMES = Frames(), Frames(every=10)
+"""All, and fewer where many variants are measured."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """How each variant is trained."""
+
+    preset: PresetOption = Preset.balanced
+    seed: Seed = 0
+    features: Annotated[
+        str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
+    ] = "auto"
+
+
+TRAINING = Training()
+
+@spread
 def consistency(
     scene: SceneFile,
     out: Out,
-    orbit: OrbitFrames = 181,
-    size: FrameSize = 400,
-    every: Every = 1,
-    intervals: Intervals = "1,10",
+    frames: Frames = ALL_FRAMES,
     flows: Flows = "depth,tvl1",
     network: Annotated[Network | None, typer.Option(help="By default the last one trained.")] = None,
     json: Json = None,
@@ -63,7 +95,7 @@ def consistency(
     from svv.report.orbit_path import METRICS, digest
     from svv.report.style_table import markdown
 
-    protocol = _protocol(orbit, size, every, intervals, flows)
+    protocol = frames.protocol(flows)
     if json is not None:
         check_writable(json)
     loaded = Scene.load(scene)
@@ -81,6 +113,7 @@ def consistency(
         print(f"{kind} is off the flow of the depth by {apart} frames.")
 
 
+@spread
 def compare_styles(
     scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv ...", help="Trained scenes.")],
     style: Annotated[list[Path], typer.Option(metavar="IMG", help="A picture; may be given several times.")],
@@ -89,14 +122,9 @@ def compare_styles(
         str,
         typer.Option(metavar="A,B", help="Of unstyled, ours, ours-unlit, arf-like, snerf-like, frame-by-frame."),
     ] = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame",
-    orbit: OrbitFrames = 181,
-    size: FrameSize = 400,
-    every: Every = 1,
-    intervals: Intervals = "1,10",
+    frames: Frames = ALL_FRAMES,
     flows: Flows = "depth,tvl1",
-    preset: PresetOption = Preset.balanced,
-    seed: Seed = 0,
-    features: Features = "auto",
+    training: Training = TRAINING,
     paper_loss: Annotated[
         bool, typer.Option("--paper-loss", help="Plain matching instead of our loss, in all modes.")
     ] = False,
@@ -108,14 +136,15 @@ def compare_styles(
     """
     from svv.report.style_modes import Comparison, compare_styles, write_comparison
 
-    protocol = _protocol(orbit, size, every, intervals, flows)
+    protocol = frames.protocol(flows)
     names = tuple(dict.fromkeys(part.strip() for part in modes.split(",")))
-    how = Comparison(protocol, names, preset.value, seed, features, paper_loss)
+    how = Comparison(protocol, names, training.preset.value, training.seed, training.features, paper_loss)
     with shown("Comparing") as progress:
         rows = compare_styles(scenes, style, out, how, progress)
     print(write_comparison(out, rows, how))
 
 
+@spread
 def ablate(
     scene: SceneFile,
     out: Out,
@@ -127,13 +156,8 @@ def ablate(
         str | None,
         typer.Option(metavar="A,B", help="Of colour-transfer, lighting, background, refinement, lambda-delta."),
     ] = None,
-    orbit: OrbitFrames = 181,
-    size: FrameSize = 400,
-    every: Every = 10,
-    intervals: Intervals = "1,10",
-    preset: PresetOption = Preset.balanced,
-    seed: Seed = 0,
-    features: Features = "auto",
+    frames: Frames = FEW_FRAMES,
+    training: Training = TRAINING,
     paper_loss: Annotated[bool, typer.Option("--paper-loss", help="Plain matching instead of our loss.")] = False,
 ) -> None:
     """Leave out, one at a time, what the paper says it needs: table and contact sheet of every variant.
@@ -142,19 +166,12 @@ def ablate(
     """
     from svv.report.ablation import Ablation, run_ablation
 
-    protocol = _protocol(orbit, size, every, intervals, "depth")
+    protocol = frames.protocol("depth")
     names = None if only is None else tuple(dict.fromkeys(part.strip() for part in only.split(",")))
-    job = Ablation(scene, tuple(style or ()), views, names, protocol, preset.value, seed, features, paper_loss)
+    job = Ablation(
+        scene, tuple(style or ()), views, names, protocol, training.preset.value, training.seed, training.features,
+        paper_loss,
+    )  # fmt: skip
     with shown("Ablations") as progress:
         text = run_ablation(job, out, progress)
     print(text)
-
-
-def _protocol(orbit: int, size: int, every: int, intervals: str, flows: str) -> Protocol:
-    from svv.report.orbit_path import Protocol
-
-    kinds = tuple(dict.fromkeys(part.strip() for part in flows.split(",")))
-    for kind in kinds:
-        if kind not in KINDS:
-            raise BadInput(f"--flows has no '{kind}'; choose of {', '.join(KINDS)}, with commas between.")
-    return Protocol(orbit, size, every, parse_whole(intervals, "--intervals", 1), kinds)

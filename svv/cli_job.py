@@ -13,6 +13,8 @@ from svv.options import (
     DeviceOption,
     Dims,
     Dtype,
+    Lighting,
+    LightingOption,
     Mapper,
     MapperOption,
     Orbit,
@@ -44,7 +46,7 @@ DEMO = (
 RUN = (
     "svv run foot.vti --tf bones.json --style brush.jpg --out foot",
     "svv run engine_256x256x128_uint8.raw --out engine --preset fast",
-    "svv run views --style a.png --style gallery:mosaic --out result",
+    "svv run views --style a.png --style gallery:mosaic --lighting auto --out result",
 )
 VIEWS = (
     "svv views foot.vti --tf bones.json --out views",
@@ -97,6 +99,7 @@ def run(
     orbit: Orbit = 61,
     orbit_size: OrbitSize = 400,
     device: DeviceOption = Device.cpu,
+    lighting: LightingOption = Lighting.network,
     array: Array = None,
     dims: Dims = None,
     dtype: Dtype = None,
@@ -108,7 +111,7 @@ def run(
     """
     from svv.report.gallery import style_file
     from svv.report.job import JobSettings
-    from svv.report.run import run_job
+    from svv.report.run import check, run_job
     from svv.report.source import ViewSource
 
     origin: ViewSource | VolumeSource
@@ -117,9 +120,11 @@ def run(
     else:
         origin = _volume(source, tf, array, dims, dtype, spacing)
     settings = JobSettings(
-        n, test, size, mapper.value, preset.value, time_limit, seed, orbit, orbit_size, recolour, device.value
+        n, test, size, mapper.value, preset.value, time_limit, seed, orbit, orbit_size, recolour, device.value,
+        lighting.value,
     )
-    origin.identity()  # a source that is missing is told before a picture of the gallery is written
+    origin.identity()  # what is missing or cannot be is told before a picture of the gallery is written
+    check(settings)
     print(run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown))
 
 

@@ -19,8 +19,9 @@ from hypothesis import strategies as st
 from svv import cli
 from svv.core.cameras import sphere_cameras
 from svv.errors import BadInput, Cancelled, Progress, silent
+from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.options import Encoding, Preset, parse_choices, parse_limits, parse_whole
+from svv.options import Encoding, Lighting, Preset, parse_choices, parse_limits, parse_whole
 from svv.report.chart import job, process
 from svv.report.chart.job import Chart, make_chart
 from svv.report.chart.plan import Grid, Measure, Training, trainings
@@ -37,7 +38,7 @@ def test_each_setting_makes_another_run_and_the_same_settings_the_same() -> None
     changes: list[dict[str, Any]] = [
         {"scene": "foot"}, {"source": "other"}, {"preset": "draft"}, {"encoding": "hash"}, {"size": 200},
         {"limit": 60.0}, {"limit": None}, {"device": "other"}, {"seed": 1},
-        {"kernels": "torch"},
+        {"kernels": "torch"}, {"lighting": "phong"},
     ]  # fmt: skip
     names = {replace(RUN, **change).name for change in changes}
     assert len(names | {RUN.name}) == len(changes) + 1
@@ -53,9 +54,10 @@ def test_a_preset_that_changed_makes_another_run(monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_runs_are_every_combination_once() -> None:
-    grid = Grid(("draft", "fast"), ("lattice", "hash"), (5.0, None, 5.0), seeds=(0, 1, 2))
+    lights = ("network", "auto")
+    grid = Grid(("draft", "fast"), ("lattice", "hash"), (5.0, None, 5.0), seeds=(0, 1, 2), lightings=lights)
     runs = trainings(grid, "head", {64: "a", 128: "b"}, (64, 128))
-    assert len(runs) == len(set(runs)) == 2 * 2 * 2 * 3 * 2
+    assert len(runs) == len(set(runs)) == 2 * 2 * 2 * 3 * 2 * 2
     assert [run.expected for run in runs if run.seed == 0] == sorted(run.expected for run in runs if run.seed == 0)
 
 
@@ -133,8 +135,8 @@ def made_up(task: dict[str, Any], progress: Progress) -> None:
         seconds["total"] = 9.0
         (folder / "scene.svv").write_bytes(b"x" * 5000)
         report = {"seconds": seconds, "peak_rss_bytes": 1, "parameters": 2, "device": run["device"], "kernels": "numba",
-                  "run": run, "scene_bytes": 5000, "cpu_seconds": 12.0, "resumed": False, "threads": 2,
-                  "load_average": 0.5}  # fmt: skip
+                  "lighting": run["lighting"], "run": run, "scene_bytes": 5000, "cpu_seconds": 12.0, "resumed": False,
+                  "threads": 2, "load_average": 0.5}  # fmt: skip
         (folder / "train.json").write_text(json.dumps(report))
         return
     view = {"median": 0.2, "least": 0.1, "most": 0.4, "all": [0.1, 0.2, 0.4], "cpu_median": 0.3}
@@ -249,6 +251,7 @@ def test_the_tables_hold_every_run_with_its_settings(tmp_path: Path, runner: Run
 def test_lists_on_the_command_line() -> None:
     assert parse_choices("fast, draft,fast", "--presets", Preset) == ("fast", "draft")
     assert parse_whole("3,1,3", "--seeds") == (3, 1)
+    assert parse_choices("phong,network", "--lighting", Lighting) == ("phong", "network")
     assert parse_limits("15,full,2.5", "--time-limits") == (15.0, None, 2.5)
     for text in ("", "fast,", "wild"):
         with pytest.raises(BadInput, match="--presets has no"):
@@ -275,6 +278,8 @@ def test_lists_on_the_command_line() -> None:
         (["views", "--sizes", "64"], "not to 64"),
         (["views", "--presets", "wild"], "--presets has no 'wild'"),
         (["views", "--encodings", "octree"], "--encodings has no 'octree'"),
+        (["views", "--lighting", "sun"], "--lighting has no 'sun'"),
+        (["views", "--lighting", "network,phong"], "needs the lattice"),
         (["views", "--devices", "abacus"], "--devices has no 'abacus'"),
         (["views", "--time-limits", "0"], "--time-limits needs seconds"),
         (["views", "--network", "styled"], "base or pcn"),
@@ -343,8 +348,8 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
     write_json(tmp_path / "tf.json", [demo_transfer_function().to_dict()])
     out = tmp_path / "out"
     arguments = [str(tmp_path / "ball.vti"), "--tf", str(tmp_path / "tf.json"), "--presets", "draft", "--encodings",
-                 "lattice", "--kernels", "fast,torch", "--time-limits", "1", "--sizes", "32", "--render-sizes", "48",
-                 "--n", "12", "--test", "5", "--out", str(out)]  # fmt: skip
+                 "lattice", "--kernels", "fast,torch", "--lighting", "auto", "--time-limits", "1", "--sizes", "32",
+                 "--render-sizes", "48", "--n", "12", "--test", "5", "--out", str(out)]  # fmt: skip
     cli.app(["chart", *arguments], prog_name="svv", standalone_mode=False)
     said = capsys.readouterr()
     assert said.out == f"{out / 'chart.html'}\n"
@@ -355,6 +360,9 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
         "ball", "draft", "lattice", "cpu", 0,
     )  # fmt: skip
     assert (run["train_size"], run["render_size"], run["test_views"]) == (32, 48, 5)
+    lit = Scene.load(out / "runs" / run["run"] / "scene.svv").settings.lighting
+    assert run["lighting"] == "auto" and run["light"] == lit and "-lattice-auto-" in run["run"]
+    assert run["lighting_seconds"] > 0
     assert run["psnr"] > 12  # an empty picture of this volume has about 10 dB
     assert run["psnr"] > run["psnr_foreground"] > 5
     assert run["dvr_seconds_least"] <= run["dvr_seconds"] <= run["dvr_seconds_most"]
@@ -362,7 +370,7 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
     assert min(run["train_cpu_seconds"], run["view_cpu_seconds"], run["dvr_cpu_seconds"]) > 0
     assert min(run["train_peak_bytes"], run["render_peak_bytes"]) > 50e6
     assert run["train_seconds"] == pytest.approx(
-        sum(run[f"{stage}_seconds"] for stage in ("hull", "base", "palette", "pcn", "sampling"))
+        sum(run[f"{stage}_seconds"] for stage in ("hull", "base", "palette", "lighting", "pcn", "sampling"))
     )
     sources = Sources()
     sources.feed((out / "chart.html").read_text())

@@ -58,12 +58,13 @@ def test_what_is_not_known_is_on_no_front() -> None:
 
 def some_rows() -> list[Row]:
     """Runs of two scenes, one of them with volume rendering's time, on two devices."""
-    base = Row("head", "draft", "lattice", 200, 200, 15.0, "cpu", "numba", 0, "pcn", 30.0, 22.0, 0.9, 8, 14.0, 25.0,
-               1.0, 9.0, 1.0, 3.0, 0.1, 0.5, 0.4, 0.6, 0.9, 0.08, 0.07, 0.09, 0.15, 6.2, "cpu", 2_000_000, 10, 10, 10,
-               0.3, 2, False, "a")  # fmt: skip
+    base = Row("head", "draft", "lattice", "network", "network", 200, 200, 15.0, "cpu", "numba", 0, "pcn", 30.0,
+               22.0, 0.9, 8, 14.0, 25.0, 1.0, 9.0, 1.0, 0.0, 3.0, 0.1, 0.5, 0.4, 0.6, 0.9, 0.08, 0.07, 0.09, 0.15,
+               6.2, "cpu", 2_000_000, 10, 10, 10, 0.3, 2, False, "a")  # fmt: skip
     slow = replace(base, preset="fast", encoding="hash", psnr=31.0, view_seconds=2.0, train_seconds=60.0, seed=1)
     alone = replace(base, scene="vortex", dvr_seconds=None, dvr_ratio=None, psnr_foreground=math.nan, time_limit=None)
-    return [base, slow, alone, replace(base, train_size=400, device="cuda", preset="paper")]
+    lights = [replace(base, lighting=lighting, psnr=29.0 - k) for k, lighting in enumerate(("phong", "auto"))]
+    return [base, slow, alone, replace(base, train_size=400, device="cuda", preset="paper"), *lights]
 
 
 @pytest.mark.parametrize(
@@ -95,6 +96,17 @@ def test_labels_of_neighbours_do_not_overlap() -> None:
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
+def test_a_legend_is_as_narrow_as_its_figure() -> None:
+    handles = [figures.Line2D([], [], label="a word " * length) for length in (1, 8, 2, 6, 3, 7)]
+    for columns, width in ((1, 3.0), (2, 10.0), (3, 24.0)):
+        figure = Figure((width, 3.0))
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        figures._add_legend(figure, renderer, handles, 3)
+        (legend,) = figure.legends
+        assert legend._ncols == columns  # type: ignore[attr-defined]
+        assert columns == 1 or legend.get_window_extent(renderer).width <= figure.bbox.width
+
+
 def test_numbers_along_the_axes_are_short() -> None:
     shown = {0.0071: "7.1 ms", 0.05: "50 ms", 0.2: "0.2 s", 1.5: "1.5 s", 60.0: "60 s", 300.0: "5 min", 9000.0: "2.5 h"}
     assert {value: figures.seconds(value) for value in shown} == shown
@@ -113,6 +125,6 @@ def test_rows_are_compared_where_they_may_be() -> None:
     rows = some_rows()
     rows.append(replace(rows[0], render_size=800))
     groups = dict(figures.panels(rows))
-    assert [len(members) for members in groups.values()] == [3, 1, 1]
+    assert [len(members) for members in groups.values()] == [5, 1, 1]
     for members in groups.values():
         assert len({(row.scene, row.render_size) for row in members}) == 1

@@ -118,6 +118,7 @@ def is_one_sentence(text: str) -> bool:
         (["train", "views", "--out", "a.svv", "--preset", "wild"], "not one of"),
         (["train", "missing", "--out", "a.svv"], "missing"),
         (["train", "missing", "--out", "none/a.svv"], "folder does not exist"),
+        (["train", "missing", "--out", "a.svv", "--encoding", "hash", "--lighting", "auto"], "needs the lattice"),
         (["info", "missing.svv"], "no scene file"),
         (["info", "foreign.svv"], "not a scene file"),
         (["info", "future.svv"], "format 99"),
@@ -131,6 +132,8 @@ def is_one_sentence(text: str) -> bool:
         (["styles", "fresco", "--out", "g"], "no 'fresco' in the gallery"),
         (["style-mask", "missing.png", "--regions", "3", "--out", "parts"], "missing.png"),
         (["run", "missing.vti", "--style", "gallery:mosaic", "--out", "v"], "missing.vti"),
+        (["run", "a.vti", "--preset", "paper", "--lighting", "phong", "--out", "v"], "needs the lattice"),
+        (["run", "a.vti", "--lighting", "sun", "--out", "v"], "not one of"),
         (["render", "missing.svv", "--orbit", "4", "--out", "a.png"], "many views"),
         (["render", "missing.svv", "--orbit", "4", "--camera", "c.json", "--out", "a"], "not both"),
         (["render", "missing.svv", "--size", "big", "--out", "a"], "is no size"),
@@ -150,6 +153,7 @@ def test_bad_use_and_bad_input_are_one_sentence_and_leave_nothing(
 
     monkeypatch.chdir(tmp_path)
     Path("foreign.svv").write_text("hello")
+    Path("a.vti").write_text("no volume, but a file")
     with monkeypatch.context() as patch:
         patch.setattr(scene_file, "FORMAT_VERSION", 99)
         scene_file.write_scene_file("future.svv", {}, {})

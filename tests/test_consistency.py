@@ -337,6 +337,12 @@ def test_ablations_differ_where_they_say(folder: Path, tmp_path: Path) -> None:
     assert len(list((tmp_path / "out" / "scenes").iterdir())) == 3
     assert rows["with lighting"]["changed"] != rows["without lighting"]["changed"]
     assert rows["palette not refined"]["regions"] >= rows["refined palette"]["regions"]
+    for row in (rows["palette not refined"], rows["refined palette"]):
+        shares = [float(share) for share in row["shares"].split(", ")]
+        assert len(shares) == row["regions"] and sum(shares) == pytest.approx(100, abs=0.5)
+        assert f"| {row['shares']} |" in text and f"| {row['psnr']:.2f} |" in text
+    assert "## lighting" in text and "| RMSE, 1 apart |" in text
+
 
 
 # --- the commands ------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,7 +27,11 @@ from svv.fields.phong import Beams
 from svv.fields.rendering import RayCaster
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
+from svv.report.job import Job, JobSettings
+from svv.report.run import run_job
+from svv.report.source import ViewSource
 from svv.report.stability_scenes import KnownScene, Range
+from svv.report.stages import Stages
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import PRESETS
 from svv.train.lighting import light_by_trial
@@ -345,3 +350,25 @@ def test_lights_that_cannot_be_trained_are_one_sentence(views: ViewSet) -> None:
         train_scene(views, "paper", lighting="phong")
     with pytest.raises(BadInput, match="no lighting 'sun'"):
         train_scene(views, SHORT, lighting="sun")
+
+
+def test_a_whole_job_has_the_light_that_is_asked_for(views: ViewSet, tmp_path: Path) -> None:
+    views.write(tmp_path / "views", "train")
+    source, out = ViewSource(tmp_path / "views"), tmp_path / "out"
+
+    def trained(lighting: str) -> tuple[bool, str]:
+        """Whether the job trained now, and what its report says."""
+        before = (out / "scene.svv").stat().st_mtime_ns if (out / "scene.svv").exists() else 0
+        job = Job(source, [], out, JobSettings(preset="draft", time_limit=1.0, lighting=lighting), Stages(out))
+        job.make_views()
+        job.train()
+        said = json.loads((out / "train.json").read_text())["lighting"]
+        assert said == Scene.load(out / "scene.svv").settings.lighting
+        return (out / "scene.svv").stat().st_mtime_ns > before, said
+
+    assert [trained(lighting) for lighting in ("phong", "phong", "network")] == [
+        (True, "phong"), (False, "phong"), (True, "network"),
+    ]  # fmt: skip
+    with pytest.raises(BadInput, match="needs the lattice"):
+        run_job(source, [], tmp_path / "none", JobSettings(preset="paper", lighting="phong"))
+    assert not (tmp_path / "none").exists()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor, nn
@@ -172,7 +173,7 @@ class PaletteColours:
     offsets: Tensor
     """Offsets delta. (S, P, 3)"""
 
-    @property
+    @cached_property
     def region(self) -> Tensor:
         """Region of each sample: its largest palette weight. (S,)"""
         return self.weights.argmax(dim=1)

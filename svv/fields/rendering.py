@@ -55,13 +55,14 @@ class RayCaster:
         return Rays(*kernels_for(pixels).pixel_rays(pixels, cameras, self.width, self.height))
 
     def in_sight(self, occupancy: Occupancy) -> Tensor:
-        """Pixels of the first view that may look at something, in tiles: flat indices, int64. (R,)
+        """Pixels of the first view that may look at something: flat indices, int64, in their order if all may. (R,)
 
         Whole tiles of an image that look past all occupied cells are left out on the processor, where to march their
         rays takes as long as to march those that meet something; a GPU marches all at once.
         """
+        everything = torch.arange(self.width * self.height, device=self.device)
         if kernels_for(self._focal).NAME != compiled.NAME:
-            return torch.arange(self.width * self.height, device=self.device)
+            return everything
         seen = np.zeros((-(-self.height // beams.TILE), -(-self.width // beams.TILE)), np.uint8)
         camera = (a[0].numpy().astype(np.float64) for a in (self._rotations, self._positions))
         distance = occupancy.distance_on(self.device).numpy()
@@ -69,7 +70,7 @@ class RayCaster:
             *camera, float(self._focal[0]), self.width, self.height, distance, float(occupancy.cells),
             np.asarray(occupancy.box.extent, np.float64), seen,
         )  # fmt: skip
-        return torch.from_numpy(beams.pixels_of(seen, self.width, self.height))
+        return everything if seen.all() else torch.from_numpy(beams.pixels_of(seen, self.width, self.height))
 
     def axes(self, pixels: Tensor) -> Tensor:
         """Unit vectors along the camera's axis, backwards, for flat pixel indices as :meth:`rays` takes them. (R, 3)"""

@@ -175,14 +175,17 @@ class Scene(Editing, Variants):
         caster = RayCaster([camera], self.occupancy.box, device)
         pixels, chunk = camera.width * camera.height, kernels_of(device.type).RAYS
         images, in_sight = _empty_images(pixels, device), caster.in_sight(self.occupancy)
+        in_order = len(in_sight) == pixels  # a piece of them is a piece of the images; else it is put into its places
         for first in range(0, len(in_sight), chunk):
             progress(first / len(in_sight), "rendering")
             own = in_sight[first : first + chunk]
-            parts, rays = _empty_images(len(own), device), caster.rays(own)
+            piece = [image[first : first + chunk] for image in images]
+            parts, rays = piece if in_order else _empty_images(len(own), device), caster.rays(own)
             beams = Beams.of(self.lamp, camera, rays, self.settings.headlight)
             self._render_rays(rays, beams, network, *parts)
-            for image, part in zip(images, parts, strict=True):
-                image[own] = part
+            if not in_order:
+                for image, part in zip(images, parts, strict=True):
+                    image[own] = part
         rgba, depth, region = (image.cpu().numpy() for image in images)
         if background is not None:
             alpha = rgba[:, 3:]
@@ -227,8 +230,11 @@ class Scene(Editing, Variants):
         if network == "base" or self.palette is None:
             region = torch.zeros_like(samples.ray, dtype=torch.int64)
             return self.base(geometry, directions), region, sigma
-        beams = (beams or Beams.headlight(-rays.directions)).at(samples.ray)
-        parts = self.palette(samples.position, geometry, directions, beams, self.coefficients())
+        if self.palette.phong is None:
+            at = None  # a network's light stays where it was learned
+        else:
+            at = (beams or Beams.headlight(-rays.directions)).at(samples.ray)
+        parts = self.palette(samples.position, geometry, directions, at, self.coefficients())
         region = parts.region
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,10 @@ def adam(
 ) -> None:  # fmt: skip
     first, second = moments.numpy()
     numbers = (np.float32(v) for v in (rate, *constants, pull))
-    lattice.adam(table.detach().numpy(), gradient.numpy(), used.numpy(), first, second, age.numpy(), *numbers, finer)
+    lattice.adam(
+        table.detach().numpy(), gradient.numpy(), used.numpy(), first, second, age.numpy(), *numbers,
+        _bias_corrections(*constants[:2]), finer,
+    )  # fmt: skip
 
 
 def pixel_rays(
@@ -135,6 +139,11 @@ def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
     if rough and len(x) >= products.LEAST and products.processor_has_half():
         return products.HalfNetwork.apply(x, *weights)  # type: ignore[no-any-return]
     return plain.network(x, weights, rough)
+
+
+@cache
+def _bias_corrections(beta1: float, beta2: float) -> NDArray[np.float32]:
+    return lattice.bias_corrections(np.float32(beta1), np.float32(beta2))  # type: ignore[no-any-return]
 
 
 def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:

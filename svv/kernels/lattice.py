@@ -57,24 +57,39 @@ def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used
                     g_table[rows[k], np.uint64(f)] += weights[k] * g_out[i, column + f]
 
 
+OLDEST = 10000
+"""Steps after which the bias correction of Adam is the same for good."""
+
+
+@njit(fastmath=True, cache=True)
+def bias_corrections(beta1, beta2):  # type: ignore[no-untyped-def]
+    """1 - beta1^n and 1 / (1 - beta2^n) of the ages n = 0 to :data:`OLDEST`: float32 (OLDEST + 1, 2), row 0 unused."""
+    out = np.ones((OLDEST + 1, 2), np.float32)
+    for age in range(1, OLDEST + 1):
+        n = np.float32(age)
+        out[age, 0] = ONE - np.exp(n * np.log(beta1))
+        out[age, 1] = ONE / (ONE - np.exp(n * np.log(beta2)))
+    return out
+
+
 @njit(parallel=True, fastmath=True, cache=True)
 def adam(  # type: ignore[no-untyped-def]
-    table, gradient, used, first, second, age, rate, beta1, beta2, epsilon, pull, finer
+    table, gradient, used, first, second, age, rate, beta1, beta2, epsilon, pull, corrections, finer
 ):
     """One Adam step (Kingma & Ba 2015) on the vertices that the batch used; clears their gradient and mark.
 
     ``pull`` times the value is added to the gradient of the vertices from ``finer`` on.
 
-    ``age`` counts the steps of each vertex, so the bias correction of one that is rarely seen is right.
+    ``age`` counts the steps of each vertex, so the bias correction of one that is rarely seen is right; those of all
+    ages are :func:`bias_corrections`, for two exponentials a vertex take as long as the rest of its step.
     """
     features = table.shape[1]
     for v in prange(table.shape[0]):
         if used[v]:
             used[v] = 0
             age[v] += 1
-            n = np.float32(min(age[v], 10000))
-            a = rate / (np.float32(1.0) - np.exp(n * np.log(beta1)))
-            b = np.float32(1.0) / (np.float32(1.0) - np.exp(n * np.log(beta2)))
+            n = min(age[v], OLDEST)
+            a, b = rate / corrections[n, 0], corrections[n, 1]
             back = pull if v >= finer else np.float32(0.0)
             for f in range(features):
                 g = gradient[v, f] + back * table[v, f]

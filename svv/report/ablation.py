@@ -13,27 +13,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from svv.core.palette import PaletteSettings
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.scene import Region, Scene
-from svv.io.atomic import make_folder, write_json
+from svv.fields.scene import Scene
+from svv.io.atomic import make_folder
 from svv.io.images import read_style
-from svv.io.output import region_picture, write_png
 from svv.io.viewset import ViewSet
+from svv.report.ablation_palette import PALETTE_COLUMNS, PALETTE_NOTE, PALETTES, ablate_palette
 from svv.report.consistency import draw_frames, measure_frames
 from svv.report.orbit_path import FINE, OrbitPath, Protocol, digest, finely
-from svv.report.pictures import cropped, over_white, sheet
-from svv.report.render import region_colours
-from svv.report.stability_measures import matched, overlaps
 from svv.report.style_modes import flat_means, kept_scene, likeness
 from svv.report.style_table import contact_sheet, markdown, write_tables
-from svv.train.config import Preset, RecolourSettings, StylizeSettings, preset
-from svv.train.evaluate import evaluate_scene
+from svv.train.config import Preset, StylizeSettings, preset
 from svv.train.pipeline import stylize_scene
-from svv.train.ranges import hull_of, regions_of
-from svv.train.recolour import palette_of, recolour
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings
 
 Row = dict[str, Any]
@@ -49,15 +40,6 @@ class StyleVariant:
     """Whether its frames are shown with light."""
 
 
-@dataclass(frozen=True)
-class PaletteVariant:
-    """A change of the palette network."""
-
-    recolour: Callable[[RecolourSettings], RecolourSettings] = lambda s: s
-    palette: PaletteSettings | None = None
-    """How the palette is read from the views; None: as training does, from the volume where that is known."""
-
-
 STYLES: dict[str, dict[str, StyleVariant]] = {
     "colour-transfer": {
         "with colour transfer": StyleVariant(),
@@ -70,21 +52,18 @@ STYLES: dict[str, dict[str, StyleVariant]] = {
         "white background": StyleVariant(loss=lambda s: replace(s, background=1.0)),
     },
 }
-PALETTES: dict[str, dict[str, PaletteVariant]] = {
-    "refinement": {
-        "refined palette": PaletteVariant(palette=PaletteSettings()),
-        "palette not refined": PaletteVariant(palette=PaletteSettings(refined=False)),
-    },
-    "lambda-delta": {
-        f"lambda_delta = {value:g}": PaletteVariant(recolour=partial(replace, offset_weight=value))
-        for value in (0.0, 0.1, 1.0)
-    },
-}
 NAMES = (*STYLES, *PALETTES)
 """The ablations."""
 
-STYLE_COLUMNS = ("patches 1/1", "colour", "contrast", "content", "changed", "seconds")
-PALETTE_COLUMNS = ("regions", "overlap", "psnr", "psnr_foreground", "ssim", "flip", "lpips", "seconds")
+STYLE_COLUMNS = {name: name for name in ("patches 1/1", "colour", "contrast", "content", "changed", "seconds")}
+"""Figure -> its title in the table."""
+
+STYLE_NOTE = (
+    "FLIP and RMSE between frames so many apart, after warping along the flow of the depth; 'part': of what the frame "
+    "differs from its mean colour. Distances of patches and colours to the first style, best at 0; contrast of fine "
+    "detail against the style's, best at 1; content: likeness to the unstyled frames, 1 at most; changed: by how much "
+    "colours did."
+)
 
 
 @dataclass(frozen=True)
@@ -158,7 +137,7 @@ def run_ablation(job: Ablation, out: Path, progress: Progress = silent) -> str:
             rows += _style_ablation(job, name, scene, pictures, make, each)
         else:
             assert views is not None
-            rows += _palette_ablation(job, name, scene, views, make, each)
+            rows += ablate_palette(job, name, scene, views, make, each)
     progress(1.0, f"{len(rows)} variants")
     text = "\n".join(_table(job, name, [r for r in rows if r["ablation"] == name]) for name in job.names)
     write_tables(out, "ablations", rows, text)
@@ -166,9 +145,18 @@ def run_ablation(job: Ablation, out: Path, progress: Progress = silent) -> str:
 
 
 def _table(job: Ablation, name: str, rows: Sequence[Row]) -> str:
-    consistency = [f"depth {n} {k}" for n in job.protocol.intervals for k in ("flip", "rmse", "rmse_part")]
-    columns = (*consistency, *STYLE_COLUMNS) if name in STYLES else PALETTE_COLUMNS
-    return f"{markdown(rows, 'variant', columns)}\n"
+    metrics = {"flip": "FLIP", "rmse": "RMSE", "rmse_part": "RMSE, part"}
+    apart = {f"depth {n} {k}": f"{title}, {n} apart" for n in job.protocol.intervals for k, title in metrics.items()}
+    columns, note = ({**apart, **STYLE_COLUMNS}, STYLE_NOTE) if name in STYLES else (PALETTE_COLUMNS, PALETTE_NOTE)
+    shown = [{"variant": row["variant"], **{title: _text(key, row) for key, title in columns.items()}} for row in rows]
+    return f"## {name}\n\n{markdown(shown, 'variant', list(columns.values()))}\n\n{note}\n"
+
+
+def _text(key: str, row: Row) -> Any:
+    """A figure as the table shows it; variants differ by hundredths of a decibel."""
+    if key in ("psnr", "psnr_foreground") and row[key] is not None:
+        return f"{row[key]:.2f}"
+    return row.get(key)
 
 
 def _style_ablation(
@@ -207,69 +195,6 @@ def _style_ablation(
                      **likeness(path, folder, pictures[0])})  # fmt: skip
     contact_sheet(out / f"{name}.png", path, {"unstyled": path.folder, **folders}, pictures[0])
     return rows
-
-
-def _palette_ablation(
-    job: Ablation, name: str, scene: Scene, views: tuple[ViewSet, ViewSet], out: Path, progress: Progress
-) -> list[Row]:
-    train, test = views
-    rows, columns, variants = [], [], PALETTES[name]
-    truth = [scene.render(camera, "pcn") for camera in test.cameras]
-    middle = len(test.cameras) // 2
-    for number, (label, variant) in enumerate(variants.items()):
-        each = part(progress, number / len(variants), (number + 1) / len(variants))
-        settings = variant.recolour(preset(job.preset).recolour)
-        key = digest({"scene": digest(job.scene.read_bytes()), "views": digest(train.images.tobytes()),
-                      "recolour": asdict(settings), "palette": variant.palette and asdict(variant.palette),
-                      "seed": job.seed})  # fmt: skip
-
-        def make(
-            saved: Path, settings: RecolourSettings = settings, variant: PaletteVariant = variant, each: Progress = each
-        ) -> tuple[Scene, dict[str, float]]:
-            made, seconds = _retrained(scene, train, settings, variant.palette, job.seed, part(each, 0.0, 0.8))
-            return made, {"pcn": seconds}
-
-        made, seconds = kept_scene(out / "scenes" / key, key, make)
-        scores = evaluate_scene(made, test, "pcn", part(each, 0.8, 1.0))
-        shown = [made.render(camera, "pcn") for camera in test.cameras]
-        maps = [np.stack([s.region for s in some]) for some in (truth, shown)]
-        table = overlaps(maps[0], maps[1], len(scene.regions), len(made.regions))
-        rows.append({"ablation": name, "variant": label, "seconds": seconds, "regions": len(made.regions),
-                     "overlap": float(np.mean(matched(table))),
-                     **{k: scores[k] for k in PALETTE_COLUMNS if k in scores}})  # fmt: skip
-        write_json(out / "scenes" / key / "scores.json", {**rows[-1], "views": scores["views"], "size": scores["size"]})
-        columns.append([over_white(shown[middle].rgba),
-                        over_white(region_picture(shown[middle].region, region_colours(made)))])  # fmt: skip
-    columns.append([over_white(test.images[middle]),
-                    over_white(region_picture(truth[middle].region, region_colours(scene)))])  # fmt: skip
-    pictures = cropped([list(row) for row in zip(*columns)])
-    write_png(out / f"{name}.png", sheet(pictures, [*variants, "truth, given scene"]))
-    return rows
-
-
-def _retrained(
-    scene: Scene,
-    views: ViewSet,
-    settings: RecolourSettings,
-    palette: PaletteSettings | None,
-    seed: int,
-    progress: Progress,
-) -> tuple[Scene, float]:
-    """The scene with a palette network trained anew, and the seconds that it took."""
-    known = None
-    if palette is None and views.classified is not None:
-        known = regions_of(views.classified, views, scene, seed)
-    found = palette_of(views, scene.occupancy, seed, palette) if known is None else known.palette
-    network, shares, seconds = recolour(
-        views, scene.base, scene.occupancy, scene.marching, found.colours, scene.settings, settings, seed, None,
-        progress, None, None if known is None else known.owners,
-    )  # fmt: skip
-    ranges = ((),) * len(shares) if known is None else known.ranges
-    regions = tuple(
-        Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
-        for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
-    )
-    return replace(scene, palette=network, styled=None, regions=regions), seconds
 
 
 def _read_views(folder: Path) -> tuple[ViewSet, ViewSet]:

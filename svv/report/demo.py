@@ -8,7 +8,7 @@ from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import atomic_path, write_json
 from svv.io.output import write_png
 from svv.report.job import JobSettings
-from svv.report.run import check_device, run_job
+from svv.report.run import check, run_job
 from svv.report.source import VolumeSource
 from svv.report.stages import Show, Stages, unseen
 
@@ -32,7 +32,7 @@ def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show
         BadInput: a folder that cannot be written to, or a setting out of range.
         Cancelled: ``show``'s progress stopped the demo; the same call goes on where it was.
     """
-    check_device(settings.device)
+    check(settings)
     stages = Stages(out, show)
     volume, tf = out / "volume.vti", out / "tf.json"
     styles = [out / f"{name}.png" for name in STYLES]

@@ -62,6 +62,8 @@ class JobSettings:
     """Whether to show a recoloured scene too."""
     device: str = "cpu"
     """What trains and renders: auto, cpu or cuda. What is finished is not done again on another."""
+    lighting: str = "network"
+    """What the scene is lit by: network, phong or auto."""
 
 
 class Job:
@@ -119,13 +121,15 @@ class Job:
 
         s = self.settings
         device = device_named(s.device)
-        chosen = {"preset": s.preset, "time_limit": s.time_limit, "seed": s.seed}
+        chosen = {"preset": s.preset, "time_limit": s.time_limit, "seed": s.seed, "lighting": s.lighting}
         checkpoint = self.out / "scene.svv.checkpoint"
 
         def work(progress: Progress) -> None:
             views = ViewSet.read(self.views, "train", part(progress, 0.0, 0.01))
             learning = part(progress, 0.01, 1.0)
-            scene, report = train_scene(views, s.preset, s.time_limit, s.seed, learning, checkpoint, device)
+            scene, report = train_scene(
+                views, s.preset, s.time_limit, s.seed, learning, checkpoint, device, lighting=s.lighting
+            )
             scene.save(self.scene)
             write_json(self.out / "train.json", {**report, "scene_bytes": self.scene.stat().st_size})
             checkpoint.unlink(missing_ok=True)

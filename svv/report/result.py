@@ -23,6 +23,9 @@ SCORES = {
 }
 """Key in the JSON of `svv evaluate` -> column and format."""
 
+LIGHT = {"network": "a network's, at the camera", "phong": "explicit, can be moved", "none": "none in the views"}
+"""Lighting of a scene -> as people read it."""
+
 PROTOCOL = (
     "Views that were not trained on, truth and prediction over white. PSNR is the mean over the images; the "
     "foreground is where the true opacity is above 0. Higher is better for PSNR and SSIM, lower for FLIP and LPIPS; "
@@ -117,6 +120,7 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
         if "assumed" in scene.made["source"]:
             facts.append(("Assumed", scene.made["source"]["assumed"]))
     facts.append(("Preset", s.preset if s.time_limit is None else f"{s.preset}, at most {duration(s.time_limit)}"))
+    facts.append(("Light", LIGHT[scene.settings.lighting] + " (by held-out views)" * (s.lighting == "auto")))
     facts.append(("Seed", str(s.seed)))
     facts.append(("Parameters", f"{int(training['parameters']):,}"))
     facts.append(("Device", training.get("gpu") or training["device"]))

@@ -12,11 +12,13 @@ from svv.report.source import Drawn, ViewSource
 from svv.report.stages import Show, Stages, unseen
 
 
-def check_device(name: str) -> None:
-    """Raise BadInput where there is no such device."""
+def check(settings: JobSettings) -> None:
+    """Raise BadInput where there is no such device, or no such light with the preset."""
     from svv.kernels.dispatch import device_named
+    from svv.train.config import lit_by, preset
 
-    device_named(name)
+    device_named(settings.device)
+    lit_by(preset(settings.preset), settings.lighting)
 
 
 def run_job(
@@ -47,7 +49,7 @@ def run_job(
     source.identity()  # what is missing is told before anything is made, and not after minutes of work
     for style in styles:
         read_style(style)
-    check_device(settings.device)
+    check(settings)
     job = Job(source, styles, out, settings, stages or Stages(out, show))
     job.make_views()
     job.train()

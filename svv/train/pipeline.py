@@ -74,7 +74,8 @@ def train_scene(
     Returns:
         The scene, and a report: ``seconds`` a stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
         ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (the last None on a CPU), ``seed``, ``preset``,
-        ``encoding``, ``notes`` (why the model has the size it has).
+        ``encoding``, ``lighting`` (what the scene is lit by: ``network``, ``phong`` or ``none``), ``notes`` (why the
+        model has the size it has).
 
     Raises:
         BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset, encoding or lighting, no time.
@@ -100,6 +101,7 @@ def train_scene(
         "seed": seed,
         "preset": chosen.name,
         "encoding": chosen.field.encoding,
+        "lighting": scene.settings.lighting,
         "notes": notes,
     }
     made = {

@@ -22,8 +22,12 @@ from svv.report.chart.table import Row, front
 COLOURS = {
     "lattice": "#0f5c8c",
     "hash": "#c2571a",
+    "lattice, phong": "#2f7d3b",
+    "lattice, auto": "#7a4a9e",
     "lattice, plain torch": "#7ab6dc",
     "hash, plain torch": "#eaa77f",
+    "lattice, phong, plain torch": "#93c99b",
+    "lattice, auto, plain torch": "#c3a5dc",
 }
 MARKERS = {"draft": "o", "fast": "s", "balanced": "D", "paper": "^"}
 DASHES: dict[str, Any] = {
@@ -204,9 +208,20 @@ def _write(
                     axes.set_title(title)
                 else:
                     axes.set_xlabel(axis.label)
-        figure.legend(handles=legend, loc="outside lower center", ncols=2 if len(shown) == 1 else 4)
+        canvas = FigureCanvasAgg(figure)
+        _add_legend(figure, canvas.get_renderer(), legend, 2 if len(shown) == 1 else 4)
         with atomic_path(path) as temporary:
-            FigureCanvasAgg(figure).print_png(str(temporary))
+            canvas.print_png(str(temporary))
+
+
+def _add_legend(figure: Figure, renderer: Any, handles: list[Line2D], columns: int) -> None:
+    """In that many columns, or as many fewer as the figure is wide enough for."""
+    while True:
+        legend = figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+        if columns == 1 or legend.get_window_extent(renderer).width <= figure.bbox.width:
+            return
+        legend.remove()
+        columns -= 1
 
 
 def _ticks(axes: Axes, axis: Axis) -> None:

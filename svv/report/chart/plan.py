@@ -12,7 +12,7 @@ from typing import Any
 from svv import __version__
 from svv.errors import BadInput
 from svv.io.atomic import to_json
-from svv.train.config import preset
+from svv.train.config import lit_by, preset
 
 SECONDS = {"draft": 40.0, "fast": 120.0, "balanced": 250.0, "paper": 9000.0}
 """Rough seconds of a whole training, by which the time left is guessed before the first run is done."""
@@ -43,6 +43,8 @@ class Grid:
     kernels: tuple[str, ...] = ("fast",)
     """``fast``: numba on the processor, Triton on a GPU. ``torch``: the plain reference."""
     seeds: tuple[int, ...] = (0,)
+    lightings: tuple[str, ...] = ("network",)
+    """What scenes that show light are lit by: network, phong or auto."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,7 @@ class Training:
     device: str
     seed: int
     kernels: str = "fast"
+    lighting: str = "network"
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -84,11 +87,12 @@ class Training:
     @property
     def name(self) -> str:
         """Of its folder: readable, and its own among all settings of a preset that there ever were."""
-        key = digest({"run": asdict(self), "preset": asdict(preset(self.preset, self.encoding))})
+        chosen = lit_by(preset(self.preset, self.encoding), self.lighting)
+        key = digest({"run": asdict(self), "preset": asdict(chosen)})
         limit = "full" if self.limit is None else f"{self.limit:g}s"
         where = self.device if self.kernels == "fast" else f"{self.device}-{self.kernels}"
-        parts = (self.scene, self.preset, self.encoding, f"{self.size}px", limit, where, f"seed{self.seed}", key)
-        return "-".join(parts)
+        table = self.encoding if self.lighting == "network" else f"{self.encoding}-{self.lighting}"
+        return "-".join((self.scene, self.preset, table, f"{self.size}px", limit, where, f"seed{self.seed}", key))
 
     @property
     def expected(self) -> float:
@@ -124,11 +128,11 @@ def trainings(grid: Grid, scene: str, source: Mapping[int, str], sizes: tuple[in
         sizes: Widths of the training views.
     """
     product = itertools.product(
-        grid.seeds, grid.limits, sizes, grid.presets, grid.encodings, grid.devices, grid.kernels
+        grid.seeds, grid.limits, sizes, grid.presets, grid.encodings, grid.devices, grid.kernels, grid.lightings
     )
     runs = [
-        Training(scene, source[size], name, encoding, size, limit, device, seed, kernels)
-        for seed, limit, size, name, encoding, device, kernels in product
+        Training(scene, source[size], name, encoding, size, limit, device, seed, kernels, lighting)
+        for seed, limit, size, name, encoding, device, kernels, lighting in product
     ]
     return sorted(dict.fromkeys(runs), key=lambda run: (run.seed, run.expected))
 
@@ -139,8 +143,8 @@ def check(grid: Grid, measure: Measure) -> None:
     Raises:
         BadInput: it is.
     """
-    for name, encoding in itertools.product(grid.presets, grid.encodings):
-        preset(name, encoding)
+    for name, encoding, lighting in itertools.product(grid.presets, grid.encodings, grid.lightings):
+        lit_by(preset(name, encoding), lighting)
     if any(limit is not None and not 1.0 <= limit < float("inf") for limit in grid.limits):
         raise BadInput("A time limit must be a number of at least 1 second, or 'full' for the whole schedule.")
     if any(size is not None and size < 16 for size in (*grid.sizes, *grid.render_sizes)):

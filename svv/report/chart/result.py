@@ -23,7 +23,7 @@ PROTOCOL = (
 )
 
 COLUMNS = (
-    "Scene", "Preset", "Encoding", "Limit", "Views", "Image", "Seed", "Training", "PSNR", "Foreground", "SSIM",
+    "Scene", "Preset", "Encoding", "Light", "Limit", "Views", "Image", "Seed", "Training", "PSNR", "Foreground", "SSIM",
     "A view", "least to most", "x DVR", "Scene file", "Peak, training", "Peak, rendering", "Best in",
 )  # fmt: skip
 
@@ -73,9 +73,9 @@ def table(rows: Sequence[Row]) -> Table:
     best = {id(row): " ".join(fronts_of(row, members)) for _, members in panels(rows) for row in members}
     cells = [
         [
-            row.scene, row.preset, row.kind, row.limit, f"{row.train_size} px", f"{row.render_size} px",
-            str(row.seed), f"{row.train_seconds:.0f} s", f"{row.psnr:.2f}", f"{row.psnr_foreground:.2f}",
-            f"{row.ssim:.4f}", f"{row.view_seconds:.2f} s",
+            row.scene, row.preset, row.kind, row.light, row.limit, f"{row.train_size} px",
+            f"{row.render_size} px", str(row.seed), f"{row.train_seconds:.0f} s", f"{row.psnr:.2f}",
+            f"{row.psnr_foreground:.2f}", f"{row.ssim:.4f}", f"{row.view_seconds:.2f} s",
             f"{row.view_seconds_least:.2f} to {row.view_seconds_most:.2f}",
             "-" if row.dvr_ratio is None else f"{row.dvr_ratio:.1f}", megabytes(row.scene_bytes),
             f"{row.train_peak_bytes / 1e9:.2f} GB", f"{row.render_peak_bytes / 1e9:.2f} GB", best[id(row)],

@@ -23,6 +23,10 @@ class Row:
     scene: str
     preset: str
     encoding: str
+    lighting: str
+    """What the scene was to be lit by: network, phong or auto."""
+    light: str
+    """What it is lit by: network, phong, or none where the views show no light."""
     train_size: int
     """Width of the training views, pixels."""
     render_size: int
@@ -47,6 +51,8 @@ class Row:
     hull_seconds: float
     base_seconds: float
     palette_seconds: float
+    lighting_seconds: float
+    """Of the trial by which ``auto`` decides."""
     pcn_seconds: float
     sampling_seconds: float
     view_seconds: float
@@ -86,8 +92,9 @@ class Row:
 
     @property
     def kind(self) -> str:
-        """Its encoding, and its kernels where they are the plain reference."""
-        return f"{self.encoding}, plain torch" if self.kernels == "torch" else self.encoding
+        """Its encoding, its light where that is not the network's, its kernels where they are the plain reference."""
+        light = "" if self.lighting == "network" else f", {self.lighting}"
+        return f"{self.encoding}{light}" + ", plain torch" * (self.kernels == "torch")
 
     @property
     def limit(self) -> str:
@@ -108,6 +115,8 @@ def read_row(training: Path, rendering: Path) -> Row:
         scene=run["scene"],
         preset=run["preset"],
         encoding=run["encoding"],
+        lighting=run["lighting"],
+        light=made["lighting"],
         train_size=run["size"],
         render_size=shown["size"][0],
         time_limit=run["limit"],
@@ -124,6 +133,7 @@ def read_row(training: Path, rendering: Path) -> Row:
         hull_seconds=seconds["hull"],
         base_seconds=seconds["base"],
         palette_seconds=seconds["palette"],
+        lighting_seconds=seconds.get("lighting", 0.0),
         pcn_seconds=seconds["pcn"],
         sampling_seconds=seconds["sampling"],
         view_seconds=view["median"],

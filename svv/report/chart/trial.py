@@ -86,6 +86,7 @@ def _train(
         checkpoint,
         device_named(run["device"]),
         run["encoding"],
+        run["lighting"],
     )
 
 

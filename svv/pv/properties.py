@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
@@ -232,6 +232,40 @@ def transfer_function() -> Property:
             self.Modified()
 
     return Property("TransferFunction", xml, None, {"SetTransferFunction": setter})
+
+
+def hidden_text(name: str, command: str, help: str) -> Property:
+    """A line of text that the filter's method ``command`` says to client code; no panel shows it."""
+    xml = (
+        f'<StringVectorProperty name={quoteattr(name)} command={quoteattr(command)} information_only="1" '
+        'number_of_elements="1" default_values="None" panel_visibility="never">'
+        f"<Documentation>{escape(help)}</Documentation></StringVectorProperty>"
+    )
+    return Property(name, xml, None, {})
+
+
+def place_by_hand(name: str, label: str, help: str) -> Sequence[Property]:
+    """A place in the active view that is dragged, or set there by the keys P and Ctrl+P; it changes nothing by itself.
+
+    ``values`` does not follow it: it is for client code.
+    """
+    xml = (
+        f'<DoubleVectorProperty name={quoteattr(name)} label={quoteattr(label_of(name))} command="Set{name}" '
+        'number_of_elements="3" default_values="0 0 0"><DoubleRangeDomain name="range"/>'
+        f"<Documentation>{escape(help)}</Documentation></DoubleVectorProperty>"
+        f'<PropertyGroup label={quoteattr(label)} panel_widget="InteractiveHandle">'
+        f'<Property function="WorldPosition" name={quoteattr(name)}/></PropertyGroup>'
+    )
+    return [Property(name, xml, (0.0, 0.0, 0.0), {f"Set{name}": lambda self, *given: None})]
+
+
+def shown_where(chosen: str, value: int, properties: Sequence[Property]) -> list[Property]:
+    """Properties that the panel shows only where another one has this value."""
+    hint = (
+        f'<Hints><PropertyWidgetDecorator type="GenericDecorator" mode="visibility" property={quoteattr(chosen)} '
+        f'value="{value}"/></Hints>'
+    )
+    return [replace(p, xml=p.xml.replace("</Documentation>", f"</Documentation>{hint}")) for p in properties]
 
 
 def group(label: str, properties: Sequence[Property]) -> Sequence[Property]:

@@ -38,8 +38,8 @@ def pixel_at(place: Sequence[float], sizes: Sequence[int]) -> tuple[int, int]:
         sizes: Width and height of the image, and of the file.
     """
     width, height, own_width, own_height = sizes
-    column, row = place[0], height - 1 - place[1]
-    x, y = round(column * own_width / width), round(row * own_height / height)
+    column, row = place[0] + 0.5, height - place[1] - 0.5  # a pixel of the image stands at its middle
+    x, y = math.floor(column * own_width / width), math.floor(row * own_height / height)
     return min(max(x, 0), own_width - 1), min(max(y, 0), own_height - 1)
 
 
@@ -50,9 +50,10 @@ def _pressed(proxy: Any, event: str, name: str) -> None:
         return
     paint = servermanager._getPyProxy(proxy)
     paint.UpdatePropertyInformation()
-    if not paint.PictureSize:
+    sizes = [int(n) for n in (paint.GetProperty("PictureSize").GetData() or "").split()]
+    if not sizes:
         return  # no picture is shown yet, so there is no place in it
-    at = pixel_at(paint.Place, [int(n) for n in paint.PictureSize.split()])
+    at = pixel_at(paint.Place, sizes)
     rows = {kind: paint.GetProperty(f"Region{paint.ShownMask}{kind}") for kind in KINDS.values()}
     if name == REMOVE:
         _without_nearest(rows, at)

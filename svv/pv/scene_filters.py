@@ -253,7 +253,8 @@ class StyleRFStylize(SceneOutput):
         style, name = style_key(values), values["Variant"]
         picture, overlay, taken, size = self._preview()
         rows, columns = np.mgrid[: taken.shape[0], : taken.shape[1]]
-        pixels = np.stack([columns, rows], axis=2) * size // taken.shape[::-1]
+        shown = np.array(taken.shape[::-1])
+        pixels = (2 * np.stack([columns, rows], axis=2) + 1) * size // (2 * shown)  # of the file
         put_image(outputs[1], {"RGBA": overlay, "Picture": picture, "Mask": taken, "Pixel": pixels.astype(np.int32)})
         if values["MaskFolder"]:
             folder = Path(values["MaskFolder"])

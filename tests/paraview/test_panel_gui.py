@@ -47,29 +47,43 @@ for shown, view in ((image, left), (mask, right)):
 SetActiveView(left)
 SetActiveSource(edit)
 RenderAllViews()
-stage = 0
+edit.Region0Opacity = 2.0
+RenderAllViews()
+ticks = 0
+
+def told():
+    paint.UpdatePropertyInformation()
+    done("edit " + paint.Status)
+
+def paint_shown():
+    done(f"reset {edit.Region0Opacity}")
+    SetActiveSource(paint)
+    SetActiveView(right)
+
+# What is waited for, and what is done then.
+steps = [
+    (lambda: ticks > 30, told),
+    (lambda: edit.Region0Opacity == 1.5, lambda: done("undone")),
+    (lambda: edit.Region0Opacity == 2.0, lambda: done("redone")),
+    (lambda: edit.Region0Recolour == 0, paint_shown),
+    (lambda: any(paint.Place), lambda: done(f"place {list(paint.Place)}")),
+    (lambda: paint.Region0Positive.count(";"), lambda: done("points " + paint.Region0Positive)),
+]
 
 def tick(*_):
-    global stage
-    if stage == 8:
-        paint.UpdatePropertyInformation()
-        done("edit " + paint.Status)
-    if stage != 9 or edit.Region0Recolour == 0:  # until the button is pressed
-        stage += 1
-    if stage == 10:
-        SetActiveSource(paint)
-    if stage == 16:
-        interactor.DestroyTimer(timer)
-        done(f"reset {edit.Region0Opacity}")
+    global ticks
+    ticks += 1
+    if steps and steps[0][0]():
+        steps.pop(0)[1]()
 
 interactor = left.GetInteractor()
 interactor.AddObserver("TimerEvent", tick)
-timer = interactor.CreateRepeatingTimer(1000)
+timer = interactor.CreateRepeatingTimer(250)
 done("ready")
 """
 
-RESET = 138, 670
-"""Where the button Reset Edits is."""
+UNDO, REDO, RESET = (138, 612), (138, 641), (138, 670)
+"""Where the buttons of the panel of edits are."""
 
 
 def pixels(picture: Path) -> np.ndarray:
@@ -88,9 +102,13 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
     said = running.wait()
     assert "nothing was painted" in said, said
     edit = running.screenshot(tmp_path / "edit.png")
-    running.xdotool("mousemove", *RESET, "click", 1)
-    assert running.wait() == "reset 1.0"
+    for button, expected in ((UNDO, "undone"), (REDO, "redone"), (RESET, "reset 1.0")):
+        running.xdotool("mousemove", *button, "click", 1)
+        assert running.wait() == expected
     stylize = running.screenshot(tmp_path / "stylize.png")
+    running.xdotool("mousemove", 790, 800, "click", 1, "sleep", "1", "key", "p", "sleep", "3")
+    running.screenshot("/tmp/h2/panel_data/gui.png")
+    print(running.wait(20))
     shown = pixels(edit)
     # Both views show something in colour, and the panel at the left has the colour that the region was given.
     colourful = (shown.max(axis=2) - shown.min(axis=2)) > 60

@@ -17,7 +17,6 @@ from svv.pv.properties import (
     integer,
     number,
     numbers,
-    place_by_hand,
     scalars,
     shown_where,
     switch,
@@ -203,11 +202,10 @@ def added_properties(number: int) -> Sequence[Property]:
 def point_properties() -> Sequence[Property]:
     """Points of a mask, set in the view that shows it."""
     return [
-        *place_by_hand("Place", "Point in the picture",
-                       "A place in the second output: drag the point there, or hold the mouse over it and press P."),
-        button("AddInside", "The region of Shown Mask learns from what is at that place."),
-        button("AddOutside", "The region of Shown Mask does not learn from what is at that place."),
-        button("RemovePoint", "Take back the point of the region that is nearest to that place."),
+        button("ClickInside", "From now on, until it is pressed again, clicks into the picture of the second output "
+               "say what the region of Shown Mask learns from."),
+        button("ClickOutside", "... what it does not learn from."),
+        button("ClickRemove", "... which point is taken away: the nearest."),
         hidden_text("PictureSize", "GetPictureSize", "Sizes of the picture as it is shown, and of its file."),
     ]  # fmt: skip
 

@@ -244,21 +244,6 @@ def hidden_text(name: str, command: str, help: str) -> Property:
     return Property(name, xml, None, {})
 
 
-def place_by_hand(name: str, label: str, help: str) -> Sequence[Property]:
-    """A place in the active view that is dragged, or set there by the keys P and Ctrl+P; it changes nothing by itself.
-
-    ``values`` does not follow it: it is for client code.
-    """
-    xml = (
-        f'<DoubleVectorProperty name={quoteattr(name)} label={quoteattr(label_of(name))} command="Set{name}" '
-        'number_of_elements="3" default_values="0 0 0"><DoubleRangeDomain name="range"/>'
-        f"<Documentation>{escape(help)}</Documentation></DoubleVectorProperty>"
-        f'<PropertyGroup label={quoteattr(label)} panel_widget="InteractiveHandle">'
-        f'<Property function="WorldPosition" name={quoteattr(name)}/></PropertyGroup>'
-    )
-    return [Property(name, xml, (0.0, 0.0, 0.0), {f"Set{name}": lambda self, *given: None})]
-
-
 def shown_where(chosen: str, value: int, properties: Sequence[Property]) -> list[Property]:
     """Properties that the panel shows only where another one has this value."""
     hint = (

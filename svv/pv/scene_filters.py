@@ -192,9 +192,9 @@ class StyleRFPalette(SceneOutput):
     choice("Preset", PRESETS, "balanced", "How long painting takes: draft for a first look."),
     preview_file(),
     switch("PreviewOnly", False, "Show the masks, and do not paint yet."),
-    *(p for region in range(REGIONS) for p in style_properties(region)),
     integer("ShownMask", 0, "The region whose picture and mask the second output shows.", 0, REGIONS - 1),
     *point_properties(),
+    *(p for region in range(REGIONS) for p in style_properties(region)),
     integer("PictureParts", 0, "Cut pictures into so many parts that look alike, 2 to 32; 0: not.", 0, 32),
     file("MaskFolder", "", "", "Where to write the masks too: region-K.png, and its points beside it."),
     switch("Continue", False, "Go on with the last painting when pictures or masks are others, instead of anew."),
@@ -274,10 +274,10 @@ class StyleRFStylize(SceneOutput):
         self.give(result.with_strength(values["Strength"]) if result.styled is not None else result, outputs[0])
         return said
 
-    def AddInside(self) -> None:
+    def ClickInside(self) -> None:
         """Done where the panel is: :mod:`svv.pv.points`."""
 
-    AddOutside = RemovePoint = AddInside
+    ClickOutside = ClickRemove = ClickInside
 
     def GetPictureSize(self) -> str:
         """Width and height of the picture that the second output shows, then those of its file."""

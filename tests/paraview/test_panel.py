@@ -206,34 +206,39 @@ def test_points_of_a_mask_are_set_in_the_view(inside, tmp_path: Path) -> None:
     write_png(tmp_path / "large.png", picture)
     said = inside("""
 paint = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), StyleFiles=["large.png"], PreviewOnly=1, ShownMask=1)
+from svv.pv.points import place_under, set_point
+from svv.pv.follow import fit, show_image
 none = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), PreviewOnly=1)
-none.AddInside()
+set_point(none, (0, 0), "ClickInside")
 said["before"] = none.Region0Positive
 said["pixel"] = arrays(paint, 1)["Pixel"][700, 256].tolist()
-paint.Place = [256, 767 - 700, 0]  # rows of an image count from the bottom
-paint.AddInside()
+set_point(paint, (256, 767 - 700), "ClickInside")  # rows of an image count from the bottom
 said["inside"] = [paint.Region1Positive, float(arrays(paint, 1)["Mask"].mean())]
-paint.Place = [900, 767 - 64, 0]
-paint.AddOutside()
-paint.Place = [1500, 900, 0]  # beside the picture
-paint.AddOutside()
+set_point(paint, (900, 767 - 64), "ClickOutside")
+set_point(paint, (1500, 900), "ClickOutside")  # beside the picture
+set_point(paint, (1023.4, -0.4), "ClickOutside")
 said["outside"] = [paint.Region1Positive, paint.Region1Negative, status(paint)]
-paint.Place = [905, 767 - 60, 0]
-paint.RemovePoint()
+set_point(paint, (905, 767 - 60), "ClickRemove")
 said["removed"] = [paint.Region1Positive, paint.Region1Negative]
-before = arrays(paint, 1)["Mask"].sum()
-paint.Place = [128, 400, 0]
-said["same"] = bool(arrays(paint, 1)["Mask"].sum() == before)
 paint.PreviewOnly = 0
-paint.AddInside()  # must not begin to paint
+set_point(paint, (128, 400), "ClickInside")  # must not begin to paint
 paint.UpdatePropertyInformation()
 said["waits"] = [paint.Status, paint.Region1Positive]
+paint.PreviewOnly = 1
+view = CreateView("RenderView")
+view.ViewSize = [512, 384]
+show_image(OutputPort(paint, 1), view)
+fit(view, 1024, 768)
+view.GetActiveCamera().SetParallelScale(384)
+Render(view)
+said["under"] = [place_under(view, at) for at in ((0, 0), (256, 192), (512, 384))]
 """)
     assert said["before"] in ("", None) and said["pixel"] == [400, 1094]
     assert said["inside"][0] == "400,1094" and 0.45 < said["inside"][1] < 0.55
-    assert said["outside"][:2] == ["400,1094", "1407,100; 1599,0"] and "nothing was painted" in said["outside"][2]
-    assert said["removed"] == ["400,1094", "1599,0"] and said["same"]
+    assert said["outside"][:2] == ["400,1094", "1407,100; 1599,1199"] and "nothing was painted" in said["outside"][2]
+    assert said["removed"] == ["400,1094", "1599,1199"]
     assert "nothing was painted" in said["waits"][0] and said["waits"][1] == "400,1094; 200,574"
+    np.testing.assert_allclose(said["under"], [(-0.5, -0.5), (511.5, 383.5), (1023.5, 767.5)], atol=0.01)
 
 
 def test_regions_get_the_pictures_of_their_rows_and_paintings_stand_side_by_side(inside, tmp_path: Path) -> None:

@@ -56,6 +56,8 @@ def told():
     done("edit " + paint.Status)
 
 def paint_shown():
+    global ticks
+    ticks = 0
     done(f"reset {edit.Region0Opacity}")
     SetActiveSource(paint)
     SetActiveView(right)
@@ -66,7 +68,7 @@ steps = [
     (lambda: edit.Region0Opacity == 1.5, lambda: done("undone")),
     (lambda: edit.Region0Opacity == 2.0, lambda: done("redone")),
     (lambda: edit.Region0Recolour == 0, paint_shown),
-    (lambda: any(paint.Place), lambda: done(f"place {list(paint.Place)}")),
+    (lambda: ticks > 5, lambda: done("painting")),
     (lambda: paint.Region0Positive.count(";"), lambda: done("points " + paint.Region0Positive)),
 ]
 
@@ -84,6 +86,8 @@ done("ready")
 
 UNDO, REDO, RESET = (138, 612), (138, 641), (138, 670)
 """Where the buttons of the panel of edits are."""
+INSIDE = 138, 872
+"""Where the button Click Inside of the panel of the painting is."""
 
 
 def pixels(picture: Path) -> np.ndarray:
@@ -105,8 +109,9 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
     for button, expected in ((UNDO, "undone"), (REDO, "redone"), (RESET, "reset 1.0")):
         running.xdotool("mousemove", *button, "click", 1)
         assert running.wait() == expected
+    assert running.wait() == "painting"
     stylize = running.screenshot(tmp_path / "stylize.png")
-    running.xdotool("mousemove", 790, 800, "click", 1, "sleep", "1", "key", "p", "sleep", "3")
+    running.xdotool("mousemove", *INSIDE, "click", 1, "sleep", "1", "mousemove", 920, 760, "click", 1, "sleep", "2")
     running.screenshot("/tmp/h2/panel_data/gui.png")
     print(running.wait(20))
     shown = pixels(edit)

@@ -228,9 +228,8 @@ paint.PreviewOnly = 1
 view = CreateView("RenderView")
 view.ViewSize = [512, 384]
 show_image(OutputPort(paint, 1), view)
+Render(view)  # the first time, it sets the camera itself
 fit(view, 1024, 768)
-view.GetActiveCamera().SetParallelScale(384)
-Render(view)
 said["under"] = [place_under(view, at) for at in ((0, 0), (256, 192), (512, 384))]
 """)
     assert said["before"] in ("", None) and said["pixel"] == [400, 1094]
@@ -249,6 +248,14 @@ paint = StyleRFStylize(Input=reader, StyleFiles=["halves.png", "blue.png"], Pres
                        Region0Style="picture 1", Region1Style="as it is", Region2Style="picture 0",
                        Region2Positive="10,30", PreviewFile=folder + "/now.png")
 said["first"] = [status(paint), style()]
+from pathlib import Path
+from svv.fields.scene import Scene
+from svv.pv.work import told_of
+said["labels"] = []
+show, progress = told_of(Path("again.png"), lambda fraction, label: said["labels"].append(label))
+progress(0.1, "before")
+show(Scene.load("two.svv"))
+progress(0.2, "after")
 paint.Strength = 0.25
 said["weaker"] = [status(paint), column(paint, "Opacity")]
 paint.Variant, paint.Mapping = "by likeness", "by colour"
@@ -264,7 +271,8 @@ paint.SaveScene()
 paint.ResetStyle()
 said["reset"] = [status(paint), style()]
 """)
-    assert Image.open(tmp_path / "now.png").size == (320, 320)
+    assert Image.open(tmp_path / "now.png").size == Image.open(tmp_path / "again.png").size == (320, 320)
+    assert said["labels"] == ["before", "after; see again.png"]
     assert said["first"][1] == ["blue", "", "halves (region 2)"], said
     assert said["weaker"][0] == said["first"][0], "painted again, though only the strength was changed"
     assert said["shown"] == [said["second"][0], said["first"][1]]

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from svv.io.mask_pictures import WANTED
 from svv.io.output import write_png
+from svv.options import parse_colour
 from svv.train.gallery import gallery_picture
 from tests.cube import cube_scene
 
@@ -88,6 +90,8 @@ UNDO, REDO, RESET = (138, 612), (138, 641), (138, 670)
 """Where the buttons of the panel of edits are."""
 INSIDE = 138, 872
 """Where the button Click Inside of the panel of the painting is."""
+FLOWER = 920, 760
+"""A place in the picture of the painting, at the right."""
 
 
 def pixels(picture: Path) -> np.ndarray:
@@ -110,10 +114,14 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
         running.xdotool("mousemove", *button, "click", 1)
         assert running.wait() == expected
     assert running.wait() == "painting"
+    running.xdotool("mousemove", *INSIDE, "click", 1, "sleep", "1", "mousemove", *FLOWER, "click", 1)
+    assert running.wait().startswith("points 250,260; ")
     stylize = running.screenshot(tmp_path / "stylize.png")
-    running.xdotool("mousemove", *INSIDE, "click", 1, "sleep", "1", "mousemove", 920, 760, "click", 1, "sleep", "2")
-    running.screenshot("/tmp/h2/panel_data/gui.png")
-    print(running.wait(20))
+    # The mark of the new point is where the click was, so it is the right pixel.
+    marks = np.abs(pixels(stylize) - to_levels(parse_colour(WANTED))).max(axis=2) <= 40
+    x, y = FLOWER
+    rows, columns = np.nonzero(marks[y - 12 : y + 13, x - 12 : x + 13])
+    assert len(rows) > 20 and abs(rows.mean() - 12) < 2 and abs(columns.mean() - 12) < 2
     shown = pixels(edit)
     # Both views show something in colour, and the panel at the left has the colour that the region was given.
     colourful = (shown.max(axis=2) - shown.min(axis=2)) > 60

@@ -11,10 +11,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkWeakReference
-from vtkmodules.vtkRenderingCore import VTK_CURSOR_CROSSHAIR, VTK_CURSOR_DEFAULT
 
 KINDS = {"ClickInside": "Positive", "ClickOutside": "Negative", "ClickRemove": ""}
 """What clicks do after each button: to which points of the region of Shown Mask they add; '' takes one away."""
+
+CROSS, ARROW = 10, 0
+"""VTK_CURSOR_CROSSHAIR and VTK_CURSOR_DEFAULT, which not every version of VTK's Python tells of."""
 
 STILL = 3
 """Pixels that the mouse may move in a click; farther, it drags the picture."""
@@ -41,7 +43,7 @@ class Clicks:
             interactor = view.GetInteractor()
             for event, do in (("LeftButtonPressEvent", self._press), ("LeftButtonReleaseEvent", self._release)):
                 self._tags.append((interactor, interactor.AddObserver(event, do)))
-            view.GetRenderWindow().SetCurrentCursor(VTK_CURSOR_CROSSHAIR)
+            view.GetRenderWindow().SetCurrentCursor(CROSS)
 
     def _press(self, interactor: Any, event: str) -> None:
         self._down = interactor.GetEventPosition()
@@ -59,7 +61,7 @@ class Clicks:
         for interactor, tag in self._tags:
             interactor.RemoveObserver(tag)
         for view in self._views:
-            view.GetRenderWindow().SetCurrentCursor(VTK_CURSOR_DEFAULT)
+            view.GetRenderWindow().SetCurrentCursor(ARROW)
         self._tags, self._views = [], []
 
 

@@ -148,6 +148,7 @@ app.command(epilog=examples(*cli_edit.PALETTE))(cli_edit.palette)
         "svv stylize scene.svv --style a.png --style a.png --style-mask 0=sky.png --style-mask 1=sea.png -o styled.svv",
         "svv stylize styled.svv --style a.png --style-mask 0=sky.png --map 0=0 --continue --out again.svv",
         "svv stylize styled.svv --style ink.png --variant ink --out two.svv",
+        "svv stylize scene.svv --style brush.jpg --preview now.png --out styled.svv",
     )
 )
 def stylize(
@@ -178,6 +179,10 @@ def stylize(
     variant: Annotated[
         str | None, typer.Option(metavar="NAME", help="Keep the scene's paintings and add one of this name.")
     ] = None,
+    preview: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Show the painting there while it is made."),
+    ] = None,
     device: DeviceOption = Device.cpu,
     json: Json = None,
 ) -> None:
@@ -186,10 +191,12 @@ def stylize(
     Stopped with Ctrl-C, the same command goes on where it was.
     """
     from svv.kernels.dispatch import device_named
+    from svv.report.render import previews_in
     from svv.train.pipeline import stylize_scene
 
     pairs = None if mapping is None else parse_mapping(mapping)
     _check_targets(out, json)
+    show = None if preview is None else previews_in(preview)
     device_named(device.value)  # said before pictures of the gallery are painted
     names, styles, masks = cli_style.read_styles(style, style_mask or [])
     loaded = _load(scene, device)
@@ -197,7 +204,7 @@ def stylize(
     with shown("Stylizing") as progress:
         styled, report = stylize_scene(
             loaded, styles, pairs, set(keep or ()), preset.value, seed, progress, checkpoint, names, features,
-            masks=masks, stroke_size=stroke_size, strength=strength, go_on=go_on, variant=variant,
+            masks=masks, stroke_size=stroke_size, strength=strength, go_on=go_on, variant=variant, preview=show,
         )  # fmt: skip
     for note in report["notes"]:
         print(note, file=sys.stderr)

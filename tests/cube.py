@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -33,6 +35,22 @@ def cube_scene(seed: int = 0) -> Scene:
     networks = base.requires_grad_(False), palette.requires_grad_(False)
     scene = Scene(field, occupancy, Marching(1 / 16), *networks, regions=regions, camera_rig=rig)
     return Scene.from_bytes(scene.to_bytes())  # as a file holds it
+
+
+def lit_cube_scene() -> Scene:
+    """The cube under an explicit light, its normals the gradient of its extinction."""
+
+    cube = cube_scene()
+    assert cube.palette is not None and cube.base.density is not None
+    field = replace(cube.settings, lighting="phong", headlight="axis")
+    palette = PaletteField(field, cube.occupancy, cube.base.geometry_width, cube.palette.colours.detach())
+    for name in ("encoding", "palette_mlp"):
+        getattr(palette, name).load_state_dict(getattr(cube.palette, name).state_dict())
+    assert palette.phong is not None
+    palette.phong.start(cube.base.density, cube.occupancy, None, 0)
+    with torch.no_grad():
+        palette.phong.raw.add_(torch.tensor([[0.0], [0.5], [-0.5]]))  # regions that differ
+    return replace(cube, settings=field, palette=palette.requires_grad_(False))
 
 
 def cube_paint(scene: Scene, seed: int) -> UnrestrictedField:

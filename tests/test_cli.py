@@ -126,6 +126,7 @@ def is_one_sentence(text: str) -> bool:
         (["edit", "missing.svv", "--region", "0", "--colour", "red", "--out", "b.svv"], "is no colour"),
         (["stylize", "missing.svv", "--style", "none.png", "--out", "b.svv"], "none.png"),
         (["stylize", "missing.svv", "--style", "a.png", "--map", "x", "--out", "b.svv"], "is no mapping"),
+        (["stylize", "missing.svv", "--style", "a.png", "--preview", "now.gif", "--out", "b.svv"], "name it .png"),
         (["stylize", "missing.svv", "--style", "gallery:fresco", "--out", "b.svv"], "no 'fresco' in the gallery"),
         (["stylize", "missing.svv", "--style", "a.png", "--style-mask", "1=m.png", "--out", "b.svv"], "no style 1"),
         (["stylize", "missing.svv", "--style", "a.png", "--style-mask", "m", "--out", "b.svv"], "no mask of a style"),

@@ -22,7 +22,6 @@ from svv.dvr.mappers import Shading
 from svv.dvr.views import make_views
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields import image as fused
-from svv.fields.networks import PaletteField
 from svv.fields.phong import Beams
 from svv.fields.rendering import RayCaster
 from svv.fields.scene import Scene
@@ -37,7 +36,7 @@ from svv.train.config import PRESETS
 from svv.train.lighting import light_by_trial
 from svv.train.pipeline import train_scene
 from svv.train.recolour import recolour
-from tests.cube import cube_camera, cube_scene
+from tests.cube import cube_camera, lit_cube_scene
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(
@@ -118,18 +117,8 @@ def test_lights_that_cannot_be_are_one_sentence(bad: dict[str, object]) -> None:
 
 @pytest.fixture(scope="module")
 def lit_cube() -> Scene:
-    """The cube under an explicit light, its normals the gradient of its extinction."""
-    cube = cube_scene()
-    assert cube.palette is not None and cube.base.density is not None
-    field = replace(cube.settings, lighting="phong", headlight="axis")
-    palette = PaletteField(field, cube.occupancy, cube.base.geometry_width, cube.palette.colours.detach())
-    for name in ("encoding", "palette_mlp"):
-        getattr(palette, name).load_state_dict(getattr(cube.palette, name).state_dict())
-    assert palette.phong is not None
-    palette.phong.start(cube.base.density, cube.occupancy, None, 0)
-    with torch.no_grad():
-        palette.phong.raw.add_(torch.tensor([[0.0], [0.5], [-0.5]]))  # regions that differ
-    return replace(cube, settings=field, palette=palette.requires_grad_(False))
+    """The cube under an explicit light."""
+    return lit_cube_scene()
 
 
 EDITS = [

@@ -281,7 +281,7 @@ class Editing:
         if self.settings.lighting != "phong":
             raise BadInput(
                 "The light of this scene cannot be moved, for a network has learned it together with the surfaces: "
-                "train it again with --lighting phong for a light that can."
+                "train it again with --lighting phong (in ParaView: Lighting of StyleRF Train) for a light that can."
             )
 
     def _check(self, *regions: int) -> None:

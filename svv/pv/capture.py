@@ -12,6 +12,7 @@ from typing import Any
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
+from svv.pv.points import watch_points
 from svv.pv.undo import watch
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
@@ -19,6 +20,9 @@ CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 
 BUTTONS = ("StyleRFEdit", "StyleRFPalette")
 """Filters with buttons that set their panel (:mod:`svv.pv.undo`)."""
+
+POINTS = "StyleRFStylize"
+"""The filter whose points can be set in a view (:mod:`svv.pv.points`)."""
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsReader", "StyleRFStylize")
 """Filters and readers whose output is an image of colours."""
@@ -129,6 +133,8 @@ def _registered(session: Any, *_: Any) -> None:
     for name in BUTTONS:
         for filter in _proxies(session, name):
             watch(filter)
+    for filter in _proxies(session, POINTS):
+        watch_points(filter)
     loading = session.GetInLoadXMLState()  # a state says itself how things are shown
     for display in _proxies(session, DISPLAY, "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from svv.core.correction import Correction
+from svv.core.light import COEFFICIENTS
 from svv.errors import BadInput, Progress, part
-from svv.pv.panels import ADDED, REGIONS
+from svv.pv.panels import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, REGIONS
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -44,13 +45,28 @@ def as_edited(scene: Scene, values: Values) -> Scene:
         opacity, lighting = (
             None if values[f"{name}{what}"] == 1.0 else values[f"{name}{what}"] for what in ("Opacity", "Lighting")
         )
-        if (colour, opacity, lighting) != (None, None, None):
-            scene = scene.edited(region, colour, opacity, lighting)
+        reflects = {what: values[f"{name}{what.title()}"] for what in COEFFICIENTS if values[f"{name}Reflect"]}
+        if (colour, opacity, lighting) != (None, None, None) or reflects:
+            scene = scene.edited(region, colour, opacity, lighting, **reflects)
         if values[f"{name}Hide"]:
             scene = scene.hidden(region)
+    scene = _lit(scene, values)
     if values["Strength"] != 1.0:
         scene = scene.with_strength(values["Strength"])
     return scene.as_one_step(before)
+
+
+def _lit(scene: Scene, values: Values) -> Scene:
+    """The scene under the panel's light."""
+    where, intensity = values["LightFrom"], None if values["LightIntensity"] == 1.0 else values["LightIntensity"]
+    if where == AS_IT_CAME and intensity is None:
+        return scene
+    places: dict[str, dict[str, Any]] = {
+        AS_IT_CAME: vars(scene.lamp),
+        BESIDE: {"azimuth": values["LightAzimuth"], "elevation": values["LightElevation"]},
+        IN_WORLD: {"direction": values["LightDirection"]},
+    }
+    return scene.with_light(**(places[where] | {"intensity": intensity}))
 
 
 def told(scene: Scene) -> str:
@@ -59,6 +75,8 @@ def told(scene: Scene) -> str:
     lines = [f"{len(scene.regions)} regions"]
     if past:
         lines.append(f"last edit: {past[-1].what} ({len(past)} to undo)")
+    if scene.settings.lighting == "phong":
+        lines.append(scene.lamp.said())
     if scene.variants:
         lines.append(f"paintings: {', '.join(scene.variants)}, shown: {scene.variant}")
     return "; ".join(lines) + "."

@@ -114,7 +114,9 @@ def points_in(text: str, name: str) -> list[tuple[float, float]]:
     return points
 
 
-def preview(values: Values, progress: Progress) -> tuple[Colours, NDArray[np.uint8], NDArray[Any]]:
+def preview(
+    values: Values, progress: Progress
+) -> tuple[Colours, NDArray[np.uint8], NDArray[Any], tuple[int, int]]:
     """The picture of the region whose mask is shown, how it is shown, and what of it is taken.
 
     Args:
@@ -123,7 +125,7 @@ def preview(values: Values, progress: Progress) -> tuple[Colours, NDArray[np.uin
 
     Returns:
         Picture (h, w, 3) in [0, 1]; overlay (h, w, 3) levels, with rulers in pixels of the file; taken (h, w), the
-        numbers of parts where the picture is cut and no part is chosen, else 1 and 0.
+        numbers of parts where the picture is cut and no part is chosen, else 1 and 0; width and height of the file.
 
     Raises:
         BadInput: there is no picture to show, or any reason of :func:`mask_for`.
@@ -145,7 +147,8 @@ def preview(values: Values, progress: Progress) -> tuple[Colours, NDArray[np.uin
     else:
         taken = np.ones(picture.shape[:2], bool) if mask is None else mask
         overlay = mask_overlay(picture, taken, selection)
-    return picture, with_rulers(overlay, source_size(source, picture.shape)), taken.astype(np.uint8)
+    size = source_size(source, picture.shape)
+    return picture, with_rulers(overlay, size), taken.astype(np.uint8), size
 
 
 def write_masks(scene: Scene, values: Values, folder: Path, progress: Progress) -> int:

@@ -9,13 +9,16 @@ from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
 from svv.pv.properties import (
     Property,
+    button,
     choice,
     file,
     group,
+    hidden_text,
     integer,
     number,
     numbers,
     scalars,
+    shown_where,
     switch,
     text,
     transfer_function,
@@ -38,6 +41,8 @@ GALLERY = (
     "charcoal", "oil", "pointillism",
 )  # fmt: skip
 """The names of :data:`svv.train.gallery.GALLERY`, which takes too long to import before ParaView's window is there."""
+AS_IT_CAME, BESIDE, IN_WORLD = "as it came", "beside the camera", "in the world"
+"""Where StyleRF Edit can put the light."""
 COLOURS, FALSE_COLOURS, IN_COLOUR = "image", "numbered regions", "regions in their colours"
 ADDED = 3
 """Colours that the panel of StyleRF Palette can add at once."""
@@ -98,6 +103,9 @@ def training_properties(preset: str) -> list[Property]:
                "How long training takes: draft for a first look, fast and balanced take minutes, paper hours."),
         number("TimeLimit", 0.0, "Shorten training to this many seconds; 0 is no limit.", 0.0),
         integer("Seed", 0, "Same seed, same result.", 0, None, True),
+        choice("Lighting", ("network", "phong", "auto"), "network",
+               "network: a light that stays at the camera; phong: one that StyleRF Edit can move; auto: phong where "
+               "views that are held out allow it.", True),
     ]  # fmt: skip
 
 
@@ -106,6 +114,13 @@ def device() -> Property:
     return choice("Device", ("cpu", "cuda", "auto"), "cpu",
                   "What learns and renders: auto takes CUDA where there is a GPU for it. A scene is not learned again "
                   "because this was changed.", True)  # fmt: skip
+
+
+def preview_file() -> Property:
+    """Where a painting can be watched."""
+    return file("PreviewFile", "png", "Pictures",
+                "Where the painting is shown while it is made: a small picture, after some seconds and then again and "
+                "again. ParaView's own windows wait for the end.", save=True)  # fmt: skip
 
 
 def image_properties(size: int) -> list[Property]:
@@ -137,6 +152,29 @@ def region_properties(region: int) -> Sequence[Property]:
         number(f"{name}Lighting", 1.0, "Factor on the region's lighting; 0 is flat.", 0.0, 2.0,
                advanced),
         switch(f"{name}Hide", False, "Whether to leave it out of images; its opacity is kept.", advanced),
+        switch(f"{name}Reflect", False, "Whether to say what it makes of a light that can be moved.", True),
+        *shown_where(f"{name}Reflect", 1, [
+            number(f"{name}Ambient", 0.1, "Light from everywhere that it gives back.", 0.0, 1.0, True),
+            number(f"{name}Diffuse", 0.9, "Part of the light that it scatters.", 0.0, 2.0, True),
+            number(f"{name}Specular", 0.2, "Part of the light that it mirrors.", 0.0, 2.0, True),
+            number(f"{name}Shininess", 30.0, "How sharp its highlight is.", 1.0, 128.0, True),
+        ]),
+    ])  # fmt: skip
+
+
+def light_properties() -> Sequence[Property]:
+    """Where the light of a scene stands that was trained with the lighting phong."""
+    return group("Light", [
+        choice("LightFrom", (AS_IT_CAME, BESIDE, IN_WORLD), AS_IT_CAME,
+               "Where light comes from, in scenes that were trained with the lighting phong."),
+        *shown_where("LightFrom", 1, [
+            number("LightAzimuth", 0.0, "Degrees to the right of the camera, which the light follows.", -180.0, 180.0),
+            number("LightElevation", 0.0, "Degrees above the camera.", -90.0, 90.0),
+        ]),
+        *shown_where("LightFrom", 2, [
+            numbers("LightDirection", (0.0, 0.0, 1.0), "Where it comes from, x, y and z, whatever the camera does."),
+        ]),
+        number("LightIntensity", 1.0, "Factor on its brightness; 1 leaves it as it came.", 0.0, 4.0),
     ])  # fmt: skip
 
 
@@ -159,6 +197,17 @@ def added_properties(number: int) -> Sequence[Property]:
         switch(f"{name}Add", False, "Whether to add a colour to the palette.", advanced),
         numbers(f"{name}Value", (1.0, 0.5, 0.0), "The colour of the part that is missing.", "color_selector", advanced),
     ])  # fmt: skip
+
+
+def point_properties() -> Sequence[Property]:
+    """Points of a mask, set in the view that shows it."""
+    return [
+        button("ClickInside", "From now on, until it is pressed again, clicks into the picture of the second output "
+               "say what the region of Shown Mask learns from."),
+        button("ClickOutside", "... what it does not learn from."),
+        button("ClickRemove", "... which point is taken away: the nearest."),
+        hidden_text("PictureSize", "GetPictureSize", "Sizes of the picture as it is shown, and of its file."),
+    ]  # fmt: skip
 
 
 def style_properties(region: int) -> Sequence[Property]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
@@ -232,6 +232,25 @@ def transfer_function() -> Property:
             self.Modified()
 
     return Property("TransferFunction", xml, None, {"SetTransferFunction": setter})
+
+
+def hidden_text(name: str, command: str, help: str) -> Property:
+    """A line of text that the filter's method ``command`` says to client code; no panel shows it."""
+    xml = (
+        f'<StringVectorProperty name={quoteattr(name)} command={quoteattr(command)} information_only="1" '
+        'number_of_elements="1" default_values="None" panel_visibility="never">'
+        f"<Documentation>{escape(help)}</Documentation></StringVectorProperty>"
+    )
+    return Property(name, xml, None, {})
+
+
+def shown_where(chosen: str, value: int, properties: Sequence[Property]) -> list[Property]:
+    """Properties that the panel shows only where another one has this value."""
+    hint = (
+        f'<Hints><PropertyWidgetDecorator type="GenericDecorator" mode="visibility" property={quoteattr(chosen)} '
+        f'value="{value}"/></Hints>'
+    )
+    return [replace(p, xml=p.xml.replace("</Documentation>", f"</Documentation>{hint}")) for p in properties]
 
 
 def group(label: str, properties: Sequence[Property]) -> Sequence[Property]:

@@ -26,7 +26,10 @@ from svv.pv.panels import (
     added_properties,
     correction_properties,
     device,
+    light_properties,
     menu,
+    point_properties,
+    preview_file,
     region_properties,
     style_properties,
     takes_scene,
@@ -79,6 +82,7 @@ class SceneOutput(Filter):
     button("UndoEdit", "Take back what was applied last."),
     button("RedoEdit", "Apply again what was taken back."),
     button("ResetEdits", "Set everything in this panel back, so that the scene is as it came."),
+    *light_properties(),
     *(p for region in range(REGIONS) for p in region_properties(region)),
     text("Isolate", "Numbers of the regions that alone are seen, such as 0, 2. Empty: all that are not hidden."),
     switch("ShowHidden", False, "Show regions again that were hidden before this filter."),
@@ -91,8 +95,8 @@ class SceneOutput(Filter):
 )
 @takes_scene
 class StyleRFEdit(SceneOutput):
-    """Change colour, opacity and lighting of a scene's regions, hide and isolate them, at once and without training.
-    The rows of the input's table are the regions."""
+    """Change colour, opacity and lighting of a scene's regions, hide and isolate them, and move a light that can be
+    moved, at once and without training. The rows of the input's table are the regions."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
@@ -186,9 +190,11 @@ class StyleRFPalette(SceneOutput):
     number("Strength", 1.0, "0 shows the regions as they were, 1 as painted; no training.", 0.0, 1.0),
     number("StrokeSize", 1.0, "Scale of the pictures against the image: 2 makes strokes twice as large.", 0.25, 4.0),
     choice("Preset", PRESETS, "balanced", "How long painting takes: draft for a first look."),
+    preview_file(),
     switch("PreviewOnly", False, "Show the masks, and do not paint yet."),
-    *(p for region in range(REGIONS) for p in style_properties(region)),
     integer("ShownMask", 0, "The region whose picture and mask the second output shows.", 0, REGIONS - 1),
+    *point_properties(),
+    *(p for region in range(REGIONS) for p in style_properties(region)),
     integer("PictureParts", 0, "Cut pictures into so many parts that look alike, 2 to 32; 0: not.", 0, 32),
     file("MaskFolder", "", "", "Where to write the masks too: region-K.png, and its points beside it."),
     switch("Continue", False, "Go on with the last painting when pictures or masks are others, instead of anew."),
@@ -245,10 +251,11 @@ class StyleRFStylize(SceneOutput):
             self.give(scene, outputs[0])
             return "As it was before painting."
         style, name = style_key(values), values["Variant"]
-        picture, overlay, taken = self._preview()
-        rows, columns = np.mgrid[: taken.shape[0], : taken.shape[1]].astype(np.int32)
-        pixels = np.stack([columns, rows], axis=2)
-        put_image(outputs[1], {"RGBA": overlay, "Picture": picture, "Mask": taken, "Pixel": pixels})
+        picture, overlay, taken, size = self._preview()
+        rows, columns = np.mgrid[: taken.shape[0], : taken.shape[1]]
+        shown = np.array(taken.shape[::-1])
+        pixels = (2 * np.stack([columns, rows], axis=2) + 1) * size // (2 * shown)  # of the file
+        put_image(outputs[1], {"RGBA": overlay, "Picture": picture, "Mask": taken, "Pixel": pixels.astype(np.int32)})
         if values["MaskFolder"]:
             folder = Path(values["MaskFolder"])
             self.kept("masks", (style, folder), lambda: write_masks(scene, values, folder, self.progress))
@@ -266,6 +273,18 @@ class StyleRFStylize(SceneOutput):
         result = paintings_on(scene, there, values["ShowVariant"], "" if values["PreviewOnly"] else name)
         self.give(result.with_strength(values["Strength"]) if result.styled is not None else result, outputs[0])
         return said
+
+    def ClickInside(self) -> None:
+        """Done where the panel is: :mod:`svv.pv.points`."""
+
+    ClickOutside = ClickRemove = ClickInside
+
+    def GetPictureSize(self) -> str:
+        """Width and height of the picture that the second output shows, then those of its file."""
+        if self.last("preview") is None:
+            return ""
+        _, _, taken, size = self.last("preview")
+        return " ".join(map(str, (*taken.shape[::-1], *size)))
 
     def _preview(self) -> Any:
         from svv.pv.masks import preview

@@ -7,7 +7,7 @@ nothing is made twice.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -116,7 +116,7 @@ def training_key(data: vtkDataObject | None, values: Values) -> str:
     """What a trained scene depends on."""
     views = views_of(data)
     source = f"views {id(views):x}" if views is not None else views_key(volume_of(data), values)
-    return repr([source, *(values[k] for k in ("Preset", "TimeLimit", "Seed"))])
+    return repr([source, *(values[k] for k in ("Preset", "TimeLimit", "Seed", "Lighting"))])
 
 
 def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Scene:
@@ -150,7 +150,9 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
         learn = part(progress, 0.15, 1.0)
     checkpoint = None if file is None else file.with_name(file.name + ".checkpoint")
     limit = values["TimeLimit"] or None
-    scene, _ = train_scene(views, values["Preset"], limit, values["Seed"], learn, checkpoint, device)
+    scene, _ = train_scene(
+        views, values["Preset"], limit, values["Seed"], learn, checkpoint, device, lighting=values["Lighting"]
+    )
     scene = replace(scene, made={**scene.made, "key": key})
     if file is not None and checkpoint is not None:
         scene.save(file)
@@ -176,14 +178,34 @@ def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = Fals
     from svv.train.pipeline import stylize_scene
 
     device = device_named(values["Device"])
+    file = values.get("PreviewFile")
+    preview, progress = (None, progress) if not file else told_of(Path(file), progress)
     styles = styles_of(scene, values, part(progress, 0.0, 0.02))
     styled, report = stylize_scene(
         scene.on(device), styles.pictures, styles.mapping, (), values["Preset"], values["Seed"],
         part(progress, 0.02, 1.0), names=styles.names, masks=styles.masks, stroke_size=values.get("StrokeSize", 1.0),
         go_on=go_on, variant=None if go_on else values.get("Variant") or None,
+        preview=preview,
     )  # fmt: skip
     notes = {**report, "notes": [*styles.notes, *report["notes"]]}
     return replace(styled, made={**styled.made, "stylized": notes})
+
+
+def told_of(file: Path, progress: Progress) -> tuple[Callable[[Scene], None], Progress]:
+    """What keeps a picture of the painting in a file, and a progress that says so once it is there.
+
+    Raises:
+        BadInput: the file is no .png, or cannot be written.
+    """
+    from svv.report.render import previews_in
+
+    write, there = previews_in(file), []
+
+    def show(scene: Scene) -> None:
+        write(scene)
+        there.append(scene.variant)
+
+    return show, lambda fraction, label: progress(fraction, f"{label}; see {file}" if there else label)
 
 
 def style_key(values: Values) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.cameras import Camera, orbit_cameras
-from svv.errors import Progress, part, silent
+from svv.errors import BadInput, Progress, part, silent
 from svv.io.atomic import check_writable, make_folder
 from svv.io.output import (
     depth_picture,
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from svv.fields.scene import Rendering, Scene
 
 WHITE = (1.0, 1.0, 1.0)
+SHOWN_SIZE = 320
+"""Pixels of the pictures that show a painting while it is made."""
 PREVIEW_SIZE = 96
 """Pixels of the few small views that tell the range of depths before a movie of depths begins."""
 
@@ -72,6 +74,25 @@ def write_view(
         write_region_png(path, view.region, region_colours(scene))
     else:
         write_png(path, view.rgba if background is None else on_background(view.rgba, background))
+
+
+def previews_in(path: Path) -> Callable[[Scene], None]:
+    """What to give :func:`svv.train.pipeline.stylize_scene` as ``preview``: each overwrites a PNG, over white.
+
+    Args:
+        path: The file, which is whole at any moment: a viewer that reloads it shows the painting come.
+
+    Raises:
+        BadInput: it is no .png, or cannot be written.
+    """
+    if path.suffix.lower() != ".png":
+        raise BadInput(f"The preview {path} is a picture: name it .png.")
+    check_writable(path)
+
+    def show(scene: Scene) -> None:
+        write_view(path, scene, orbit(scene, 181, SHOWN_SIZE, SHOWN_SIZE)[90], background=WHITE)
+
+    return show
 
 
 def write_frames(

@@ -90,7 +90,7 @@ class Comparison:
         return replace(PAPER_LOSS if self.paper_loss else StyleLossSettings(), style_size=self.protocol.size)
 
     def loss_of(self, mode: str) -> StyleLossSettings:
-        """What a mode is trained with: what is ours alone is not in the others', nor in what their results depend on."""
+        """What a mode is trained with, and its result depends on: the others' is without what is ours alone."""
         return unseeded(self.loss) if mode in RIVALS else self.loss
 
 
@@ -164,7 +164,8 @@ class _CaseWork:
         """The folder of a mode's frames, and the seconds that stylizing took."""
         how, numbers = self.how, self.how.protocol.frames
         parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), "stylize": asdict(how.chosen.stylize),
-                 "loss": asdict(how.loss_of(mode)), "seed": how.seed, "features": how.features, "sampling": FINE}  # fmt: skip
+                 "loss": asdict(how.loss_of(mode)), "seed": how.seed, "features": how.features,
+                 "sampling": FINE}  # fmt: skip
         key, folder = digest(parts), self.folder / mode
         drawing = part(progress, 0.7, 1.0)
         if mode == "frame-by-frame":

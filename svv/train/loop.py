@@ -33,6 +33,8 @@ class Loop:
     progress: Progress
     label: str
     save: Callable[[int, float], None] | None = None
+    watch: Callable[[], None] | None = None
+    """Called after every step."""
     done: int = 0
     spent: float = 0.0
     course: dict[int, list[Tensor]] = field(default_factory=dict)
@@ -67,6 +69,8 @@ class Loop:
             if self.save is not None and now - saved > SAVE_EVERY:
                 self.save(self.done, self.spent)
                 saved = time.monotonic()
+            if self.watch is not None:
+                self.watch()
         self.progress(1.0, self.label)
         return self.spent
 

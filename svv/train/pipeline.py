@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from svv import __version__
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Region, Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
@@ -29,6 +31,7 @@ from svv.train.features import load_features
 from svv.train.levels import with_fewest_levels
 from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
 from svv.train.loop import Loop
+from svv.train.previews import Previews, Show
 from svv.train.ranges import hull_of, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
@@ -211,6 +214,7 @@ def stylize_scene(
     strength: float = 1.0,
     go_on: bool = False,
     variant: str | None = None,
+    preview: Show | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stage 3: colour transfer, distillation and stylization.
 
@@ -236,6 +240,8 @@ def stylize_scene(
             instead of being painted anew, and those that are not named keep their style.
         variant: What to call the painting, a name that no variant of the scene has; without one it is ``styled``, and
             replaces a variant of that name; going on without one replaces the variant that is shown.
+        preview: Called with the painted scene as it is so far, for the first time some seconds after the distillation
+            has begun, then every ten seconds or so, and with the result. What it is given is its own.
 
     Returns:
         The scene with one more variant, which is shown, its edits as they were, and a report as of :func:`train_scene`;
@@ -275,6 +281,17 @@ def stylize_scene(
                "settings": asdict(settings), "loss": asdict(weights), "seed": seed, "features": features,
                "version": __version__}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
+    own = {k: r.style for k, r in enumerate(scene.regions) if go_on and r.style is not None}
+    regions = tuple(
+        replace(r, strength=float(strength)) if k in pairs else r if k in own else replace(r, strength=1.0)
+        for k, r in enumerate(scene.regions)
+    )
+    styles_of = {**own, **{k: labels[v] for k, v in pairs.items()}}
+
+    def painting(colours: UnrestrictedField) -> Scene:
+        return replace(scene, regions=regions).painted(colours, styles_of, {}, name)
+
+    previews = None if preview is None else Previews(preview, painting)
     seconds: dict[str, float] = {}
     forget_gpu_peak(scene.device)
     with measured() as cost:
@@ -294,20 +311,17 @@ def stylize_scene(
         distillation = Distillation(scene, transferred, targets, settings, seed, before)
         refined = [k for k in pairs if go_on and scene.regions[k].style is not None]
         steps = 0 if len(refined) == len(pairs) else settings.distil_iterations
-        loop = Loop(steps, None, part(progress, 0.0, 0.25), "distillation")
+        watch = None if previews is None else partial(previews.look, distillation.field)
+        loop = Loop(steps, None, part(progress, 0.0, 0.25), "distillation", watch=watch)
         seconds["distil"] = _run_stage(loop, distillation, saved, "distil") if steps else 0.0
         stylization = Stylization(scene, distillation.field, targets, settings, part(progress, 0.25, 0.3), refined)
-        loop = Loop(settings.style_iterations, None, part(progress, 0.3, 1.0), "stylization")
+        loop = Loop(settings.style_iterations, None, part(progress, 0.3, 1.0), "stylization", watch=watch)
         seconds["stylize"] = _run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds
     distillation.field.requires_grad_(False)
-    own = {k: r.style for k, r in enumerate(scene.regions) if go_on and r.style is not None}
-    regions = tuple(
-        replace(r, strength=float(strength)) if k in pairs else r if k in own else replace(r, strength=1.0)
-        for k, r in enumerate(scene.regions)
-    )
-    styles_of = {**own, **{k: labels[v] for k, v in pairs.items()}}
-    styled = replace(scene, regions=regions).painted(distillation.field, styles_of, {}, name)
+    styled = painting(distillation.field)
+    if preview is not None:
+        preview(styled)
     report = {
         "seconds": seconds,
         "peak_rss_bytes": cost.peak_rss_bytes,
@@ -322,6 +336,7 @@ def stylize_scene(
         "stroke_size": stroke_size,
         "strength": strength,
         "continued": refined,
+        "previews": [] if previews is None else previews.seconds,
         "notes": notes,
     }
     return replace(styled, made={**scene.made, "stylized": report}), report

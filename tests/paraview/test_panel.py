@@ -7,14 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from svv.core.cameras import sphere_cameras
+from svv.core.light import Lamp
 from svv.fields.scene import Scene
 from svv.io.output import to_bytes, write_png
 from svv.io.viewset import ViewSet
 from svv.train.gallery import GALLERY, open_style
 from svv.train.style_choice import pairs_by_colour
-from tests.cube import cube_paint, cube_scene
+from tests.cube import cube_paint, cube_scene, lit_cube_scene
 
 START = """
 import json, os, sys
@@ -118,6 +120,44 @@ said["no variant"] = status(two)
     assert said["variant"][1] == ["brush", "", ""] and "shown: ink" in said["variant"][0]
 
 
+def test_the_light_is_moved_where_it_can_be(inside, tmp_path: Path) -> None:
+    lit = lit_cube_scene()
+    lit.with_light(-30, 10, intensity=0.7).save(tmp_path / "lit.svv")
+    said = inside("""
+edit = StyleRFEdit(Input=OpenDataFile(folder + "/lit.svv"), SaveFile=folder + "/edited.svv")
+def saved(name):
+    said[name] = status(edit)
+    os.path.exists("edited.svv") and os.remove("edited.svv")
+    edit.SaveScene()
+    os.replace("edited.svv", name + ".svv")
+saved("as it came")
+edit.LightIntensity = 1.5
+saved("bright")
+edit.LightFrom, edit.LightAzimuth, edit.LightElevation, edit.LightIntensity = "beside the camera", 60, 20, 1.0
+saved("beside")
+edit.LightFrom, edit.LightDirection = "in the world", [0, 1, 0]
+edit.Region1Reflect, edit.Region1Specular, edit.Region1Shininess = 1, 0.6, 12
+saved("above")
+edit.LightDirection = [0, 0, 0]
+said["nowhere"] = status(edit)
+edit.ResetEdits()
+saved("reset")
+other = StyleRFEdit(Input=OpenDataFile(folder + "/cube.svv"), LightFrom="beside the camera", LightAzimuth=60)
+said["network"] = status(other)
+other.LightFrom, other.Region0Reflect = "as it came", 1
+said["coefficients"] = status(other)
+""")
+    lamps = {name: Scene.load(tmp_path / f"{name}.svv").lamp for name in ("as it came", "bright", "beside", "above")}
+    assert lamps["as it came"] == Lamp(-30, 10, None, 0.7) and lamps["bright"] == Lamp(-30, 10, None, 1.5)
+    assert lamps["beside"] == Lamp(60, 20, None, 0.7) and lamps["above"] == Lamp(0, 0, (0, 1, 0), 0.7)
+    above, expected = Scene.load(tmp_path / "above.svv"), lit.edited(1, ambient=0.1, diffuse=0.9, specular=0.6,
+                                                                       shininess=12)  # fmt: skip
+    assert above.regions == expected.regions
+    assert Scene.load(tmp_path / "reset.svv").lamp == lamps["as it came"] and "60 degrees right" in said["beside"]
+    assert "give a direction" in said["nowhere"]
+    assert all("Lighting of StyleRF Train" in said[name] for name in ("network", "coefficients"))
+
+
 def test_a_preview_shows_the_regions(inside) -> None:
     said = inside("""
 reader = OpenDataFile(folder + "/cube.svv")
@@ -159,14 +199,63 @@ said["gallery"] = arrays(paint, 1)["RGBA"].shape
     assert said["parts"] == [0, 1] and 0.3 < said["part"] < 0.7 and said["gallery"] == [512, 512, 3]
 
 
+def test_points_of_a_mask_are_set_in_the_view(inside, tmp_path: Path) -> None:
+    # A picture larger than it is used: 1600 x 1200 pixels are shown as 1024 x 768.
+    picture = np.full((1200, 1600, 3), (0.85, 0.2, 0.1), np.float32)
+    picture[:, 800:] = (0.1, 0.7, 0.25)
+    write_png(tmp_path / "large.png", picture)
+    said = inside("""
+paint = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), StyleFiles=["large.png"], PreviewOnly=1, ShownMask=1)
+from svv.pv.points import place_under, set_point
+from svv.pv.follow import fit, show_image
+none = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), PreviewOnly=1)
+set_point(none, (0, 0), "ClickInside")
+said["before"] = none.Region0Positive
+said["pixel"] = arrays(paint, 1)["Pixel"][700, 256].tolist()
+set_point(paint, (256, 767 - 700), "ClickInside")  # rows of an image count from the bottom
+said["inside"] = [paint.Region1Positive, float(arrays(paint, 1)["Mask"].mean())]
+set_point(paint, (900, 767 - 64), "ClickOutside")
+set_point(paint, (1500, 900), "ClickOutside")  # beside the picture
+set_point(paint, (1023.4, -0.4), "ClickOutside")
+said["outside"] = [paint.Region1Positive, paint.Region1Negative, status(paint)]
+set_point(paint, (905, 767 - 60), "ClickRemove")
+said["removed"] = [paint.Region1Positive, paint.Region1Negative]
+paint.PreviewOnly = 0
+set_point(paint, (128, 400), "ClickInside")  # must not begin to paint
+paint.UpdatePropertyInformation()
+said["waits"] = [paint.Status, paint.Region1Positive]
+paint.PreviewOnly = 1
+view = CreateView("RenderView")
+view.ViewSize = [512, 384]
+show_image(OutputPort(paint, 1), view)
+Render(view)  # the first time, it sets the camera itself
+fit(view, 1024, 768)
+said["under"] = [place_under(view, at) for at in ((0, 0), (256, 192), (512, 384))]
+""")
+    assert said["before"] in ("", None) and said["pixel"] == [400, 1094]
+    assert said["inside"][0] == "400,1094" and 0.45 < said["inside"][1] < 0.55
+    assert said["outside"][:2] == ["400,1094", "1407,100; 1599,1199"] and "nothing was painted" in said["outside"][2]
+    assert said["removed"] == ["400,1094", "1599,1199"]
+    assert "nothing was painted" in said["waits"][0] and said["waits"][1] == "400,1094; 200,574"
+    np.testing.assert_allclose(said["under"], [(-0.5, -0.5), (511.5, 383.5), (1023.5, 767.5)], atol=0.01)
+
+
 def test_regions_get_the_pictures_of_their_rows_and_paintings_stand_side_by_side(inside, tmp_path: Path) -> None:
     said = inside("""
 reader = OpenDataFile(folder + "/cube.svv")
 style = lambda: [sm.Fetch(paint).GetColumnByName("Style").GetValue(k) for k in range(3)]
 paint = StyleRFStylize(Input=reader, StyleFiles=["halves.png", "blue.png"], Preset="draft", StrokeSize=0.5,
                        Region0Style="picture 1", Region1Style="as it is", Region2Style="picture 0",
-                       Region2Positive="10,30")
+                       Region2Positive="10,30", PreviewFile=folder + "/now.png")
 said["first"] = [status(paint), style()]
+from pathlib import Path
+from svv.fields.scene import Scene
+from svv.pv.work import told_of
+said["labels"] = []
+show, progress = told_of(Path("again.png"), lambda fraction, label: said["labels"].append(label))
+progress(0.1, "before")
+show(Scene.load("two.svv"))
+progress(0.2, "after")
 paint.Strength = 0.25
 said["weaker"] = [status(paint), column(paint, "Opacity")]
 paint.Variant, paint.Mapping = "by likeness", "by colour"
@@ -182,6 +271,8 @@ paint.SaveScene()
 paint.ResetStyle()
 said["reset"] = [status(paint), style()]
 """)
+    assert Image.open(tmp_path / "now.png").size == Image.open(tmp_path / "again.png").size == (320, 320)
+    assert said["labels"] == ["before", "after; see again.png"]
     assert said["first"][1] == ["blue", "", "halves (region 2)"], said
     assert said["weaker"][0] == said["first"][0], "painted again, though only the strength was changed"
     assert said["shown"] == [said["second"][0], said["first"][1]]

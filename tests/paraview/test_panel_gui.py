@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from svv.io.mask_pictures import WANTED
 from svv.io.output import write_png
+from svv.options import parse_colour
 from svv.train.gallery import gallery_picture
 from tests.cube import cube_scene
 
@@ -47,29 +49,49 @@ for shown, view in ((image, left), (mask, right)):
 SetActiveView(left)
 SetActiveSource(edit)
 RenderAllViews()
-stage = 0
+edit.Region0Opacity = 2.0
+RenderAllViews()
+ticks = 0
+
+def told():
+    paint.UpdatePropertyInformation()
+    done("edit " + paint.Status)
+
+def paint_shown():
+    global ticks
+    ticks = 0
+    done(f"reset {edit.Region0Opacity}")
+    SetActiveSource(paint)
+    SetActiveView(right)
+
+# What is waited for, and what is done then.
+steps = [
+    (lambda: ticks > 30, told),
+    (lambda: edit.Region0Opacity == 1.5, lambda: done("undone")),
+    (lambda: edit.Region0Opacity == 2.0, lambda: done("redone")),
+    (lambda: edit.Region0Recolour == 0, paint_shown),
+    (lambda: ticks > 5, lambda: done("painting")),
+    (lambda: paint.Region0Positive.count(";"), lambda: done("points " + paint.Region0Positive)),
+]
 
 def tick(*_):
-    global stage
-    if stage == 8:
-        paint.UpdatePropertyInformation()
-        done("edit " + paint.Status)
-    if stage != 9 or edit.Region0Recolour == 0:  # until the button is pressed
-        stage += 1
-    if stage == 10:
-        SetActiveSource(paint)
-    if stage == 16:
-        interactor.DestroyTimer(timer)
-        done(f"reset {edit.Region0Opacity}")
+    global ticks
+    ticks += 1
+    if steps and steps[0][0]():
+        steps.pop(0)[1]()
 
 interactor = left.GetInteractor()
 interactor.AddObserver("TimerEvent", tick)
-timer = interactor.CreateRepeatingTimer(1000)
+timer = interactor.CreateRepeatingTimer(250)
 done("ready")
 """
 
-RESET = 138, 670
-"""Where the button Reset Edits is."""
+UNDO, REDO, RESET = (138, 612), (138, 641), (138, 670)
+"""Where the buttons of the panel of edits are."""
+INSIDE = 138, 872
+"""Where the button Click Inside of the panel of the painting is."""
+FLOWER = 920, 760
+"""A place in the picture of the painting, at the right."""
 
 
 def pixels(picture: Path) -> np.ndarray:
@@ -88,9 +110,18 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
     said = running.wait()
     assert "nothing was painted" in said, said
     edit = running.screenshot(tmp_path / "edit.png")
-    running.xdotool("mousemove", *RESET, "click", 1)
-    assert running.wait() == "reset 1.0"
+    for button, expected in ((UNDO, "undone"), (REDO, "redone"), (RESET, "reset 1.0")):
+        running.xdotool("mousemove", *button, "click", 1)
+        assert running.wait() == expected
+    assert running.wait() == "painting"
+    running.xdotool("mousemove", *INSIDE, "click", 1, "sleep", "1", "mousemove", *FLOWER, "click", 1)
+    assert running.wait().startswith("points 250,260; ")
     stylize = running.screenshot(tmp_path / "stylize.png")
+    # The mark of the new point is where the click was, so it is the right pixel.
+    marks = np.abs(pixels(stylize) - to_levels(parse_colour(WANTED))).max(axis=2) <= 40
+    x, y = FLOWER
+    rows, columns = np.nonzero(marks[y - 12 : y + 13, x - 12 : x + 13])
+    assert len(rows) > 20 and abs(rows.mean() - 12) < 2 and abs(columns.mean() - 12) < 2
     shown = pixels(edit)
     # Both views show something in colour, and the panel at the left has the colour that the region was given.
     colourful = (shown.max(axis=2) - shown.min(axis=2)) > 60

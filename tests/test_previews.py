@@ -1,0 +1,96 @@
+"""Previews of a painting while it is made: when they come, what they show, and that they change nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from svv.errors import BadInput
+from svv.fields.scene import Scene
+from svv.report.render import SHOWN_SIZE, orbit, previews_in
+from svv.train import previews
+from svv.train.pipeline import stylize_scene
+from svv.train.style_loss import StyleLossSettings
+from tests.balls import SHORT
+from tests.cube import cube_paint, cube_scene
+
+CUBE = cube_scene()
+PAINT = cube_paint(CUBE, 1)
+
+
+@given(step=st.floats(0.01, 3.0), cost=st.floats(0.0, 2.0))
+def test_they_come_early_and_then_take_a_hundredth_of_the_time(step: float, cost: float) -> None:
+    now, shown = [100.0], []
+
+    def show(scene: Scene) -> None:
+        shown.append(now[0])
+        now[0] += cost
+
+    made = previews.Previews(show, lambda colours: CUBE, clock=lambda: now[0])
+    now[0] += 2.0  # styles are read
+    while now[0] < 700.0:
+        now[0] += step
+        made.look(PAINT)
+    assert previews.FIRST <= shown[0] - 102.0 - step <= previews.FIRST + step + 1e-6
+    assert made.seconds == pytest.approx([t + cost - 100.0 for t in shown])
+    waits = np.diff(shown) - cost
+    assert len(shown) > 1
+    assert waits.min() >= max(previews.EVERY, 100.0 * cost) - 1e-6
+    assert waits.max() <= max(previews.EVERY, 100.0 * cost) + step + 1e-6
+
+
+def painted(scene: Scene, **options) -> tuple[Scene, dict]:
+    style = np.random.default_rng(0).random((48, 48, 3)).astype(np.float32)
+    return stylize_scene(
+        scene, [style], preset_name=SHORT, features="embedded", loss=StyleLossSettings(style_size=48), **options
+    )
+
+
+def test_they_show_the_painting_come_and_leave_it_as_it_is(balls: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("FIRST", "EVERY"):
+        monkeypatch.setattr(previews, name, 0.0)
+    monkeypatch.setattr(previews, "SHARE", 1e9)
+    camera, seen = orbit(balls, 181, 32, 32)[90], []
+
+    def show(scene: Scene) -> None:
+        seen.append((scene, scene.render(camera).rgba))
+
+    plain, report = painted(balls)
+    assert report["previews"] == []
+    watched, report = painted(balls, preview=show)
+    steps = SHORT.stylize.distil_iterations + SHORT.stylize.style_iterations
+    assert len(report["previews"]) == steps and report["previews"] == sorted(report["previews"])
+    assert len(seen) == steps + 1 and seen[-1][0].styled is watched.styled
+    assert plain.styled is not None and watched.styled is not None
+    for name, value in plain.styled.state_dict().items():
+        assert torch.equal(value, watched.styled.state_dict()[name]), name
+    # Each is a copy: the training that went on has not changed it. And each comes nearer to the result.
+    for scene, rgba in seen[:: steps // 6]:
+        np.testing.assert_array_equal(scene.render(camera).rgba, rgba)
+    away = [float(np.abs(rgba - seen[-1][1]).mean()) for _, rgba in seen]
+    assert away[0] > 1.5 * away[steps // 2] and away[-1] == 0.0
+
+
+def test_a_file_holds_the_last_of_them(tmp_path: Path) -> None:
+    path = tmp_path / "now.png"
+    show = previews_in(path)
+    pictures = []
+    for paint in (1, 2):
+        show(CUBE.painted(cube_paint(CUBE, paint), {0: "a", 1: "a", 2: "a"}, {}))
+        pictures.append(np.asarray(Image.open(path)))
+    assert pictures[0].shape == (SHOWN_SIZE, SHOWN_SIZE, 3) and (pictures[0][0, 0] == 255).all()
+    assert (pictures[0] != pictures[1]).any()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("name", "words"), [("now.jpg", "name it .png"), ("nowhere/now.png", "folder does not exist")])
+def test_files_that_cannot_hold_them_are_refused_at_once(tmp_path: Path, name: str, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        previews_in(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []

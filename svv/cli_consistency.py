@@ -154,7 +154,9 @@ def ablate(
     ] = None,
     only: Annotated[
         str | None,
-        typer.Option(metavar="A,B", help="Of colour-transfer, lighting, background, refinement, lambda-delta."),
+        typer.Option(
+            metavar="A,B", help="Of colour-transfer, lighting, background, along-rays, refinement, lambda-delta."
+        ),
     ] = None,
     frames: Frames = FEW_FRAMES,
     training: Training = TRAINING,

@@ -1,8 +1,8 @@
 """The paper's ablations: what it says is needed, left out one at a time.
 
-Of the stylization: colour transfer, lighting, and the background behind the regions' renders. Of the palette network:
-the refinement of the palette's colours, and the weight of the offsets (lambda_delta). Every variant is a folder, and
-what is there is not done again.
+Of the stylization: colour transfer, lighting, the background behind the regions' renders, and what is not the paper's
+but ours: one colour along a ray. Of the palette network: the refinement of the palette's colours, and the weight of the
+offsets (lambda_delta). Every variant is a folder, and what is there is not done again.
 """
 
 from __future__ import annotations
@@ -50,6 +50,11 @@ STYLES: dict[str, dict[str, StyleVariant]] = {
         "luminance background": StyleVariant(),
         "black background": StyleVariant(loss=lambda s: replace(s, background=0.0)),
         "white background": StyleVariant(loss=lambda s: replace(s, background=1.0)),
+    },
+    "along-rays": {
+        "as it is": StyleVariant(),
+        "half as much": StyleVariant(loss=lambda s: replace(s, along_rays=s.along_rays / 2)),
+        "nothing along rays": StyleVariant(loss=lambda s: replace(s, along_rays=0.0)),
     },
 }
 NAMES = (*STYLES, *PALETTES)

@@ -16,6 +16,7 @@ STABILITY = (
     "svv stability --case nested --case wires --seeds 2",
     "svv stability --preset draft --preset fast --preset paper --size 400 --time-limit 60 --out stable",
     "svv stability --steps draft=300+150 --steps paper=60+40 --samples 8192",
+    "svv stability --case 'regions-*' --preset draft --seeds 1",
     "svv stability --list",
 )
 
@@ -23,7 +24,11 @@ STABILITY = (
 def stability(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the results.")] = Path("stability"),
     case: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A case; may be given several times. By default all.")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="A case, or a pattern of names; may be given several times. By default all but 'regions-*'.",
+        ),
     ] = None,
     preset: Annotated[
         list[Preset] | None,
@@ -50,7 +55,7 @@ def stability(
     (stability.md, .csv, .json) and a heat map (stability.png).
     """
     from svv.report.stability import Matrix, run_stability
-    from svv.report.stability_cases import CASES, BenchSettings
+    from svv.report.stability_cases import CASES, USUAL, BenchSettings
     from svv.report.stability_table import FILES, write_summary
 
     if listed:
@@ -58,7 +63,7 @@ def stability(
         print("\n".join(f"{name:<{wide}}  {one.title}" for name, one in CASES.items()))
         return
     names = [p.value for p in dict.fromkeys(preset or (Preset.draft, Preset.paper))]
-    matrix = Matrix(tuple(case or CASES), names, seeds)
+    matrix = Matrix(tuple(case or USUAL), names, seeds)
     settings = BenchSettings(n, test, size, resolution, time_limit, tuple(map(parse_steps, steps or ())), samples)
     with shown("Stability") as progress:
         records = run_stability(out, matrix, settings, progress)

@@ -77,6 +77,24 @@ def test_any_spread_of_hues(start: float, count: int, saturation: float, value: 
     assert_hues(extract_palette(*scene(colours.tolist(), 4000, seed=seed)), colours.tolist(), within=0.05)
 
 
+@pytest.mark.parametrize("count", [5, 6, 7, 8])
+@pytest.mark.parametrize("step", ["even", "golden"])
+@pytest.mark.parametrize("mixed", [0.05, 0.5])
+def test_up_to_eight_ranges_though_some_could_be_mixed_of_others(count: int, step: str, mixed: float) -> None:
+    """Among so many hues one lies between two others, on the face of the cone that they span or inside of it."""
+    hues = 0.05 + np.arange(count) * (1 / count if step == "even" else 0.618034)
+    colours = rgb_array(np.stack([hues % 1.0, np.full(count, 0.85), np.full(count, 0.95)], 1)).tolist()
+    palette = extract_palette(*scene(colours, 12_000, mixed=mixed))
+    assert_hues(palette, colours)
+    found = hsb_array(palette.colours)
+    assert found[:, 1].min() > 0.7 and found[:, 2].min() > 0.75, palette.steps
+
+
+@pytest.mark.parametrize("pair", [[RED, GREEN], [RED, BLUE]], ids=str)
+def test_a_mixture_in_any_proportion_is_no_range_however_much_of_it_there_is(pair: Colours) -> None:
+    assert_hues(extract_palette(*scene(pair, 12_000, mixed=0.8)), pair)
+
+
 def test_mixtures_shades_and_highlights_are_no_ranges() -> None:
     everything = extract_palette(*scene([RED, BLUE], mixed=0.9, highlights=0.3))
     assert_hues(everything, [RED, BLUE])

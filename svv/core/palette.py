@@ -29,6 +29,8 @@ CLIPPED = 0.99
 """Channel value from which a highlight may have been cut off."""
 DARKEST = 1e-6
 """Brightness below which a colour is black and has no hue to be scaled up."""
+PLAIN_HUE = 5.0 / GRID
+"""Saturation times brightness from which on the colours of a cell are of about one hue."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,14 @@ class PaletteSettings:
     """Share of the image that must need a colour for it to be kept."""
     tolerance: float = 0.06
     """RGB distance up to which a pixel counts as reproduced by the other colours."""
+    peak_share: float = 0.01
+    """Share of the image that must be of one hue, within ``peak_width``, for that hue to be a range though others could
+    mix it."""
+    peak_width: float = 0.012
+    """Distance of hues that count as one: what eight bits and interpolation do to it."""
+    peak_contrast: float = 4.0
+    """How many times as much of the image a hue must hold as what is beside it: shades and highlights of a range keep
+    its hue and pile up there, while mixtures spread over all hues in between."""
     min_alpha: float = 0.1
     """Pixels of less opacity are not looked at: 8-bit colour divided by such an alpha is noise."""
     max_pixels: int = 1_000_000
@@ -106,6 +116,10 @@ def extract_palette(
     steps.append(f"{len(edges)} of them needed as edges of the cone of mixtures, shades and highlights")
     edges = _drop_mixtures(colours, mass, edges, light, settings)
     steps.append(f"{len(edges)} left without those that the others mix")
+    peaks = _peaks(colours, mass, edges, settings)
+    if len(peaks):
+        edges = np.concatenate((edges, peaks))
+        steps.append(f"{len(peaks)} more that others could mix, but that too much of the image is of alone")
     edges = _join_hues(colours, mass, edges, settings)
     steps.append(f"{len(edges)} left after joining hues closer than {settings.hue_distance:g}")
     found = np.concatenate((colours[edges], grey))
@@ -217,6 +231,35 @@ def _drop_mixtures(
             break
         edges = np.delete(edges, least)
     return edges
+
+
+def _peaks(colours: Array, mass: Array, edges: NDArray[np.int64], settings: PaletteSettings) -> NDArray[np.int64]:
+    """Bins of hues that are ranges of their own though no edge of the cone: yellow between a red and a green range.
+
+    Where a range is seen alone its pixels are of one hue, however they are shaded and lit; a mixture of two ranges has
+    every hue between theirs. So a hue counts that holds more than what is on either side of it.
+    """
+    hue, saturation, brightness = hsb_array(colours).T
+    # one cell of dark or pale pixels holds many hues, of which its mean would be a pile that is none
+    weight = mass * ((saturation >= settings.grey_saturation) & (saturation * brightness >= PLAIN_HUE))
+    width = settings.peak_width
+
+    def held(middle: float, reach: float) -> float:
+        """Part of the image whose hue is that near."""
+        return float(weight[hue_distance(hue, middle) <= reach].sum())
+
+    found: list[int] = []
+    taken = list(hue[edges])
+    for index in np.argsort(-weight * saturation * brightness, kind="stable"):
+        middle = float(hue[index])
+        if weight[index] <= 0 or any(hue_distance(middle, other) < settings.hue_distance for other in taken):
+            continue
+        own = held(middle, width)
+        beside = max(held((middle + side * 2.0 * width) % 1.0, width) for side in (-1.0, 1.0))
+        if own >= settings.peak_share and own >= settings.peak_contrast * beside:
+            found.append(int(index))
+            taken.append(middle)
+    return np.array(found, dtype=np.int64)
 
 
 def _join_hues(colours: Array, mass: Array, edges: NDArray[np.int64], settings: PaletteSettings) -> NDArray[np.int64]:

@@ -6,6 +6,7 @@ stays the same. A run that breaks down is a result, too: its error is in the fil
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
 import json
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from svv import __version__
 from svv.errors import BadInput, Cancelled, Progress, part, silent
 from svv.io.atomic import make_folder, to_json, write_json
 from svv.measure import measured
-from svv.report.stability_cases import CASES, Bench, BenchSettings
+from svv.report.stability_cases import CASES, USUAL, Bench, BenchSettings
 from svv.train.config import Preset, preset
 
 Record = dict[str, Any]
@@ -29,14 +30,15 @@ Record = dict[str, Any]
 class Matrix:
     """Which runs there are to be."""
 
-    cases: Sequence[str] = tuple(CASES)
+    cases: Sequence[str] = USUAL
+    """Names, or patterns of names: ``regions-*``."""
     presets: Sequence[str] = ("draft", "paper")
     seeds: int = 5
     """Seeds 0 to ``seeds`` - 1."""
 
     def __post_init__(self) -> None:
         for name in self.cases:
-            if name not in CASES:
+            if not fnmatch.filter(CASES, name):
                 raise BadInput(f"There is no case '{name}'; choose of {', '.join(CASES)}.")
         for name in self.presets:
             preset(name)
@@ -48,7 +50,8 @@ class Matrix:
     @property
     def runs(self) -> list[tuple[str, str, int]]:
         """Case, preset and seed of each run; seed after seed, so that a run cut short has every case."""
-        cases = [name for name in CASES if name in self.cases]  # in the order in which they share a training
+        named = {name for pattern in self.cases for name in fnmatch.filter(CASES, pattern)}
+        cases = [name for name in CASES if name in named]  # in the order in which they share a training
         return [
             (case, name, seed)
             for seed in range(self.seeds)
@@ -123,7 +126,7 @@ def _key(case: str, name: str, seed: int, settings: BenchSettings) -> str:
     known = CASES[case]
     content = {
         "version": __version__,
-        "case": [case, known.scene, known.views],
+        "case": [case, known.scene, known.views, known.views_only],
         "preset": asdict(known.change(preset(name))),
         "seed": seed,
         "settings": asdict(settings),

@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.optimize import linear_sum_assignment
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera, orbit_cameras
 from svv.core.colour import over
+from svv.core.correction import Correction
 from svv.core.metrics import psnr, psnr_foreground
 from svv.dvr.views import make_views, render_views
 from svv.errors import BadInput, Progress, part
@@ -25,6 +27,7 @@ from svv.io.viewset import ViewSet
 from svv.report.stability_measures import colour_differences, matched, overlaps, palette_error
 from svv.report.stability_scenes import SCENES, TRANSPARENT, KnownScene
 from svv.train.config import Preset
+from svv.train.correct import correct_palette
 from svv.train.evaluate import WHITE
 from svv.train.pipeline import stylize_scene, train_scene
 
@@ -118,8 +121,10 @@ class Bench:
         """A case's views and the scene trained on them; the last one is kept for cases that share it."""
         views = case.views or self.settings.n
         drawn = self.drawn(case.scene, views, part(progress, 0.0, 0.1))
+        if case.views_only:
+            drawn = replace(drawn, train=replace(drawn.train, classified=None))
         changed = case.change(preset)
-        key = case.scene, views, changed, seed
+        key = case.scene, views, changed, seed, case.views_only
         if self._trained is None or self._trained[0] != key:
             self._trained = None
             applied, limit = self.settings.applied(changed)
@@ -142,6 +147,8 @@ class Case:
     """Of the preset's settings."""
     encoding: str | None = None
     """Only for presets with this encoding; others have no such thing."""
+    views_only: bool = False
+    """Whether the training sees the images alone, without the volume."""
 
     def concerns(self, preset: Preset) -> bool:
         """Whether the case makes sense with a preset."""
@@ -190,6 +197,22 @@ def on_unseen_views(bench: Bench, case: Case, preset: Preset, seed: int, progres
     """The usual scores."""
     drawn, scene = bench.trained(case, preset, seed, progress)
     return scores(as_saved(scene), drawn.known, drawn.test, drawn.classes)
+
+
+def corrected_by_hand(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
+    """The scores after somebody has set the palette to the transfer function's colours, and ``found``: how many regions
+    there were before."""
+    drawn, scene = bench.trained(case, preset, seed, part(progress, 0.0, 0.6))
+    truth = np.array([r.colour for r in drawn.known.ranges])
+    which, own = linear_sum_assignment(colour_differences(truth, np.array([r.colour for r in scene.regions])))
+    correction = Correction(
+        remove=tuple(sorted(set(range(len(scene.regions))) - set(own.tolist()))),
+        colours={int(k): drawn.known.ranges[r].colour for r, k in zip(which, own, strict=True)},
+        add=tuple(r.colour for k, r in enumerate(drawn.known.ranges) if k not in which),
+    )
+    applied, limit = bench.settings.applied(case.change(preset))
+    after, _ = correct_palette(scene, drawn.train, correction, applied, limit, seed, part(progress, 0.6, 1.0))
+    return {**scores(as_saved(after), drawn.known, drawn.test, drawn.classes), "found": len(scene.regions)}
 
 
 def before_and_after_saving(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
@@ -324,6 +347,9 @@ def small_tables(preset: Preset) -> Preset:
 EASIEST = "easy"
 """The case that the others are compared with."""
 
+COUNTS = range(1, 9)
+"""Numbers of regions."""
+
 CASES: dict[str, Case] = {
     EASIEST: Case("easy: opaque, two hues", on_unseen_views),
     "saved": Case("before and after saving", before_and_after_saving),
@@ -354,5 +380,17 @@ CASES: dict[str, Case] = {
     "tiny-spacing": Case("voxels of 1e-9", on_unseen_views, "tiny-spacing"),
     "huge-spacing": Case("voxels of 1e6", on_unseen_views, "huge-spacing"),
     "transparent": Case("transparent everywhere", refusal),
-}
+    **{f"regions-{n}": Case(f"{n} regions", on_unseen_views, f"regions-{n}") for n in COUNTS},
+    **{
+        f"regions-{n}-views": Case(f"{n} regions, views alone", on_unseen_views, f"regions-{n}", views_only=True)
+        for n in COUNTS
+    },
+    "regions-similar": Case("3 regions, two of similar hue, views alone", on_unseen_views, "regions-similar",
+                            views_only=True),
+    "regions-corrected": Case("the same, palette corrected by hand", corrected_by_hand, "regions-similar",
+                              views_only=True),
+}  # fmt: skip
 """Name -> case."""
+
+USUAL = tuple(name for name in CASES if not name.startswith("regions-"))
+"""What is looked at by default: all but the numbers of regions, of which docs/palette.md has the table."""

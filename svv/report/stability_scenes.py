@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera
+from svv.core.colour import rgb_array
 from svv.dvr.grids import from_array
 from svv.dvr.mappers import Shading
 from svv.dvr.transfer_functions import TransferFunction
@@ -166,6 +167,39 @@ def wires(point: Array) -> Array:
     return 0.5 + 0.5 * _shape(np.maximum(distance - 0.03, np.abs(z) - 0.9))
 
 
+def layers(count: int) -> Callable[[Array], Array]:
+    """A pile of ``count`` wavy layers that fills the cube, bottom up: layer k is about k + 0.5, and each is seen alone
+    on four sides, so that no pixel has to tell a mixture from a colour."""
+
+    def field(point: Array) -> Array:
+        x, y, z = point
+        waves = 0.2 * np.sin(3.0 * x + 1.0) * np.cos(2.0 * y)
+        return np.asarray(count * (0.5 + 0.5 * z) + waves)
+
+    return field
+
+
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+"""The golden section: multiples of it leave no two of eight hues closer than 32 degrees, and no neighbours alike."""
+
+
+def distinct(count: int) -> KnownScene:
+    """``count`` opaque layers of as many distinct hues."""
+    hues = np.arange(count) * GOLDEN % 1.0
+    colours = rgb_array(np.stack([hues, np.full(count, 0.85), np.full(count, 0.95)], axis=1))
+    ranges = (Range(k + 0.15, k + 0.85, 0.9, (r, g, b)) for k, (r, g, b) in enumerate(colours.tolist()))
+    return KnownScene(layers(count), tuple(ranges))
+
+
+def similar(apart: float = 0.03) -> KnownScene:
+    """Three opaque layers, two of whose hues are closer than a palette tells apart; 1 is the full circle."""
+    known = distinct(3)
+    middle, top = known.ranges[1:]
+    (colour,) = rgb_array(np.array([[GOLDEN + apart, 0.85, 0.95]])).tolist()
+    red, green, blue = colour
+    return replace(known, ranges=(known.ranges[0], middle, replace(top, colour=(red, green, blue))))
+
+
 def _pair(below: RGB, above: RGB) -> tuple[Range, ...]:
     return Range(-0.5, 0.3, 0.9, below), Range(0.7, 1.5, 0.9, above)
 
@@ -187,6 +221,8 @@ SCENES: dict[str, KnownScene] = {
     "off-centre": replace(EASY, shift=(1000.0, -500.0, 200.0)),
     "tiny-spacing": replace(EASY, spacing=1e-9),
     "huge-spacing": replace(EASY, spacing=1e6),
+    **{f"regions-{count}": distinct(count) for count in range(1, 9)},
+    "regions-similar": similar(),
 }
 """Name -> scene."""
 

@@ -104,7 +104,9 @@ def test_every_scene_shows_every_class(name: str) -> None:
     found = known.classes(values)
     counts = [int((found == k).sum()) for k in range(len(known.ranges))]
     assert min(counts) > 20
-    assert (found == -1).mean() > 0.5  # most is empty
+    empty = float((found == -1).mean())
+    # Bodies lie in empty space; layers fill theirs, but not to the faces.
+    assert 0.2 < empty < 0.5 if name.startswith("regions") else empty > 0.5
     opacity = known.transfer_function().opacity_at(values.ravel()[::97])
     np.testing.assert_array_equal(opacity > 0, found.ravel()[::97] >= 0)
     colours = known.transfer_function().colour_at(values.ravel()[::97])

@@ -54,6 +54,9 @@ MODES = {
 """What is compared, and what it is."""
 
 RIVALS = ("arf-like", "snerf-like", "frame-by-frame")
+OURS = ("ours", "ours-unlit")
+"""The same scene twice: the rivals have no light, so only the second is like for like."""
+
 LOOKED_AT = 3
 """Frames that are compared with the style."""
 
@@ -272,7 +275,7 @@ def write_comparison(out: Path, rows: Sequence[Row], how: Comparison) -> str:
     columns = consistency_columns(how.protocol)
     parts = [
         markdown(averaged(rows, "mode"), "mode", [*columns, *JUDGED, "seconds"]),
-        victories(rows, "ours", [m for m in RIVALS if m in how.modes], columns),
+        *(victories(rows, own, [m for m in RIVALS if m in how.modes], columns) for own in OURS if own in how.modes),
         "\n".join(f"- **{name}**: {MODES[name]}" for name in how.modes),
     ]
     text = "\n\n".join(p for p in parts if p) + "\n"

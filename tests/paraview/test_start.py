@@ -291,7 +291,8 @@ def test_signals_reach_the_program_and_end_its_display(paraview: start.ParaView,
     script.write_text(
         "import os, signal, time\n"
         "signal.signal(signal.SIGINT, lambda *_: os._exit(9))\n"  # as a script of the user may
-        "print(os.environ['DISPLAY'], flush=True)\n"
+        # pvpython keeps what is printed, whatever is flushed, where Python is not told to be unbuffered.
+        "os.write(1, os.environ['DISPLAY'].encode() + b'\\n')\n"
         "while True: time.sleep(0.05)\n"
     )
     command = [*SVV, "pvpython", str(script)]

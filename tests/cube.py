@@ -53,11 +53,12 @@ def lit_cube_scene() -> Scene:
     return replace(cube, settings=field, palette=palette.requires_grad_(False))
 
 
-def cube_paint(scene: Scene, seed: int) -> UnrestrictedField:
-    """A painting of the cube in colours that come as they may."""
+def cube_paint(scene: Scene, seed: int, finer: tuple[int, ...] = ()) -> UnrestrictedField:
+    """A painting of the cube in colours that come as they may, with ``finer`` levels beyond the scene's."""
 
     torch.manual_seed(seed)
-    network = UnrestrictedField(scene.settings, scene.occupancy).requires_grad_(False)
+    levels = (*scene.settings.resolutions, *finer)
+    network = UnrestrictedField(scene.settings, scene.occupancy, levels).requires_grad_(False)
     network.encoding.randomize(2.0, torch.Generator().manual_seed(seed))
     return network
 

@@ -8,10 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from svv.core.nnfm import luminance
 from svv.errors import BadInput, Cancelled
+from svv.fields.networks import FieldSettings
+from svv.fields.rendering import march
 from svv.fields.scene import Scene
+from svv.train.config import paint_resolutions
+from svv.train.distil import DISTILLATION_SIZE, Distillation
 from svv.train.features import load_features
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import StyleLossSettings, StyleTarget
@@ -51,6 +57,42 @@ def shown(scene: Scene, region: int) -> np.ndarray:
     with torch.no_grad():
         colours = scene.styled(view.position[view.region == region])
     return colours.mean(0).numpy()
+
+
+# --- how fine paint is ------------------------------------------------------------------------------------------------
+
+
+@given(pixel=st.floats(1e-4, 0.2), coarsest=st.sampled_from([8, 16, 64]), most=st.sampled_from([32, 128]))
+def test_a_cell_of_paint_covers_two_pixels_at_most(pixel: float, coarsest: int, most: int) -> None:
+    """Or the next finer level would be beyond what the occupancy tells; no level is finer than needed."""
+    field = FieldSettings(resolutions=(coarsest,), finer=(2 * coarsest,))
+    levels = paint_resolutions(field, pixel, most)
+    own = field.resolutions + field.finer
+    assert levels[: len(own)] == own
+    assert 1 / levels[-1] <= 2 * pixel or 2 * levels[-1] > most
+    added = levels[len(own) :]
+    assert all(1 / (level // 2) > 2 * pixel and level <= most for level in added)
+    assert paint_resolutions(FieldSettings("hash", (16, 4096)), pixel, most) == (16, 4096)
+
+
+def test_strokes_of_six_pixels_are_painted_as_they_are(scene: Scene) -> None:
+    """Coarser paint answers a style's detail with an alternation from cell to cell, which no style has.
+
+    With the levels of the scene's own colours alone, 0.22 of the variance is left.
+    """
+    stripes = torch.from_numpy(np.where(np.arange(SIZE) // 3 % 2, 0.8, 0.2).astype(np.float32)).expand(3, SIZE, SIZE)
+    wanted = StyleTarget(load_features("embedded"), stripes.contiguous(), SMALL)
+    assert scene.palette is not None
+    chosen = replace(SHORT.stylize, style_size=SIZE, distil_iterations=150)
+    painting = Distillation(scene, scene.palette.colours.detach().clone(), {0: wanted, 1: wanted}, chosen, 0)
+    for number in range(chosen.distil_iterations):
+        painting.step(number, number / chosen.distil_iterations)
+    rays = painting.caster.rays(torch.arange(0, chosen.distil_views * DISTILLATION_SIZE**2, 199))
+    samples = march(rays, scene.occupancy, scene.base.density, scene.marching, seed=1)
+    with torch.no_grad():
+        truth = painting.truth(samples, rays).clamp(0.0, 1.0)
+        left = (painting.field(samples.position) - truth).square().mean() / truth.var(0).mean()
+    assert left < 0.15
 
 
 # --- what a mask does to a target ------------------------------------------------------------------------------------

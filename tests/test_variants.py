@@ -17,6 +17,9 @@ from svv.fields.variants import LONGEST, UNNAMED
 from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint
 
+FINER = (16,)
+"""Level of a painting beyond the cube's own."""
+
 
 def image(scene: Scene, network: str | None = None) -> np.ndarray:
     return scene.render(cube_camera(), network).rgba
@@ -24,15 +27,15 @@ def image(scene: Scene, network: str | None = None) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def two(cube: Scene) -> Scene:
-    """Ink on region 0, oil on all; ink is shown."""
+    """Ink on region 0, oil on all and on finer cells; ink is shown."""
     ink = cube.painted(cube_paint(cube, 1), {0: "brush"}, {"seed": 1}, "ink")
     every = {0: "oil", 1: "oil", 2: "canvas"}
-    return ink.painted(cube_paint(cube, 2), every, {"seed": 2}, "oil").with_variant("ink")
+    return ink.painted(cube_paint(cube, 2, FINER), every, {"seed": 2}, "oil").with_variant("ink")
 
 
 def test_a_variant_is_shown_as_if_it_were_the_only_one(cube: Scene, two: Scene) -> None:
     ink = cube.painted(cube_paint(cube, 1), {0: "brush"}, {}, "ink")
-    oil = cube.painted(cube_paint(cube, 2), {0: "oil", 1: "oil", 2: "canvas"}, {}, "oil")
+    oil = cube.painted(cube_paint(cube, 2, FINER), {0: "oil", 1: "oil", 2: "canvas"}, {}, "oil")
     np.testing.assert_array_equal(image(two), image(ink))
     np.testing.assert_array_equal(image(two.with_variant("oil")), image(oil))
     np.testing.assert_array_equal(image(two, "pcn"), image(cube))
@@ -57,6 +60,8 @@ def test_the_file_holds_all_variants(two: Scene, tmp_path: Path) -> None:
     again = Scene.load(tmp_path / "a.svv")
     assert (again.variants, again.variant, again.regions) == (two.variants, "ink", two.regions)
     assert again.info()["variants"] == {"ink": {"0": "brush"}, "oil": {"0": "oil", "1": "oil", "2": "canvas"}}
+    assert again.info()["paint_resolutions"] == (4, 8)
+    assert again.with_variant("oil").info()["paint_resolutions"] == (4, 8, 16)
     for name in ("ink", "oil"):
         np.testing.assert_allclose(image(again.with_variant(name)), image(two.with_variant(name)), atol=0.03)
     alone = two.without_variant("oil")
@@ -132,7 +137,7 @@ def test_styled_scenes_of_the_format_before_are_read(
 ) -> None:
     painted = cube.painted(cube_paint(cube, 1), {0: "brush"}, {}, None).edited(1, opacity=0.5)
     header, arrays = painted.to_arrays()
-    old = {k: v for k, v in header.items() if k not in ("history", "painting", "variants")}
+    old = {k: v for k, v in header.items() if k not in ("history", "painting", "variants", "paint_resolutions")}
     old["regions"] = [{k: v for k, v in r.items() if k not in ("hidden", "ranges")} for r in old["regions"]]
     with monkeypatch.context() as patch:
         patch.setattr(scene_file, "FORMAT_VERSION", 2)

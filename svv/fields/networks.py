@@ -269,9 +269,13 @@ class PaletteField(nn.Module):
 class UnrestrictedField(nn.Module):
     """Unrestricted colour network: diffuse colour without a palette (StyleRF-VolVis, section UCN)."""
 
-    def __init__(self, settings: FieldSettings, occupancy: Occupancy) -> None:
+    def __init__(
+        self, settings: FieldSettings, occupancy: Occupancy, resolutions: Sequence[int] | None = None
+    ) -> None:
+        """An unlearned one; ``resolutions`` are those of its lattice, by default all that the settings name."""
         super().__init__()
-        self.encoding = replace(settings, resolutions=settings.resolutions + settings.finer).encode(occupancy)
+        self.resolutions = tuple(resolutions or settings.resolutions + settings.finer)
+        self.encoding = replace(settings, resolutions=self.resolutions).encode(occupancy)
         self.colour_mlp = mlp(self.encoding.width, settings.width, 2, 3)
 
     def forward(self, position: Tensor) -> Tensor:

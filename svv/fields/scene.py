@@ -345,6 +345,7 @@ class Scene(Editing, Variants):
             "parameters": {**parameters, "total": sum(parameters.values())},
             "encoding": self.settings.encoding,
             "resolutions": self.settings.resolutions,
+            "paint_resolutions": None if self.styled is None else self.styled.resolutions,
             "finest_world_units": self.occupancy.box.size / self.settings.resolutions[-1],
             "occupied_fraction": self.occupancy.fraction,
             "image_step_world_units": self.stride * self.marching.step * self.occupancy.box.size,

@@ -42,7 +42,11 @@ def arrays_of(scene: Scene, packed: bool) -> tuple[dict[str, Any], Arrays]:
         "regions": [vars(r) for r in scene.regions],
         "history": scene.history.to_json(),
         "painting": scene.painting,
-        "variants": [{"name": v.name, "styles": v.styles, "made": v.made} for v in scene.others],
+        "paint_resolutions": None if scene.styled is None else scene.styled.resolutions,
+        "variants": [
+            {"name": v.name, "styles": v.styles, "made": v.made, "resolutions": v.network.resolutions}
+            for v in scene.others
+        ],
         "camera_rig": scene.camera_rig,
         "made": scene.made,
     }
@@ -79,9 +83,9 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         colours, normals = torch.zeros(len(regions), 3), header.get("normal_resolutions")
         palette = PaletteField(settings, occupancy, base.geometry_width, colours, normals)
     if "styled" in header["networks"]:
-        styled = UnrestrictedField(settings, occupancy)
+        styled = UnrestrictedField(settings, occupancy, header.get("paint_resolutions"))
     told = header.get("variants", [])
-    others = [UnrestrictedField(settings, occupancy) for _ in told]
+    others = [UnrestrictedField(settings, occupancy, v.get("resolutions")) for v in told]
     named = [*zip(NETWORKS, (base, palette, styled), strict=True)]
     named += [(f"variant{number}", network) for number, network in enumerate(others)]
     for name, network in named:

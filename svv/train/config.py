@@ -226,6 +226,26 @@ PIXELS_A_CELL = 2.5
 """Pixels that the finest lattice cell covers at least: finer cells are seen by too few rays to learn."""
 
 
+PIXELS_A_PAINTED_CELL = 2.0
+"""Pixels of the stylization views that the finest cell of paint covers at most. Where a cell is coarser than the
+detail that the style asks for, paint answers with the only detail it has: an alternation from cell to cell."""
+
+
+def paint_resolutions(field: FieldSettings, pixel: float, most: int) -> tuple[int, ...]:
+    """Levels of a lattice for paint: all that the scene's settings name, and finer ones as far as its views see them.
+
+    Args:
+        field: The scene's.
+        pixel: Side of a pixel of the stylization views at the scene's centre, in box units.
+        most: Cells along the longest side that no level added exceeds: those of the scene's occupancy.
+    """
+    levels = field.resolutions + field.finer
+    if field.encoding == "lattice":
+        while 1.0 / levels[-1] > PIXELS_A_PAINTED_CELL * pixel and 2 * levels[-1] <= most:
+            levels += (2 * levels[-1],)
+    return levels
+
+
 def fitted_field(
     field: FieldSettings, cameras: Sequence[Camera], box: Box, finest: int = 256
 ) -> tuple[FieldSettings, str]:

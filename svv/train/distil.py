@@ -17,7 +17,7 @@ from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import UnrestrictedField
 from svv.fields.rendering import RayCaster, Rays, Samples, march
 from svv.fields.scene import Scene
-from svv.train.config import StylizeSettings
+from svv.train.config import StylizeSettings, paint_resolutions
 from svv.train.loop import falling, network_adam
 from svv.train.style_loss import StyleTarget
 
@@ -58,7 +58,12 @@ class Distillation:
         torch.manual_seed(seed)
         self.scene, self.teacher, self.palette = scene, scene.palette, transferred
         self.settings, self.seed = settings, seed
-        self.field = UnrestrictedField(scene.settings, scene.occupancy).to(scene.device)
+        rig = scene.camera_rig
+        view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
+        self.pixel = float(view / settings.style_size)
+        levels = paint_resolutions(scene.settings, self.pixel, scene.occupancy.cells)
+        levels = levels if before is None else before.resolutions
+        self.field = UnrestrictedField(scene.settings, scene.occupancy, levels).to(scene.device)
         # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it;
         # what the student has beside, finer levels behind the teacher's, begins with zeros.
         self.before = before
@@ -70,12 +75,9 @@ class Distillation:
         styled = [before is not None and r.style is not None for r in scene.regions]
         self.known = torch.tensor(styled, device=scene.device)
         """Regions whose colours ``before`` holds. (P,)"""
-        rig = scene.camera_rig
         cameras = sphere_cameras(settings.distil_views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)
         self.caster = RayCaster(cameras, scene.occupancy.box, scene.device)
         self.targets = {k: t for k, t in targets.items() if t.settings.seeded and not styled[k]}
-        view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
-        self.pixel = float(view / settings.style_size)
         pixels = np.random.default_rng(seed).integers(0, settings.distil_views * DISTILLATION_SIZE**2, PROBE)
         probe = march(self.caster.rays(torch.from_numpy(pixels)), scene.occupancy, scene.base.density, scene.marching)
         self.rays = min(settings.distil_rays, max(PROBE // 4, DISTILLATION_SAMPLES * PROBE // max(len(probe), 1)))

@@ -56,8 +56,8 @@ class WholeDistillation(Distillation):
         """``transfer`` moves the colours; without it they stay."""
         assert scene.palette is not None
         super().__init__(scene, scene.palette.colours, {}, settings, seed)
-        with torch.no_grad():  # the base field's table has the same layout, and no palette went into it
-            self.field.encoding.table.copy_(scene.base.encoding.table)
+        with torch.no_grad():  # the base field's levels come first in it, and no palette went into it
+            self.field.encoding.table[: len(scene.base.encoding.table)] = scene.base.encoding.table
         self.transfer = transfer
 
     def truth(self, samples: Samples, rays: Rays) -> Tensor:

@@ -21,11 +21,11 @@ from svv.io.viewset import ViewSet
 from svv.report.ablation_palette import PALETTE_COLUMNS, PALETTE_NOTE, PALETTES, ablate_palette
 from svv.report.consistency import draw_frames, measure_frames
 from svv.report.orbit_path import FINE, OrbitPath, Protocol, digest, finely
-from svv.report.style_modes import flat_means, kept_scene, likeness
+from svv.report.style_modes import PaintedAsShown, flat_means, kept_scene, likeness
 from svv.report.style_table import contact_sheet, markdown, write_tables
-from svv.train.config import Preset, StylizeSettings, preset
+from svv.train.config import Preset, StylizeSettings
 from svv.train.pipeline import stylize_scene
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings
+from svv.train.style_loss import StyleLossSettings
 
 Row = dict[str, Any]
 
@@ -72,7 +72,7 @@ STYLE_NOTE = (
 
 
 @dataclass(frozen=True)
-class Ablation:
+class Ablation(PaintedAsShown):
     """Which ablations, of what."""
 
     scene: Path
@@ -105,17 +105,6 @@ class Ablation:
         there = ((STYLES, bool(self.styles)), (PALETTES, self.views is not None))
         able = [name for group, can in there if can for name in group]
         return tuple(name for name in able if self.only is None or name in self.only)
-
-    @property
-    def chosen(self) -> Preset:
-        """The preset, with stylization images as large as the frames."""
-        own = preset(self.preset)
-        return replace(own, stylize=replace(own.stylize, style_size=self.protocol.size))
-
-    @property
-    def loss(self) -> StyleLossSettings:
-        """The loss, with style pictures as large as the frames."""
-        return replace(PAPER_LOSS if self.paper_loss else StyleLossSettings(), style_size=self.protocol.size)
 
 
 def run_ablation(job: Ablation, out: Path, progress: Progress = silent) -> str:

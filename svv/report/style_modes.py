@@ -63,8 +63,27 @@ LOOKED_AT = 3
 Row = dict[str, Any]
 
 
+class PaintedAsShown:
+    """What is painted at the size of the frames that are compared, so that strokes have the same size everywhere."""
+
+    protocol: Protocol
+    preset: str
+    paper_loss: bool
+
+    @property
+    def chosen(self) -> Preset:
+        """The preset, with images as large as the frames, so that strokes have the same size in every mode."""
+        own = preset(self.preset)
+        return replace(own, stylize=replace(own.stylize, style_size=self.protocol.size))
+
+    @property
+    def loss(self) -> StyleLossSettings:
+        """The loss, with a style picture as large as the frames."""
+        return replace(PAPER_LOSS if self.paper_loss else StyleLossSettings(), style_size=self.protocol.size)
+
+
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(PaintedAsShown):
     """How styles are compared."""
 
     protocol: Protocol
@@ -80,17 +99,6 @@ class Comparison:
             if name not in MODES:
                 raise BadInput(f"There is no mode '{name}'; choose of {', '.join(MODES)}.")
         preset(self.preset)
-
-    @property
-    def chosen(self) -> Preset:
-        """The preset, with images as large as the frames, so that strokes have the same size in every mode."""
-        own = preset(self.preset)
-        return replace(own, stylize=replace(own.stylize, style_size=self.protocol.size))
-
-    @property
-    def loss(self) -> StyleLossSettings:
-        """The loss, with a style picture as large as the frames."""
-        return replace(PAPER_LOSS if self.paper_loss else StyleLossSettings(), style_size=self.protocol.size)
 
     def loss_of(self, mode: str) -> StyleLossSettings:
         """What a mode is trained with, and its result depends on: the others' is without what is ours alone."""

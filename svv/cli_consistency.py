@@ -155,7 +155,8 @@ def ablate(
     only: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B", help="Of colour-transfer, lighting, background, along-rays, refinement, lambda-delta."
+            metavar="A,B",
+            help="Of colour-transfer, lighting, background, along-rays, paint-cells, refinement, lambda-delta.",
         ),
     ] = None,
     frames: Frames = FEW_FRAMES,

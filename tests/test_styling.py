@@ -62,17 +62,18 @@ def shown(scene: Scene, region: int) -> np.ndarray:
 # --- how fine paint is ------------------------------------------------------------------------------------------------
 
 
-@given(pixel=st.floats(1e-4, 0.2), coarsest=st.sampled_from([8, 16, 64]), most=st.sampled_from([32, 128]))
-def test_a_cell_of_paint_covers_two_pixels_at_most(pixel: float, coarsest: int, most: int) -> None:
+@given(cell=st.floats(1e-4, 0.4), coarsest=st.sampled_from([8, 16, 64]), most=st.sampled_from([32, 128]))
+def test_a_cell_of_paint_is_no_coarser_than_asked(cell: float, coarsest: int, most: int) -> None:
     """Or the next finer level would be beyond what the occupancy tells; no level is finer than needed."""
     field = FieldSettings(resolutions=(coarsest,), finer=(2 * coarsest,))
-    levels = paint_resolutions(field, pixel, most)
+    levels = paint_resolutions(field, cell, most)
     own = field.resolutions + field.finer
     assert levels[: len(own)] == own
-    assert 1 / levels[-1] <= 2 * pixel or 2 * levels[-1] > most
+    assert 1 / levels[-1] <= cell or 2 * levels[-1] > most
     added = levels[len(own) :]
-    assert all(1 / (level // 2) > 2 * pixel and level <= most for level in added)
-    assert paint_resolutions(FieldSettings("hash", (16, 4096)), pixel, most) == (16, 4096)
+    assert all(1 / (level // 2) > cell and level <= most for level in added)
+    assert paint_resolutions(field, None, most) == own
+    assert paint_resolutions(FieldSettings("hash", (16, 4096)), cell, most) == (16, 4096)
 
 
 def test_strokes_of_six_pixels_are_painted_as_they_are(scene: Scene) -> None:

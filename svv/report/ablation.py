@@ -1,8 +1,9 @@
 """The paper's ablations: what it says is needed, left out one at a time.
 
 Of the stylization: colour transfer, lighting, the background behind the regions' renders, and what is not the paper's
-but ours: one colour along a ray. Of the palette network: the refinement of the palette's colours, and the weight of the
-offsets (lambda_delta). Every variant is a folder, and what is there is not done again.
+but ours: one colour along a ray, and paint on finer cells than the scene's. Of the palette network: the refinement of
+the palette's colours, and the weight of the offsets (lambda_delta). Every variant is a folder, and what is there is not
+done again.
 """
 
 from __future__ import annotations
@@ -55,6 +56,10 @@ STYLES: dict[str, dict[str, StyleVariant]] = {
         "as it is": StyleVariant(),
         "half as much": StyleVariant(loss=lambda s: replace(s, along_rays=s.along_rays / 2)),
         "nothing along rays": StyleVariant(loss=lambda s: replace(s, along_rays=0.0)),
+    },
+    "paint-cells": {
+        "paint's own cells": StyleVariant(),
+        "the scene's cells": StyleVariant(stylize=lambda s: replace(s, pixels_a_cell=None)),
     },
 }
 NAMES = (*STYLES, *PALETTES)

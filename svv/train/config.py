@@ -121,6 +121,9 @@ class StylizeSettings:
     """Learning rate of the features in the stylization."""
     style_network_rate: float = 0.002
     """Learning rate of the network in the stylization."""
+    pixels_a_cell: float | None = 2.0
+    """Pixels of those images that the finest cell of paint covers at most; None leaves paint the levels of the scene.
+    Where cells are coarser than a style's detail, paint answers it with an alternation from cell to cell."""
     colour_transfer: bool = True
     """Whether each style's mean colour replaces its region's in the palette that is distilled."""
 
@@ -226,22 +229,17 @@ PIXELS_A_CELL = 2.5
 """Pixels that the finest lattice cell covers at least: finer cells are seen by too few rays to learn."""
 
 
-PIXELS_A_PAINTED_CELL = 2.0
-"""Pixels of the stylization views that the finest cell of paint covers at most. Where a cell is coarser than the
-detail that the style asks for, paint answers with the only detail it has: an alternation from cell to cell."""
-
-
-def paint_resolutions(field: FieldSettings, pixel: float, most: int) -> tuple[int, ...]:
+def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tuple[int, ...]:
     """Levels of a lattice for paint: all that the scene's settings name, and finer ones as far as its views see them.
 
     Args:
         field: The scene's.
-        pixel: Side of a pixel of the stylization views at the scene's centre, in box units.
+        cell: Side of the finest cells at most, in box units; None adds no level.
         most: Cells along the longest side that no level added exceeds: those of the scene's occupancy.
     """
     levels = field.resolutions + field.finer
-    if field.encoding == "lattice":
-        while 1.0 / levels[-1] > PIXELS_A_PAINTED_CELL * pixel and 2 * levels[-1] <= most:
+    if field.encoding == "lattice" and cell is not None:
+        while 1.0 / levels[-1] > cell and 2 * levels[-1] <= most:
             levels += (2 * levels[-1],)
     return levels
 

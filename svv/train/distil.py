@@ -61,7 +61,8 @@ class Distillation:
         rig = scene.camera_rig
         view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
         self.pixel = float(view / settings.style_size)
-        levels = paint_resolutions(scene.settings, self.pixel, scene.occupancy.cells)
+        cell = None if settings.pixels_a_cell is None else settings.pixels_a_cell * self.pixel
+        levels = paint_resolutions(scene.settings, cell, scene.occupancy.cells)
         levels = levels if before is None else before.resolutions
         self.field = UnrestrictedField(scene.settings, scene.occupancy, levels).to(scene.device)
         # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it;

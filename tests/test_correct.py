@@ -15,7 +15,7 @@ from svv.errors import BadInput, Cancelled
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.report.stability_measures import matched, overlaps
-from svv.report.stability_scenes import BLUE, GREEN, ORANGE, RED, KnownScene, Range, ring_and_balls, shells
+from svv.report.stability_scenes import BLUE, GREEN, ORANGE, RED, SCENES, KnownScene, Range, ring_and_balls, shells
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.correct import correct_palette
 from svv.train.pipeline import train_scene
@@ -82,6 +82,18 @@ def test_similar_hues_are_told_apart_by_the_colour_that_was_missing(
     assert any("paintings of the old regions dropped: ink" in note for note in report["notes"])
     assert found.made["corrected"] == [report]
     assert set(report["seconds"]) == {"pcn", "sampling", "total"}
+
+
+def test_more_colours_than_dimensions_are_told_apart_by_the_views_alone() -> None:
+    """Five opaque layers, whose hues are mixtures of each other; where eq. 4 alone decides, two of them are nowhere."""
+    known = SCENES["regions-5"]
+    train, test, classes = drawn(known, views=24, size=96)
+    longer = replace(SHORT, reconstruct=replace(SHORT.reconstruct, iterations=200, rays=4096),
+                     recolour=replace(SHORT.recolour, iterations=250, rays=4096))  # fmt: skip
+    scene, _ = train_scene(replace(train, classified=None), longer)
+    found = accuracy(scene, test, classes, 5)
+    assert len(scene.regions) == 5
+    assert min(found) > 0.7
 
 
 def test_merged_ranges_are_one_region_and_split_are_two(nested: Drawn) -> None:

@@ -329,7 +329,7 @@ def test_held_out_views_choose(
     scene = replace(ball[0], palette=None, regions=())
     for margin in (-100.0, 100.0):  # the network is taken, whatever the views say; and the explicit light
         monkeypatch.setattr("svv.train.lighting.MARGIN", margin)
-        chosen, said = light_by_trial(scene, views, np.array([[0.9, 0.2, 0.15]]), SHORT.recolour, 0, None, silent)
+        chosen, said = light_by_trial(scene, views, np.array([[0.9, 0.2, 0.15]]), SHORT.recolour, 0, None, None, silent)
         assert chosen.settings.lighting == ("phong" if margin > 0 else "network")
         assert "3 held-out views" in said and ("it is taken" in said) == (margin > 0)
 

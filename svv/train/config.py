@@ -93,8 +93,9 @@ class RecolourSettings:
     """Weight of 1 - sum w_i^2: each point belongs to one range of the transfer function, and an edit of one region
     must not bleed into another. Where the volume says which range that is, ``owner_weight`` counts instead."""
     owner_weight: float = 0.1
-    """Weight of -ln w of a sample's own range, mean over the samples of each range and over the ranges; for a palette
-    made by hand, of the cross entropy of the shares of its colours in a pixel."""
+    """Weight of -ln w of a sample's own range, mean over the samples of each range and over the ranges; without
+    a volume, for a palette made by hand or of more than three colours, of the cross entropy of their shares in a pixel,
+    mean over the colours."""
 
 
 @dataclass(frozen=True)

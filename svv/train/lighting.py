@@ -18,6 +18,7 @@ from svv.train.batches import RayPool
 from svv.train.config import RecolourSettings
 from svv.train.ranges import Owners
 from svv.train.recolour import recolour
+from svv.train.unmix import Unmixing
 
 RAYS = 16384
 """Rays that are looked at."""
@@ -79,6 +80,7 @@ def light_by_trial(
     settings: RecolourSettings,
     seed: int,
     owners: Owners | None,
+    given: Unmixing | None,
     progress: Progress,
     limit: float | None = None,
 ) -> tuple[Scene, str]:
@@ -94,6 +96,7 @@ def light_by_trial(
         settings: Of stage 2.
         seed: Of both trials.
         owners: The region that each point belongs to, where that is known.
+        given: What the pixels say of the palette, where that is needed.
         progress: Called several times a second.
         limit: Seconds for both.
     """
@@ -107,7 +110,7 @@ def light_by_trial(
         network, shares, _ = recolour(
             seen, scene.base, scene.occupancy, scene.marching, palette, fields, short, seed,
             None if limit is None else 0.5 * limit,
-            part(progress, 0.5 * number, 0.5 * number + 0.5), None, owners,
+            part(progress, 0.5 * number, 0.5 * number + 0.5), None, owners, given,
         )  # fmt: skip
         regions = tuple(Region(tuple(c), float(p)) for c, p in zip(network.colours.tolist(), shares, strict=True))
         found[lighting] = accuracy(replace(scene, settings=fields, palette=network, regions=regions), unseen, seed)

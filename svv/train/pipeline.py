@@ -39,6 +39,11 @@ from svv.train.sampling import with_fewest_samples
 from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
+from svv.train.unmix import Unmixing
+
+INDEPENDENT = 3
+"""Palette colours that a pixel's colour can tell apart by itself: RGB has no more dimensions. Which of more colours a
+mixture is made of, the pixels must say (:class:`svv.train.unmix.Unmixing`) where no volume does."""
 
 LEAST_VIEWS = 3
 LEAST_STROKE, MOST_STROKE = 0.25, 4.0
@@ -171,21 +176,25 @@ def _train(
             scene = replace(scene, settings=replace(scene.settings, lighting="network" if lit else "none"))
             notes.append(reason)
     owners = None if known is None else known.owners
+    given = None
+    if owners is None and chosen.fitted and len(palette.colours) > INDEPENDENT:
+        given = Unmixing(palette.colours, scene.device)
     if scene.settings.lighting == "network" and chosen.lighting != "network":
         scene = replace(scene, settings=with_explicit_light(scene.settings, views))
         if chosen.lighting == "auto":
             with _timed(seconds, "lighting"):
                 third = None if limit is None else max(0.1, limit - sum(seconds.values())) / 3.0
                 scene, reason = light_by_trial(
-                    scene, views, palette.colours, chosen.recolour, seed, owners, part(progress, 0.7, 0.76), third
-                )
+                    scene, views, palette.colours, chosen.recolour, seed, owners, given,
+                    part(progress, 0.7, 0.76), third,
+                )  # fmt: skip
             notes.append(reason)
         else:
             notes.append("instead of it an explicit light (Blinn-Phong), as asked for: it can be moved")
     left = None if limit is None else max(0.1, limit - sum(seconds.values()))
     network, shares, seconds["pcn"] = recolour(
         views, scene.base, scene.occupancy, scene.marching, palette.colours, scene.settings, chosen.recolour, seed,
-        left, part(progress, 0.76 if "lighting" in seconds else 0.7, 1.0), saved, owners,
+        left, part(progress, 0.76 if "lighting" in seconds else 0.7, 1.0), saved, owners, given,
     )  # fmt: skip
     ranges = ((),) * len(shares) if known is None else known.ranges
     regions = tuple(

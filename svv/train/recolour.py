@@ -42,7 +42,7 @@ class Recolouring:
     owners: Owners | None = None
     """Where the volume says which region a point belongs to."""
     given: Unmixing | None = None
-    """Where a palette was made by hand: what the pixels say of it."""
+    """Where a palette was made by hand, or has more colours than RGB has dimensions: what the pixels say of it."""
     headlight: str = "point"
     """See :attr:`svv.fields.networks.FieldSettings.headlight`."""
 
@@ -101,7 +101,9 @@ class Recolouring:
         if self.given is not None:
             shares = self.given.shares(batch.premultiplied) * batch.premultiplied.amax(dim=1, keepdim=True)
             shown = mixtures / mixtures.sum(dim=1, keepdim=True).clamp_min(1e-6)
-            loss = loss - s.owner_weight * (shares * shown.clamp_min(1e-4).log()).sum() / shares.sum().clamp_min(1e-6)
+            total = shares.sum(dim=0)  # here, too, a thin layer has as much of a say as a thick one
+            told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-6)
+            loss = loss - s.owner_weight * told.sum() / (total > 0).sum().clamp_min(1)
         self.networks.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         rate = falling(fraction, s.decay)

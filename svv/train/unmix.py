@@ -1,7 +1,8 @@
-"""What a pixel says about a palette that was made by hand: how much of its light is each colour's.
+"""What a pixel says about a palette where no volume tells the regions: how much of its light is each colour's.
 
-Of two similar hues, the weights of eq. 4 (StyleRF-VolVis) can take either and let the offsets do the rest; which one
-they take is decided by chance, early in the training. The pixels know: a pure one is a shade of one colour alone.
+Of two similar hues in a palette made by hand, the weights of eq. 4 (StyleRF-VolVis) can take either and let the
+offsets do the rest; of more than three colours, each is a mixture of some others. Which one the weights take is
+decided by chance, early in the training. The pixels know: a pure one is a shade of one colour alone.
 
 Letters: R rays, P palette colours, G of them in one mixture, N mixtures.
 """

@@ -162,6 +162,14 @@ def test_damaged_variants_are_refused(two: Scene, tmp_path: Path, damage: str) -
         Scene.load(tmp_path / "a.svv")
 
 
+@pytest.mark.parametrize("levels", [[0], [4, 8, 10**6], [-1], "x", {"a": 1}, [4, 8]])
+def test_levels_of_paint_that_cannot_be_are_refused(two: Scene, tmp_path: Path, levels: object) -> None:
+    header, arrays = two.with_variant("oil").to_arrays()
+    scene_file.write_scene_file(tmp_path / "a.svv", {**header, "paint_resolutions": levels}, arrays)
+    with pytest.raises(BadInput, match="damaged"):
+        Scene.load(tmp_path / "a.svv")
+
+
 def test_a_copy_on_another_device_has_all_variants(two: Scene) -> None:
     there = two.on(torch.device("meta"))
     assert {p.device.type for v in there.every_variant for p in v.network.parameters()} == {"meta"}

@@ -316,7 +316,7 @@ class Scene(Editing, Variants):
     def _restored(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]], name: str) -> Scene:
         try:
             return cls.from_arrays(header, tensors)
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        except (KeyError, TypeError, ValueError, ArithmeticError, MemoryError, RuntimeError) as error:
             raise BadInput(f"{name} is damaged ({type(error).__name__}: {error}): train it again.") from error
 
     def to_arrays(self, packed: bool = True) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

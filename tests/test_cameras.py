@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from svv.core.cameras import Camera, geodesic_class, geodesic_directions, look_at, orbit_cameras, sphere_cameras
+from svv.core.cameras import (
+    Camera,
+    camera_rig,
+    geodesic_class,
+    geodesic_directions,
+    look_at,
+    orbit_cameras,
+    sphere_cameras,
+)
 from svv.errors import BadInput
 
 GEODESIC = (12, 32, 42, 72, 92, 122, 132, 162, 192, 212, 252, 312, 492)
@@ -129,6 +137,16 @@ def test_rays_are_those_of_a_pinhole(width: int, height: int, fov: float) -> Non
     row = 0.5 * height - local[..., 1] / -local[..., 2] * focal
     np.testing.assert_allclose(column, np.arange(width)[None] + 0.5 + 0 * row, atol=1e-8)
     np.testing.assert_allclose(row, np.arange(height)[:, None] + 0.5 + 0 * row, atol=1e-8)
+
+
+@given(centre=st.tuples(finite, finite, finite), radius=st.floats(0.1, 100.0), fov=st.floats(0.1, 2.0))
+def test_the_rig_of_a_sphere_of_cameras_is_the_sphere(
+    centre: tuple[float, float, float], radius: float, fov: float
+) -> None:
+    rig = camera_rig(sphere_cameras(12, centre, radius, fov, 8))
+    np.testing.assert_allclose(rig["centre"], centre, atol=1e-8)
+    assert rig["radius"] == pytest.approx(radius, abs=1e-8)
+    assert (rig["fov_x"], rig["size"]) == (pytest.approx(fov), [8, 8])
 
 
 def test_resizing_keeps_the_picture() -> None:

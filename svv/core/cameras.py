@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -244,6 +245,25 @@ def orbit_cameras(
     phi = np.clip(phi, -POLE_LIMIT, POLE_LIMIT)
     directions = np.stack([np.cos(phi) * np.cos(theta), np.sin(phi), -np.cos(phi) * np.sin(theta)], axis=1)
     return [_on_sphere(direction, centre, radius, fov_x, size) for direction in directions]
+
+
+def camera_rig(cameras: Sequence[Camera]) -> dict[str, Any]:
+    """Where cameras stand around what they look at.
+
+    Returns:
+        ``centre``, the point nearest to all their axes (3), and ``radius``, their median distance from it, both in
+        world units; ``fov_x``, their median angle of view in radians; ``size``, width and height in pixels.
+    """
+    positions = np.stack([c.camera_to_world[:3, 3] for c in cameras])
+    axes = np.stack([-c.camera_to_world[:3, 2] for c in cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    centre = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, positions), rcond=None)[0]
+    return {
+        "centre": [float(v) for v in centre],
+        "radius": float(np.median(np.linalg.norm(positions - centre, axis=1))),
+        "fov_x": float(np.median([c.fov_x for c in cameras])),
+        "size": [cameras[0].width, cameras[0].height],
+    }
 
 
 def _on_sphere(direction: Array, centre: ArrayLike, radius: float, fov_x: float, size: int) -> Camera:

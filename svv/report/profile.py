@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from svv.core.cameras import camera_rig
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.networks import PaletteField
 from svv.fields.rendering import Marching
@@ -23,7 +24,6 @@ from svv.report.profile_work import watched
 from svv.train.batches import RayPool
 from svv.train.config import Preset, fitted_field, preset
 from svv.train.lighting import shows_light
-from svv.train.pipeline import camera_rig
 from svv.train.ranges import regions_of
 from svv.train.recolour import Recolouring, palette_of
 from svv.train.reconstruct import Reconstruction, first_occupancy
@@ -114,7 +114,7 @@ def _stage_1(views: ViewSet, chosen: Preset, steps: int, seed: int, work: _Steps
             step()
         work.take(name, training.budget.rays, step)
     base, occupancy = training.finish()
-    return Scene(field, occupancy, Marching(training.marching.step), base, camera_rig=camera_rig(views))
+    return Scene(field, occupancy, Marching(training.marching.step), base, camera_rig=camera_rig(views.cameras))
 
 
 def _stage_2(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from svv.core.cameras import camera_rig
 from svv.core.correction import Correction, Entry, corrected
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.edits import History, edits_of, with_edits
@@ -23,7 +24,7 @@ from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, preset
-from svv.train.pipeline import camera_rig, key_of
+from svv.train.pipeline import key_of
 from svv.train.ranges import Owners, hull_of, membership
 from svv.train.recolour import recolour
 from svv.train.sampling import with_fewest_samples
@@ -128,7 +129,7 @@ def correct_palette(
 
 
 def _check_views(scene: Scene, views: ViewSet) -> None:
-    rig, ours = camera_rig(views), scene.camera_rig
+    rig, ours = camera_rig(views.cameras), scene.camera_rig
     far = np.linalg.norm(np.subtract(rig["centre"], ours["centre"])) + abs(rig["radius"] - ours["radius"])
     if not far <= ELSEWHERE * ours["radius"]:
         raise BadInput("These views are of another scene: give those that it was trained on.")

@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from svv import __version__
+from svv.core.cameras import camera_rig
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Region, Scene
@@ -157,7 +158,7 @@ def _train(
         notes.append(
             f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty"
         )
-        scene = Scene(field, occupancy, marching, base, camera_rig=camera_rig(views))
+        scene = Scene(field, occupancy, marching, base, camera_rig=camera_rig(views.cameras))
         if saved is not None:
             header, arrays = scene.to_arrays(packed=False)
             saved.finish("base", {"header": header, "seconds": seconds, "notes": notes}, arrays)
@@ -368,20 +369,6 @@ def _run_stage(loop: Loop, work: Distillation | Stylization, saved: Checkpoint |
     state_dict = work.field.state_dict()
     saved.finish(name, {"seconds": seconds}, {prefix + k: v.cpu().numpy().copy() for k, v in state_dict.items()})
     return seconds
-
-
-def camera_rig(views: ViewSet) -> dict[str, Any]:
-    """Where the training cameras stand: ``centre`` (3,), ``radius`` (world units), ``fov_x`` (radians), ``size``."""
-    positions = np.stack([c.camera_to_world[:3, 3] for c in views.cameras])
-    axes = np.stack([-c.camera_to_world[:3, 2] for c in views.cameras])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    centre = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, positions), rcond=None)[0]
-    return {
-        "centre": [float(v) for v in centre],
-        "radius": float(np.median(np.linalg.norm(positions - centre, axis=1))),
-        "fov_x": float(np.median([c.fov_x for c in views.cameras])),
-        "size": [views.cameras[0].width, views.cameras[0].height],
-    }
 
 
 @contextmanager

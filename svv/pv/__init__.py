@@ -1,5 +1,5 @@
 """ParaView's side: filters, capture, live camera, launcher. Nothing below knows of it."""
 
-from svv.pv.torch_loading import prefer_its_own_symbols
+from svv.pv.own_symbols import prefer_own_symbols
 
-prefer_its_own_symbols()
+prefer_own_symbols()

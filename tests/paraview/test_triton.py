@@ -1,4 +1,4 @@
-"""torch as pip gives it to every Linux user brings triton, whose LLVM must live beside the one that Mesa renders with."""
+"""The torch that pip gives every Linux user brings triton, whose LLVM must live beside the one that Mesa renders with."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def triton(
                 "PYTHONPATH": os.pathsep.join([environ["PYTHONPATH"], str(folder)]),
                 "TRITON_CACHE_DIR": str(tmp_path_factory.mktemp("cache")),
             }
-    pytest.skip(f"there is no triton for ParaView's Python {'.'.join(map(str, paraview.python))}, so none can be loaded")
+    pytest.skip(f"no triton for Python {'.'.join(map(str, paraview.python))}, so none is loaded")
 
 
 def test_a_painting_survives_triton_after_rendering(pvpython, triton: dict[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""The torch that pip gives every Linux user brings triton, whose LLVM must live beside the one that Mesa renders with."""
+"""The torch that pip gives every Linux user brings triton, whose LLVM has to live beside the one that Mesa uses."""
 
 from __future__ import annotations
 

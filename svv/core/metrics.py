@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
+from svv.core.flip import error_map
 from svv.errors import BadInput
 
 Image = NDArray[np.floating]
@@ -53,28 +54,13 @@ def ssim(prediction: Image, truth: Image) -> float:
 
 
 def flip(prediction: Image, truth: Image) -> float:
-    """Mean FLIP error (Andersson et al. 2020), LDR at 67 pixels a degree; 0 for equal pictures, at most 1.
-
-    Raises:
-        BadInput: The package flip-evaluator is missing.
-    """
+    """Mean FLIP error (Andersson et al. 2020), LDR at 67 pixels a degree; 0 for equal pictures, at most 1."""
     return float(flip_map(prediction, truth).mean())
 
 
 def flip_map(prediction: Image, truth: Image) -> NDArray[np.float32]:
     """FLIP error of each pixel (h, w), see :func:`flip`."""
-    prediction, truth = _checked(prediction, truth)
-    try:
-        import flip_evaluator
-    except ImportError as error:
-        raise BadInput("FLIP needs a package; install it with 'pip install flip-evaluator'.") from error
-    errors, _, _ = flip_evaluator.evaluate(
-        np.ascontiguousarray(truth, dtype=np.float32),
-        np.ascontiguousarray(prediction, dtype=np.float32),
-        "LDR",
-        applyMagma=False,
-    )
-    return np.asarray(errors, np.float32).reshape(truth.shape[:2])
+    return error_map(*_checked(prediction, truth))
 
 
 def _decibels(squared_error: NDArray[np.floating]) -> float:

@@ -63,9 +63,10 @@ def edit(chosen) -> None:
         setattr(edited, f"Region{region}Hide", 1)
     for row in scripts.table_of(edited):
         print(", ".join(f"{name} {value}" for name, value in row.items()))
-    image = simple.StyleRFRender(Input=edited, ImageSize=[chosen.size] * 2, Show=chosen.show)
+    # The orbit's frame from the front, a little above.
+    image = simple.StyleRFRender(Input=edited, ImageSize=[chosen.size] * 2, Show=chosen.show, Frame=76)
     if chosen.picture is not None:
-        scripts.update(image, 76.0)  # the orbit's frame from the front, a little above
+        scripts.update(image)
         simple.SaveData(str(chosen.picture), proxy=image)
     if chosen.out is not None:
         simple.SaveData(str(chosen.out), proxy=edited)

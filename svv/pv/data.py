@@ -86,6 +86,12 @@ def scene_of(data: vtkDataObject | None) -> Scene:
     return _scenes[key]
 
 
+def time_of(data: vtkDataObject | None) -> float | None:
+    """The time of data, None where it has none."""
+    key = vtkDataObject.DATA_TIME_STEP()
+    return float(data.GetInformation().Get(key)) if data is not None and data.GetInformation().Has(key) else None
+
+
 def digest_of(array: Any) -> str:
     """Hash of an array's content, found once until the array is modified."""
     place = array.__this__, array.GetMTime()

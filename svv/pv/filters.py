@@ -6,7 +6,7 @@ out what it had before, or nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, MutableMapping
 from contextlib import contextmanager
 from typing import Any, ClassVar, TypeVar
 
@@ -18,12 +18,13 @@ from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
 from svv.errors import BadInput, Cancelled, Progress
 from svv.measure import give_memory_back
-from svv.pv.data import forget_scenes
+from svv.pv.data import forget_scenes, put_views
+from svv.pv.steps import Steps
 
 Result = TypeVar("Result")
 
 ORBIT = 181
-"""Frames of the orbit around a scene, its time steps."""
+"""Frames of the orbit around a scene."""
 
 NOT_INSTALLED = (
     "{name} is missing in ParaView's Python, and StyleRF needs it: start ParaView with `svv paraview` (a server with "
@@ -50,7 +51,8 @@ class Filter(VTKPythonAlgorithmBase):
         self.values = dict(self.defaults)
         self._status = ""
         self._kept: dict[str, tuple[Any, Any]] = {}
-        self.AddObserver("DeleteEvent", _forgetter(self._kept))
+        self.steps: Steps[Any] = Steps()
+        self.AddObserver("DeleteEvent", _forgetter(self._kept, self.steps.results))
 
     # --- the pipeline's requests --------------------------------------------------------------------------------------
 
@@ -170,15 +172,17 @@ class Filter(VTKPythonAlgorithmBase):
         return self._status
 
     def TakeAsEdited(self) -> None:
-        """Look at the transfer function again."""
+        """Look at the transfer function, and at the time step that is shown."""
+        self.steps.ask()
         self.Modified()
 
 
-def _forgetter(kept: dict[str, tuple[Any, Any]]) -> Callable[[Any, str], None]:
+def _forgetter(*kept: MutableMapping[Any, Any]) -> Callable[[Any, str], None]:
     """What to do when a filter is deleted. VTK may hold on to its Python attributes long after."""
 
     def forget(_: Any, event: str) -> None:
-        kept.clear()
+        for results in kept:
+            results.clear()
         _forgetters.remove(forget)
         if not _forgetters:
             forget_scenes()
@@ -196,36 +200,37 @@ def set_image_information(filter: Filter, out_info: Any, width: int, height: int
     info.Set(vtkDataObject.ORIGIN(), (0.0, 0.0, 0.0), 3)
 
 
-def set_steps(filter: Filter, out_info: Any, count: int) -> None:
-    """Offer time steps 0, 1, ..., so that Play shows one frame after the other."""
+def time_asked_for(filter: Filter) -> float | None:
+    """The time for which the first input was asked, None without one."""
     executive = filter.GetExecutive()
-    for port in range(filter.GetNumberOfOutputPorts()):
-        info = out_info.GetInformationObject(port)
-        info.Set(executive.TIME_STEPS(), [float(k) for k in range(count)], count)
-        info.Set(executive.TIME_RANGE(), [0.0, float(count - 1)], 2)
-
-
-def step_asked_for(filter: Filter, out_info: Any, count: int) -> int:
-    """The time step that the pipeline asks for, as a number below ``count``."""
-    info = out_info.GetInformationObject(0)
-    key = filter.GetExecutive().UPDATE_TIME_STEP()
-    return min(max(round(info.Get(key)), 0), count - 1) if info.Has(key) else 0
+    info, key = executive.GetInputInformation(0, 0), executive.UPDATE_TIME_STEP()
+    return float(info.Get(key)) if info is not None and info.Has(key) else None
 
 
 class ViewsOutput(Filter):
-    """Gives out one view as an image, and all cameras."""
+    """Gives out one view as an image, that of the property ``ShownView``, and all cameras."""
+
+    _last_view = 0
 
     def FillOutputPortInformation(self, port: int, info: Any) -> int:
         """An image, and points."""
         info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
         return 1
 
+    def show(self, views: Any, outputs: list[Any]) -> None:
+        """Give out views; the last one where there are fewer than the panel asks for."""
+        self._last_view = len(views) - 1
+        put_views(views, min(max(self.values["ShownView"], 0), self._last_view), *outputs)
+
+    def GetViewNumbers(self) -> tuple[int, int]:
+        """The range of ``ShownView``."""
+        return 0, self._last_view
+
 
 class ImageOutput(Filter):
-    """Gives out an image of a scene; its time steps are the orbit's frames."""
+    """Gives out an image of a scene."""
 
     def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
-        """Size and time steps."""
+        """The image's size; time steps are those of the input."""
         set_image_information(self, out_info, *(int(v) for v in self.values["ImageSize"]))
-        set_steps(self, out_info, ORBIT)
         return 1

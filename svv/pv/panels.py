@@ -27,8 +27,8 @@ from svv.pv.properties import (
 PICTURES = "png jpg jpeg tif tiff bmp webp"
 PRESETS = ("draft", "fast", "balanced", "paper")
 TAKE_HELP = (
-    "Look at the transfer function again. Editing it does not start minutes of work by itself: what was edited counts "
-    "from here on, and nothing is done where nothing changed."
+    "Look at the transfer function again, and at the time step that is shown. Neither editing the one nor playing an "
+    "animation starts minutes of work by itself; nothing is done where nothing changed."
 )
 REGIONS = 8
 """Regions that the panel of StyleRF Edit shows, as many as a palette may have; those that a scene lacks do nothing."""
@@ -106,6 +106,9 @@ def training_properties(preset: str) -> list[Property]:
         choice("Lighting", ("network", "phong", "auto"), "network",
                "network: a light that stays at the camera; phong: one that StyleRF Edit can move; auto: phong where "
                "views that are held out allow it.", True),
+        switch("TrainEachTimeStep", False,
+               "Learn a scene for each time step that is shown; else time passes, and the scene stays until Take As "
+               "Edited. The scenes of the last steps are kept."),
     ]  # fmt: skip
 
 
@@ -137,7 +140,9 @@ def image_properties(size: int) -> list[Property]:
         numbers("BackgroundColour", (1.0, 1.0, 1.0), "Its colour.", "color_selector"),
         numbers("Camera", (0.0,) * 9 + (30.0,),
                 "Position, focal point, view up (x, y, z each) and angle of view in degrees. All zeros: the orbit "
-                "around the scene, one of its 181 frames a time step.", None, True),
+                "around the scene.", None, True),
+        integer("Frame", 0, "Which frame of the orbit around the scene is shown, where Camera is all zeros. The macro "
+                "StyleRF play orbit lets an animation go through them.", 0, 180),
     ]  # fmt: skip
 
 

@@ -192,14 +192,21 @@ def status() -> Property:
     return Property("Status", xml, None, {})
 
 
-def time_steps() -> Property:
-    """The time steps that a filter offers, without which ParaView's animation does not know them."""
-    xml = (
-        '<DoubleVectorProperty name="TimestepValues" label="Timestep Values" information_only="1" '
-        'si_class="vtkSITimeStepsProperty" panel_visibility="never">'
-        "<Documentation>The time steps, one for each image.</Documentation></DoubleVectorProperty>"
+def shown_view() -> Sequence[Property]:
+    """Which of a set of views is shown; the filter's ``GetViewNumbers`` says from which to which there are."""
+    ends = (
+        '<IntVectorProperty name="ViewNumbers" command="GetViewNumbers" information_only="1" number_of_elements="2" '
+        'default_values="0 0" panel_visibility="never"><SimpleIntInformationHelper/>'
+        "<Documentation>Numbers of the first and the last view.</Documentation></IntVectorProperty>"
     )
-    return Property("TimestepValues", xml, None, {})
+    xml = _element(
+        "IntVectorProperty", "ShownView", "Number of the view that is shown, from 0.",
+        'command="SetShownView" number_of_elements="1" default_values="0"',
+        '<IntRangeDomain name="range"><RequiredProperties><Property name="ViewNumbers" function="RangeInfo"/>'
+        "</RequiredProperties></IntRangeDomain>",
+    )  # fmt: skip
+    shown = Property("ShownView", xml, 0, {"SetShownView": _store("ShownView", int)})
+    return [Property("ViewNumbers", ends, None, {}), shown]
 
 
 def scalars() -> Property:

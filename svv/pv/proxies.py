@@ -11,16 +11,8 @@ from typing import Any
 from paraview.util.vtkAlgorithm import smproperty, smproxy
 
 from svv.errors import part
-from svv.pv.data import put_image, put_scene, put_views, scene_of
-from svv.pv.filters import (
-    ORBIT,
-    Filter,
-    ImageOutput,
-    ViewsOutput,
-    set_image_information,
-    set_steps,
-    step_asked_for,
-)
+from svv.pv.data import put_image, put_scene, scene_of
+from svv.pv.filters import Filter, ImageOutput, ViewsOutput, set_image_information, time_asked_for
 from svv.pv.panels import (
     PICTURES,
     TAKE_HELP,
@@ -34,14 +26,8 @@ from svv.pv.panels import (
     training_properties,
     volume_properties,
 )
-from svv.pv.properties import (
-    button,
-    file,
-    files,
-    panel,
-    status,
-    time_steps,
-)
+from svv.pv.properties import button, file, files, panel, shown_view, status
+from svv.pv.steps import Moment, Steps
 
 __all__ = [
     "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender",
@@ -56,41 +42,41 @@ __all__ = [
     *volume_properties(92, 16, 800),
     button("TakeAsEdited", TAKE_HELP),
     file("Folder", "", "", "Where to write the views too, as a set that `svv` and other programs read."),
-    time_steps(),
+    *shown_view(),
     status(),
 )
 @takes_volume
 class StyleRFViews(ViewsOutput):
-    """Draw views of a volume from all around it, as training needs them. Each time step shows one of them; the second
-    output has the cameras. Connect StyleRF Train, or name a folder to keep them in."""
+    """Draw views of a volume from all around it, as training needs them. The first output shows one of them, the second
+    has the cameras. Connect StyleRF Train, or name a folder to keep them in."""
 
     def __init__(self) -> None:
         super().__init__(1, 2, "vtkImageData")
 
     def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
         set_image_information(self, out_info, self.values["ViewSize"], self.values["ViewSize"])
-        set_steps(self, out_info, self.values["Views"])
         return 1
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.work import draw_views, views_key, volume_of
+        from svv.pv.work import draw_views, moment_of, volume_of
 
-        image, folder = volume_of(inputs[0]), self.values["Folder"]
-        key = views_key(image, self.values)
+        now, folder = moment_of(inputs[0], self.values, time_asked_for(self)), self.values["Folder"]
 
         def make() -> Any:
             with self.training() as progress:
-                return draw_views(image, self.values, part(progress, 0.0, 0.9))
+                return draw_views(volume_of(inputs[0]), self.values, part(progress, 0.0, 0.9))
 
-        train, test = self.kept("views", key, make)
+        train, test = self.steps.get(now, make)
         if folder:
-            self.kept("written", (key, folder), lambda: _write(train, test, folder, part(self.progress, 0.9, 1.0)))
-        put_views(train, step_asked_for(self, out_info, len(train)), *outputs)
-        return f"{len(train)} views, drawn in {train.meta['seconds']:.0f} s by the {train.meta['mapper']} ray caster."
+            write = lambda: _write(train, test, folder, part(self.progress, 0.9, 1.0))  # noqa: E731
+            self.kept("written", (self.steps.made, folder), write)
+        self.show(train, outputs)
+        said = f"{len(train)} views, drawn in {train.meta['seconds']:.0f} s by the {train.meta['mapper']} ray caster."
+        return said + self.steps.told(now, "Drawn", "draws them again")
 
     def before(self, outputs: list[Any]) -> None:
-        if self.last("views") is not None:
-            put_views(self.last("views")[0], 0, *outputs)
+        if self.steps.result is not None:
+            self.show(self.steps.result[0], outputs)
 
 
 def _write(train: Any, test: Any, folder: str, progress: Any) -> bool:
@@ -123,31 +109,32 @@ class StyleRFTrain(Filter):
         super().__init__(1, 1, "vtkTable")
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.work import train, training_key
+        from svv.pv.work import train, training_moment
 
-        key = (training_key(inputs[0], self.values), self.values["SceneFile"])
+        now = training_moment(inputs[0], self.values, time_asked_for(self))
 
         def make() -> Any:
             with self.training() as progress:
                 return train(inputs[0], self.values, progress)
 
-        scene = self.kept("scene", key, make)
+        scene = self.steps.get(now, make, self.values["TrainEachTimeStep"])
         put_scene(scene, outputs[0])
-        return f"{len(scene.regions)} regions, learned in {scene.made['seconds']['total']:.0f} s."
+        said = f"{len(scene.regions)} regions, learned in {scene.made['seconds']['total']:.0f} s."
+        return said + self.steps.told(now)
 
     def before(self, outputs: list[Any]) -> None:
-        if self.last("scene") is not None:
-            put_scene(self.last("scene"), outputs[0])
+        if self.steps.result is not None:
+            put_scene(self.steps.result, outputs[0])
 
 
 @smproxy.filter(label="StyleRF Render", support_reload=False)
 @menu
 @keep_input_visible
-@panel(*image_properties(400), device(), time_steps(), status())
+@panel(*image_properties(400), device(), status())
 @takes_scene
 class StyleRFRender(ImageOutput):
-    """An image of a scene: RGBA, depth and regions. Without a camera of its own it goes round the scene, one of 181
-    frames a time step, so that Play and Save Animation show the orbit."""
+    """An image of a scene: RGBA, depth and regions. Without a camera of its own it shows one of 181 frames of an
+    orbit around the scene; the macro StyleRF play orbit lets Play and Save Animation show them all."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
@@ -156,7 +143,7 @@ class StyleRFRender(ImageOutput):
         from svv.pv.work import camera_for, draw
 
         scene = scene_of(inputs[0])
-        camera = camera_for(scene, self.values, step_asked_for(self, out_info, ORBIT))
+        camera = camera_for(scene, self.values)
         put_image(outputs[0], draw(scene, camera, self.values, self.progress))
         return f"{camera.width} x {camera.height} pixels."
 
@@ -171,7 +158,6 @@ class StyleRFRender(ImageOutput):
     button("TakeAsEdited", TAKE_HELP),
     preview_file(),
     *image_properties(400),
-    time_steps(),
     *volume_properties(92, 0, 800),
     status(),
 )
@@ -185,10 +171,10 @@ class StyleRFStylizedView(ImageOutput):
         super().__init__(1, 1, "vtkImageData")
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.work import camera_for, draw, style_key, stylize, train, training_key
+        from svv.pv.work import camera_for, draw, style_key, stylize, train, training_moment
 
         values = {**self.values, "SceneFile": ""}
-        key = training_key(inputs[0], values)
+        now, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
         styles = style_key(values) if values["StyleFiles"] else ""
         todo = 0.7 if styles else 0.98
 
@@ -200,14 +186,15 @@ class StyleRFStylizedView(ImageOutput):
             with self.training() as progress:
                 return stylize(scene, values, part(progress, todo, 0.98))
 
-        scene = self.kept("scene", key, learn)
+        scene = self.steps.get(now, learn, each)
         if styles:
-            scene = self.kept("painted", (key, styles), paint)
-        camera = camera_for(scene, values, step_asked_for(self, out_info, ORBIT))
+            paintings: Steps[Any] = self.kept("paintings", None, Steps)
+            scene = paintings.get(Moment(styles, "", repr(self.steps.made)), paint, each)
+        camera = camera_for(scene, values)
         put_image(outputs[0], draw(scene, camera, values, self.progress))
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         hint = "" if styles else "; choose a picture under Style Files to paint them"
-        return f"{len(scene.regions)} regions{hint}."
+        return f"{len(scene.regions)} regions{hint}.{self.steps.told(now)}"
 
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:

@@ -8,10 +8,10 @@ from typing import Any
 from paraview.util.vtkAlgorithm import smproperty, smproxy
 
 from svv.errors import BadInput
-from svv.pv.data import put_scene, put_views, scene_of
-from svv.pv.filters import Filter, ViewsOutput, set_image_information, set_steps, step_asked_for
+from svv.pv.data import put_scene, scene_of
+from svv.pv.filters import Filter, ViewsOutput, set_image_information
 from svv.pv.panels import takes_scene
-from svv.pv.properties import file, panel, status, time_steps
+from svv.pv.properties import file, panel, shown_view, status
 
 __all__ = ["StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFViewsReader"]
 
@@ -58,11 +58,11 @@ class StyleRFSceneReader(Filter):
 @smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
 @panel(
     file("FileName", "json", "Views", "The file transforms_train.json of a set of views."),
-    time_steps(),
+    *shown_view(),
     status(),
 )
 class StyleRFViewsReader(ViewsOutput):
-    """Read a set of views (a folder with transforms_train.json): an image a time step, and the cameras. Connect
+    """Read a set of views (a folder with transforms_train.json): one of them as an image, and the cameras. Connect
     StyleRF Train."""
 
     def __init__(self) -> None:
@@ -74,12 +74,11 @@ class StyleRFViewsReader(ViewsOutput):
         except BadInput:
             return 1  # RequestData says it
         set_image_information(self, out_info, views.cameras[0].width, views.cameras[0].height)
-        set_steps(self, out_info, len(views))
         return 1
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         views = self._read()
-        put_views(views, step_asked_for(self, out_info, len(views)), *outputs)
+        self.show(views, outputs)
         return f"{len(views)} views."
 
     def _read(self) -> Any:

@@ -16,9 +16,10 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
-from svv.pv.data import camera_of, digest_of, views_of
+from svv.pv.data import camera_of, digest_of, time_of, views_of
 from svv.pv.filters import ORBIT
 from svv.pv.panels import COLOURS, IN_COLOUR, REGIONS, ROW
+from svv.pv.steps import Moment
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -48,6 +49,12 @@ def volume_of(data: vtkDataObject | None) -> vtkImageData:
 
 def views_key(image: vtkImageData, values: Values) -> str:
     """What the views of a volume depend on, as a hash: data, transfer function, shading, number and size."""
+    hashed = _hash_of(image, values)
+    hashed.update(repr([*_chosen(values), asdict(shading_of(values)), transfer_function_of(values).to_dict()]).encode())
+    return hashed.hexdigest()
+
+
+def _hash_of(image: vtkImageData, values: Values) -> Any:
     hashed = hashlib.blake2b(digest_size=16)
     hashed.update(repr([image.GetDimensions(), image.GetSpacing(), image.GetOrigin()]).encode())
     direction = image.GetDirectionMatrix()
@@ -56,9 +63,29 @@ def views_key(image: vtkImageData, values: Values) -> str:
     array = array or image.GetPointData().GetScalars() or image.GetCellData().GetScalars()
     if array is not None:
         hashed.update(digest_of(array).encode())
-    chosen = [values[k] for k in ("Scalars", "Views", "TestViews", "ViewSize", "RayCaster")]
-    hashed.update(repr([*chosen, asdict(shading_of(values)), transfer_function_of(values).to_dict()]).encode())
-    return hashed.hexdigest()
+    return hashed
+
+
+def _chosen(values: Values) -> list[Any]:
+    return [values[k] for k in ("Scalars", "Views", "TestViews", "ViewSize", "RayCaster")]
+
+
+def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
+    """What the views of a volume are made of, and when it is.
+
+    Args:
+        data: The volume.
+        values: The panel's.
+        asked: The time for which the volume was asked, None without one.
+
+    Raises:
+        BadInput: no image, or no transfer function.
+    """
+    image, unit = volume_of(data), values["OpacityUnitDistance"]
+    # Another table that was chosen counts as a setting; another course of the same one as an edit.
+    settings = repr([*_chosen(values), asdict(shading_of(values)), unit, id(values["TransferFunction"])])
+    look = repr(transfer_function_of(values).to_dict())
+    return Moment(settings, look, _hash_of(image, values).hexdigest(), asked, time_of(image))
 
 
 def transfer_function_of(values: Values) -> Any:
@@ -119,6 +146,17 @@ def training_key(data: vtkDataObject | None, values: Values) -> str:
     return repr([source, *(values[k] for k in ("Preset", "TimeLimit", "Seed", "Lighting"))])
 
 
+def training_moment(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
+    """What a scene is learned from, and when it is: as :func:`moment_of`, or the views that the data belongs to.
+
+    Views change when their filter was asked to draw others, and are followed whatever the time is.
+    """
+    views = views_of(data)
+    moment = moment_of(data, values, asked) if views is None else Moment("views", "", f"{id(views):x}")
+    chosen = [values[k] for k in ("Preset", "TimeLimit", "Seed", "Lighting", "SceneFile")]
+    return replace(moment, settings=repr([moment.settings, *chosen]))
+
+
 def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Scene:
     """A scene of a volume, or of the views that the input belongs to.
 
@@ -153,7 +191,7 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
     scene, _ = train_scene(
         views, values["Preset"], limit, values["Seed"], learn, checkpoint, device, lighting=values["Lighting"]
     )
-    scene = replace(scene, made={**scene.made, "key": key})
+    scene = replace(scene, made={**scene.made, "key": key, "time": time_of(data)})
     if file is not None and checkpoint is not None:
         scene.save(file)
         checkpoint.unlink(missing_ok=True)
@@ -233,19 +271,21 @@ def style_key(values: Values) -> str:
 # --- images ---------------------------------------------------------------------------------------------------------
 
 
-def camera_for(scene: Scene, values: Values, step: int) -> Camera:
-    """The panel's camera; where it is all zeros, the orbit's at this time step.
+def camera_for(scene: Scene, values: Values) -> Camera:
+    """The panel's camera; where it is all zeros, that of its frame of the orbit.
 
     Raises:
-        BadInput: a camera that is none.
+        BadInput: a camera that is none, or no such frame.
     """
     width, height = size_of(values)
     if any(values["Camera"][:6]):
         return camera_of(values["Camera"], width, height)
     from svv.core.cameras import orbit_cameras
 
-    rig = scene.camera_rig
-    (camera,) = orbit_cameras(ORBIT, rig["centre"], rig["radius"], rig["fov_x"], width, [step])
+    frame, rig = values["Frame"], scene.camera_rig
+    if not 0 <= frame < ORBIT:
+        raise BadInput(f"Frame must be 0 to {ORBIT - 1}, one of the orbit's, not {frame}.")
+    (camera,) = orbit_cameras(ORBIT, rig["centre"], rig["radius"], rig["fov_x"], width, [frame])
     return camera.resized(width, height)
 
 

@@ -58,8 +58,9 @@ whole = time.perf_counter() - start
 after = rss()
 seconds = []
 for step in range(10, 150, 20):  # another camera each time
+    filter.Frame = step
     start = time.perf_counter()
-    filter.UpdatePipeline(float(step))
+    filter.UpdatePipeline()
     seconds.append(time.perf_counter() - start)
 simple.Delete(filter)
 del filter

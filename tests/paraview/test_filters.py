@@ -24,10 +24,13 @@ volume, display = shown()
 display.ScalarOpacityUnitDistance = 2.5
 display.Shade = 1
 views = small(StyleRFViews(Input=volume, TestViews=2, Folder=folder + "/views"))
-dimensions, arrays = image(views, 3.0)
+dimensions, arrays = image(views)
 said = {"views": status(views), "unit": views.OpacityUnitDistance, "shade": views.Shade, "scalars": list(views.Scalars),
         "dimensions": dimensions, "arrays": {k: v.shape for k, v in arrays.items()},
-        "steps": len(views.TimestepValues), "cameras": OutputPort(views, 1).GetDataInformation().GetNumberOfPoints()}
+        "last": views.SMProxy.GetProperty("ShownView").FindDomain("vtkSMIntRangeDomain").GetMaximum(0),
+        "cameras": OutputPort(views, 1).GetDataInformation().GetNumberOfPoints()}
+views.ShownView = 5
+assert (image(views)[1]["RGBA"] != arrays["RGBA"]).any() and status(views) == said["views"], "not another view"
 train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=6.0, SceneFile=folder + "/scene.svv")
 train.UpdatePipeline()
 table = sm.Fetch(train)
@@ -45,7 +48,7 @@ def test_views_and_training_take_what_the_view_shows(trained: Path) -> None:
     assert (said["unit"], said["shade"], said["scalars"]) == (2.5, 1, ["POINTS", "RTData"])
     assert said["views"].startswith("8 views")
     assert (said["dimensions"], said["arrays"]) == ([64, 64, 1], {"RGBA": [4096, 4]})
-    assert (said["steps"], said["cameras"]) == (8, 8)
+    assert (said["last"], said["cameras"]) == (7, 8)
     scene = Scene.load(trained / "scene.svv")
     assert said["rows"] == len(scene.regions) >= 1
     assert said["columns"] == ["Region", "Colour", "Share", "Values", "Opacity", "Lighting", "Style"]
@@ -64,28 +67,27 @@ folder, out = sys.argv[1:3]
 reader = OpenDataFile(folder + "/scene.svv")
 edit = StyleRFEdit(Input=reader)
 render = StyleRFRender(Input=edit, ImageSize=[60, 40])
-assert len(render.TimestepValues) == 181
-dimensions, first = image(render, 90.0)
+dimensions, first = image(render, 90)
 assert dimensions == (60, 40, 1) and set(first) == {"RGBA", "Depth", "Region"}
 assert first["RGBA"].dtype == np.uint8 and first["Depth"].dtype == np.float32 and first["Region"].dtype == np.int16
 alpha = first["RGBA"][:, 3]
 assert alpha.max() > 100 and np.array_equal(np.isnan(first["Depth"]), alpha == 0)
 assert (first["Region"][alpha == 0] == -1).all()
-assert not np.array_equal(image(render, 20.0)[1]["RGBA"], first["RGBA"]), "the orbit stands still"
+assert not np.array_equal(image(render, 20)[1]["RGBA"], first["RGBA"]), "the orbit stands still"
 
 region = np.bincount(first["Region"][alpha > 150]).argmax()  # how many there are hangs on how far training came
 def change(**values):
     for name, value in values.items():
         setattr(edit, f"Region{region}{name}", value)
 change(Recolour=1, Colour=[1.0, 0.0, 1.0])
-magenta = image(render, 90.0)[1]["RGBA"]
+magenta = image(render, 90)[1]["RGBA"]
 seen = (first["Region"] == region) & (alpha > 150)
 assert (magenta[seen, 1] < first["RGBA"][seen].max(1)).mean() > 0.9 and np.array_equal(magenta[:, 3], alpha)
 change(Recolour=0, Opacity=0.0)
-hidden = image(render, 90.0)[1]["RGBA"]
+hidden = image(render, 90)[1]["RGBA"]
 assert hidden[:, 3].astype(int).sum() < alpha.astype(int).sum(), "a hidden region still hides what lies behind"
 change(Opacity=1.0)
-assert np.array_equal(image(render, 90.0)[1]["RGBA"], first["RGBA"]), "an edit that was taken back left a trace"
+assert np.array_equal(image(render, 90)[1]["RGBA"], first["RGBA"]), "an edit that was taken back left a trace"
 
 # The camera of a view, as ParaView has it: twice as far away, everything is half as large.
 scale = lambda: np.sqrt((image(render)[1]["RGBA"][:, 3] > 0).sum())

@@ -276,12 +276,13 @@ def test_without_a_display_pvpython_renders_on_one_that_ends_with_it(paraview: s
         "import os, sys\n"
         "from paraview.simple import *\n"
         "Show(Sphere()); Render(); SaveScreenshot(sys.argv[1], ImageResolution=[64, 64])\n"
-        "print('display', os.environ['DISPLAY'])\n"
+        "print('display', os.environ['DISPLAY'] or 'none')\n"
     )
     done = run("pvpython", script, tmp_path / "out.png", DISPLAY="")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out.png").stat().st_size > 500
     display = next(line for line in done.stdout.splitlines() if line.startswith("display")).split()[1]
+    assert (display != "none") == start.needs_display(paraview, "pvpython")
     assert ends(display)
 
 
@@ -292,7 +293,7 @@ def test_signals_reach_the_program_and_end_its_display(paraview: start.ParaView,
         "import os, signal, time\n"
         "signal.signal(signal.SIGINT, lambda *_: os._exit(9))\n"  # as a script of the user may
         # pvpython keeps what is printed, whatever is flushed, where Python is not told to be unbuffered.
-        "os.write(1, os.environ['DISPLAY'].encode() + b'\\n')\n"
+        "os.write(1, (os.environ['DISPLAY'] or 'none').encode() + b'\\n')\n"
         "while True: time.sleep(0.05)\n"
     )
     command = [*SVV, "pvpython", str(script)]
@@ -301,7 +302,7 @@ def test_signals_reach_the_program_and_end_its_display(paraview: start.ParaView,
         assert process.stdout is not None
         try:
             display = process.stdout.readline().strip()
-            assert is_on(display)
+            assert is_on(display) == start.needs_display(paraview, "pvpython")
             process.send_signal(number)
             assert process.wait(60) == (9 if number == signal.SIGINT else -signal.SIGKILL)
         finally:

@@ -19,6 +19,7 @@ import numpy as np
 folder = sys.argv[1]
 volume, display = shown()
 display.ScalarOpacityUnitDistance = 2.5
+GetOpacityTransferFunction("RTData").Points = [37, 0, 0.5, 0, 200, 0, 0.5, 0, 220, 1, 0.5, 0, 277, 1, 0.5, 0]  # little
 Render()
 SaveScreenshot(folder + "/shown.png", ImageResolution=[64, 64])
 views = small(StyleRFViews(Input=volume, TestViews=2, Folder=folder + "/views"))
@@ -92,7 +93,7 @@ def triton(
 
 
 def test_the_whole_flow_outlives_triton_after_rendering(pvpython, triton: dict[str, str], tmp_path: Path) -> None:
-    pvpython(VOLUME + FLOW + BOTH_LLVM, tmp_path, environ=triton)
+    pvpython(VOLUME + FLOW + BOTH_LLVM, tmp_path, environ=triton, timeout=900)
 
 
 @pytest.mark.parametrize("order", [("render", "compile", "render"), ("compile", "render", "compile")], ids="-".join)

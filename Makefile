@@ -22,12 +22,14 @@ demo: $(INSTALLED)
 test: check paraview
 	$(PYTEST)
 
-# Sums are rounded in another order on every processor. Here is one without AVX on one thread, and one with AVX2 on two.
+# Sums are rounded in another order on every processor, and some have half precision. Here is one without AVX on one thread,
+# one with AVX2 on two, and one with AMX.
 test-processors: $(INSTALLED)
 	ATEN_CPU_CAPABILITY=default ONEDNN_MAX_CPU_ISA=SSE41 MKL_CBWR=COMPATIBLE OPENBLAS_CORETYPE=Nehalem \
 		NUMBA_CPU_NAME=generic NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTEST) --ignore=tests/paraview
 	ATEN_CPU_CAPABILITY=avx2 ONEDNN_MAX_CPU_ISA=AVX2 NUMBA_NUM_THREADS=2 OMP_NUM_THREADS=2 \
 		$(PYTEST) --ignore=tests/paraview
+	$(PYTEST) --ignore=tests/paraview -p tests.amx
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -1,6 +1,7 @@
 # From nothing but make and python3 with venv:
 #   make demo       the whole job on generated data; the result is demo/report.html
 #   make test       style, types and tests, those in ParaView included
+#   make test-processors   the tests outside ParaView with the arithmetic of other processors
 #   make paraview   what ParaView needs to run svv; with PARAVIEW=DIR for one that is unpacked in DIR
 PYTHON ?= python3
 VENV   ?= .venv
@@ -9,16 +10,26 @@ export SVV_PARAVIEW := $(or $(PARAVIEW),$(SVV_PARAVIEW))
 
 BIN       := $(VENV)/bin
 INSTALLED := $(VENV)/installed
+PYTEST    := OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 PIP       := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-input -c constraints.txt
 
 .DELETE_ON_ERROR:
-.PHONY: demo test check install paraview clean
+.PHONY: demo test test-processors check install paraview clean
 
 demo: $(INSTALLED)
 	$(BIN)/svv demo --out $(OUT)
 
 test: check paraview
-	OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(PYTEST)
+
+# Sums are rounded in another order on every processor, and some have half precision. Here is one without AVX on one thread,
+# one with AVX2 on two, and one with AMX.
+test-processors: $(INSTALLED)
+	ATEN_CPU_CAPABILITY=default ONEDNN_MAX_CPU_ISA=SSE41 MKL_CBWR=COMPATIBLE OPENBLAS_CORETYPE=Nehalem \
+		NUMBA_CPU_NAME=generic NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTEST) --ignore=tests/paraview
+	ATEN_CPU_CAPABILITY=avx2 ONEDNN_MAX_CPU_ISA=AVX2 NUMBA_NUM_THREADS=2 OMP_NUM_THREADS=2 \
+		$(PYTEST) --ignore=tests/paraview
+	$(PYTEST) --ignore=tests/paraview -p tests.amx
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

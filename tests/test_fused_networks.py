@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from svv.core.networks import relu_layers
 from svv.fields.networks import mlp
 from svv.kernels.dispatch import CPU
+from tests.tolerances import NETWORKS
 
 GPU = torch.cuda.is_available()
 if not GPU:
@@ -27,9 +28,6 @@ if not GPU:
 from svv.kernels import fused, fused_networks  # noqa: E402
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
-TOLERANCE = {"value": 1e-4, "half": 4e-3}
-"""Root of the mean squared difference, as a part of the result's. ``value``: against plain torch whose operands are
-rounded to float16, which leaves the order of sums. ``half``: against float32; gradients, which are rounded, too."""
 FEW = settings(deadline=None, max_examples=12)
 
 SHAPES = [
@@ -105,9 +103,9 @@ def test_values_and_gradients_are_those_of_plain_torch(
     exact = results(relu_layers, x, weights, g, CPU)
     rounded = results(rounded_layers, x, weights, g, CPU)
     assert [t.shape for t in got] == [t.shape for t in exact]
-    assert off(got[0], rounded[0]) < TOLERANCE["value"]
-    assert off(got[0], exact[0]) < TOLERANCE["half"]
-    assert max(off(mine, theirs) for mine, theirs in zip(got[1:], rounded[1:], strict=True)) < TOLERANCE["half"]
+    assert off(got[0], rounded[0]) < NETWORKS[torch.float32]
+    assert off(got[0], exact[0]) < NETWORKS[torch.float16]
+    assert max(off(mine, theirs) for mine, theirs in zip(got[1:], rounded[1:], strict=True)) < NETWORKS[torch.float16]
 
 
 @pytest.mark.parametrize("shape", SHAPES[:4])
@@ -132,7 +130,7 @@ def test_gradients_of_faint_samples_beside_strong_ones() -> None:
     g[1::2] *= 1e-6
     got = results(fused_networks.run, x, weights, g, DEVICE)[1]
     expected = results(rounded_layers, x, weights, g, CPU)[1]
-    assert off(got[1::2], expected[1::2]) < TOLERANCE["half"]
+    assert off(got[1::2], expected[1::2]) < NETWORKS[torch.float16]
 
 
 def test_what_is_too_large_for_half_precision_stays_finite() -> None:

@@ -22,8 +22,8 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Extinction, Marching, Rays, composite, march
 from svv.kernels import compiled, plain
 from svv.kernels import lattice as lattice_kernels
+from tests.tolerances import KERNELS
 
-TOLERANCE = {"value": 2e-5, "gradient": 2e-4}
 UNIT = Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0))
 
 
@@ -51,13 +51,13 @@ def test_lattice_matches_reference_in_value_and_gradient() -> None:
     where = lattice.layout
     expected = lattice_features(x, where.shapes, where.scales, where.bases, where.index, table)
     got = lattice(x)
-    torch.testing.assert_close(got, expected, atol=TOLERANCE["value"], rtol=0)
+    torch.testing.assert_close(got, expected, atol=KERNELS["value"], rtol=0)
     upstream = torch.randn(expected.shape, generator=torch.Generator().manual_seed(1))
     expected.backward(upstream)
     got.backward(upstream)
     gradient, used = lattice.buffers_for_gradient()
     assert table.grad is not None
-    torch.testing.assert_close(gradient, table.grad, atol=TOLERANCE["gradient"], rtol=1e-4)
+    torch.testing.assert_close(gradient, table.grad, atol=KERNELS["gradient"], rtol=1e-4)
     assert used[table.grad.abs().sum(1) > 0].all()
 
 
@@ -83,7 +83,7 @@ def test_lattice_backward_is_the_same_whatever_the_number_of_threads(levels: tup
     for got, marks in results:
         assert torch.equal(got, results[0][0])
         assert torch.equal(marks > 0, results[0][1] > 0)
-        torch.testing.assert_close(got, table.grad, atol=TOLERANCE["gradient"], rtol=1e-4)
+        torch.testing.assert_close(got, table.grad, atol=KERNELS["gradient"], rtol=1e-4)
 
 
 def test_lattice_reproduces_linear_functions() -> None:
@@ -133,12 +133,12 @@ def test_hash_grid_matches_reference_in_value_and_gradient() -> None:
     table = grid.table.detach().clone().requires_grad_()
     expected = hash_features(x, grid.resolutions, grid.offsets, table)
     got = grid(x)
-    torch.testing.assert_close(got, expected, atol=TOLERANCE["value"], rtol=0)
+    torch.testing.assert_close(got, expected, atol=KERNELS["value"], rtol=0)
     upstream = torch.randn(expected.shape, generator=torch.Generator().manual_seed(2))
     expected.backward(upstream)
     got.backward(upstream)
     torch.testing.assert_close(
-        grid.buffers_for_gradient()[0], table.grad, atol=TOLERANCE["gradient"], rtol=1e-4
+        grid.buffers_for_gradient()[0], table.grad, atol=KERNELS["gradient"], rtol=1e-4
     )
 
 
@@ -314,7 +314,7 @@ def test_composite_matches_reference_in_value_and_gradient(count: int, channels:
     ((out[0] * up).sum() + 2.0 * transmittance[0]).backward()
     ((expected * up).sum() + 2.0 * expected_transmittance).backward()
     for mine, twin in zip((sigma, values), twins, strict=True):
-        torch.testing.assert_close(mine.grad, twin.grad, atol=TOLERANCE["gradient"], rtol=1e-3)
+        torch.testing.assert_close(mine.grad, twin.grad, atol=KERNELS["gradient"], rtol=1e-3)
 
 
 def test_extinction_gradient_reaches_the_density_lattice() -> None:

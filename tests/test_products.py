@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import pytest
 import torch
 from torch import Tensor, nn
@@ -11,10 +15,10 @@ from svv.fields.networks import BaseField, FieldSettings, Layers, mlp
 from svv.fields.occupancy import Occupancy
 from svv.kernels import products
 from svv.kernels.products import LEAST, WHOLE, HalfNetwork, processor_has_half
+from tests.tolerances import NETWORKS
 
 HALF = pytest.mark.skipif(not processor_has_half(), reason="this processor multiplies no bfloat16 matrices")
-DIGITS = 0.02
-"""Error allowed, as a part of the numbers (root of the mean square): bfloat16 keeps 8 bits, and three layers add up."""
+DIGITS = NETWORKS[torch.bfloat16]
 
 
 def inputs(count: int, width: int = 32, seed: int = 0) -> Tensor:
@@ -89,6 +93,17 @@ def test_a_processor_without_it_takes_float32(monkeypatch: pytest.MonkeyPatch) -
     network, x = colour_network(), inputs(LEAST + 7)
     with torch.no_grad():
         assert torch.equal(network(x), nn.Sequential.forward(network, x))
+
+
+def test_a_processor_that_is_held_back_takes_float32() -> None:
+    """The processor has the units, but torch's library is told to use none newer than SSE 4.1."""
+    ask = (
+        "import torch; torch.cpu.get_capabilities = lambda: {'amx_bf16': True}; "
+        "from svv.kernels.products import processor_has_half; print(processor_has_half())"
+    )
+    environment = os.environ | {"ONEDNN_MAX_CPU_ISA": "SSE41"}
+    found = subprocess.run([sys.executable, "-c", ask], env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "False"
 
 
 def test_extinctions_are_never_rough() -> None:

@@ -24,7 +24,14 @@ which takes longer than the product itself."""
 def processor_has_half() -> bool:
     """Whether this processor multiplies bfloat16 matrices in hardware of its own, and torch can make use of it."""
     ask = getattr(torch.cpu, "get_capabilities", None)  # torch before 2.7 has no such question
-    return ask is not None and bool(ask().get("amx_bf16")) and hasattr(torch.ops.mkldnn, "_linear_pointwise")
+    if ask is None or not ask().get("amx_bf16") or not hasattr(torch.ops.mkldnn, "_linear_pointwise"):
+        return False
+    x = torch.zeros(WHOLE, 16, dtype=torch.bfloat16)
+    try:
+        torch.ops.mkldnn._linear_pointwise(x, x[:16], None, "none", [], "")
+    except RuntimeError:  # oneDNN may be held back (ONEDNN_MAX_CPU_ISA), and there is no question for that
+        return False
+    return True
 
 
 class HalfNetwork(torch.autograd.Function):

@@ -1,0 +1,24 @@
+"""A pytest plugin: this processor multiplies bfloat16 matrices, as one with AMX does.
+
+``python -m pytest -p tests.amx``: networks that are rough then take half precision, and what the unit would give is
+worked out in float32. It is slow, and right to the rounding: products of two bfloat16 numbers are exact in float32.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import torch
+from torch import Tensor
+
+from svv.kernels import products
+
+
+def linear(x: Tensor, weight: Tensor, bias: None, activation: str, *_: object) -> Tensor:
+    """As ``torch.ops.mkldnn._linear_pointwise`` without a bias: (S, I) and (O, I) -> (S, O)."""
+    out = x.float() @ weight.float().T
+    return (out.relu() if activation == "relu" else out).bfloat16()
+
+
+torch.ops.mkldnn._linear_pointwise = linear  # type: ignore[attr-defined]
+products.processor_has_half = cache(lambda: True)

@@ -202,10 +202,10 @@ else:
 filter = small(StyleRFStylizedView(Input=source, Preset="draft", TimeLimit=2.0, ImageSize=[40, 30]))
 at(animation, 0.5)
 view = as_image(filter)
-filter.Camera = [0, 0, 90, 0, 0, 0, 0, 1, 0, 30]
 filter.Frame = 181
 Render(view)
-assert "pixels" not in status(filter)
+assert "Frame must be 0 to 180" in status(filter), status(filter)
+filter.Camera = [0, 0, 90, 0, 0, 0, 0, 1, 0, 30]
 asked()
 play_orbit()
 assert not any(filter.Camera[:9])
@@ -312,6 +312,30 @@ assert scene(train) == first and counted == ["draw_views", "train"], counted
 views.TakeAsEdited()
 train.UpdatePipeline(1.5)
 assert scene(train) != first and counted == ["draw_views", "train"] * 2, counted
+""",
+        tmp_path,
+    )
+
+
+def test_what_looks_at_a_view_looks_at_its_time(pvpython, tmp_path) -> None:
+    pvpython(
+        SOURCE
+        + """
+from pathlib import Path
+from svv.fields.scene import Scene
+from svv.pv import scripts
+from svv.pv.data import time_of
+from svv.pv.follow import follow, stop_following
+at(animation, 1.5)
+SaveState(sys.argv[1] + "/state.pvsm")
+ResetSession()
+display, view = scripts.open_volume(Path(sys.argv[1] + "/state.pvsm"))
+assert time_of(scripts.shown_volume(display).data) == 1.5
+GetAnimationScene().AnimationTime = 1.0
+train = small(StyleRFTrain(Input=display.Input, Preset="draft", TimeLimit=2.0))
+follow(StyleRFRender(Input=train), view)
+assert counted == ["train", "draw_views"] and Scene.from_bytes(scene(train), "the scene").made["time"] == 1.0
+stop_following()
 """,
         tmp_path,
     )

@@ -52,7 +52,7 @@ class CameraFollower:
         self._last = camera, width, height
         self.filter.Camera = camera
         self.filter.ImageSize = [width, height]
-        self.filter.UpdatePipeline(self.view.ViewTime)
+        self.filter.UpdatePipeline()
         fit(self.target, width, height)
         simple.Render(self.target)
 

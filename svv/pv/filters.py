@@ -210,7 +210,8 @@ def time_asked_for(filter: Filter) -> float | None:
 class ViewsOutput(Filter):
     """Gives out one view as an image, that of the property ``ShownView``, and all cameras."""
 
-    _last_view = 0
+    last_view = 0
+    """Number of the last view that there is, or will be."""
 
     def FillOutputPortInformation(self, port: int, info: Any) -> int:
         """An image, and points."""
@@ -219,12 +220,11 @@ class ViewsOutput(Filter):
 
     def show(self, views: Any, outputs: list[Any]) -> None:
         """Give out views; the last one where there are fewer than the panel asks for."""
-        self._last_view = len(views) - 1
-        put_views(views, min(max(self.values["ShownView"], 0), self._last_view), *outputs)
+        put_views(views, min(max(self.values["ShownView"], 0), len(views) - 1), *outputs)
 
     def GetViewNumbers(self) -> tuple[int, int]:
         """The range of ``ShownView``."""
-        return 0, self._last_view
+        return 0, self.last_view
 
 
 class ImageOutput(Filter):

@@ -55,6 +55,7 @@ class StyleRFViews(ViewsOutput):
 
     def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
         set_image_information(self, out_info, self.values["ViewSize"], self.values["ViewSize"])
+        self.last_view = self.values["Views"] - 1
         return 1
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:

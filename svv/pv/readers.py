@@ -74,6 +74,7 @@ class StyleRFViewsReader(ViewsOutput):
         except BadInput:
             return 1  # RequestData says it
         set_image_information(self, out_info, views.cameras[0].width, views.cameras[0].height)
+        self.last_view = len(views) - 1
         return 1
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:

@@ -65,10 +65,12 @@ def shown_volume(display: Any) -> ShownVolume:
     Raises:
         BadInput: a way of showing it that cannot be learned.
     """
+    from paraview import simple
+
     from svv.pv.capture import shown_as
 
     source = display.Input
-    source.UpdatePipeline()
+    source.UpdatePipeline(simple.GetTimeKeeper().Time)  # as the view shows it
     values = shown_as(display)
     array = values["Scalars"][1]
     table = values["TransferFunction"]
@@ -160,13 +162,15 @@ def _show_with(display: Any, tf: Path) -> None:
         display.ScalarOpacityUnitDistance = function.unit_distance
 
 
-def update(filter: Any, time: float = 0.0) -> None:
-    """Bring a StyleRF filter up to date.
+def update(filter: Any) -> None:
+    """Bring a StyleRF filter up to date, at the time that ParaView is at.
 
     Raises:
         BadInput: it could not do its work; the sentence is its own.
     """
-    filter.UpdatePipeline(time)
+    from paraview import simple
+
+    filter.UpdatePipeline(simple.GetTimeKeeper().Time)
     filter.UpdatePropertyInformation()
     information = filter.GetDataInformation()
     if not information.GetNumberOfPoints() + information.GetNumberOfRows():

@@ -28,11 +28,11 @@ def status(filter):
     filter.UpdatePropertyInformation()
     return filter.Status
 
-def image(filter, frame=None):
+def image(filter, frame=None, time=0.0):
     from vtkmodules.util.numpy_support import vtk_to_numpy
     if frame is not None:
         filter.Frame = frame
-    filter.UpdatePipeline(0.0)
+    filter.UpdatePipeline(time)
     data = sm.Fetch(filter)
     arrays = data.GetPointData()
     return data.GetDimensions(), {arrays.GetArrayName(i): vtk_to_numpy(arrays.GetArray(i)).copy() for i in range(arrays.GetNumberOfArrays())}

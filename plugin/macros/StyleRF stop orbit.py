@@ -1,0 +1,5 @@
+"""The animation shows the data's time again."""
+
+from svv.pv.orbit import stop_orbit
+
+stop_orbit()

@@ -1,0 +1,72 @@
+"""The orbit as an animation: Play and Save Animation go round a scene, while the data's time stands still.
+
+Client code, for the user interface and for scripts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from svv.errors import BadInput
+
+SHOWN = {"StyleRFRender": "Frame", "StyleRFStylizedView": "Frame", "StyleRFViews": "ShownView",
+         "StyleRFViewsReader": "ShownView"}  # fmt: skip
+"""The property that says which of several images a filter shows."""
+
+
+def play_orbit(filter: Any = None, frames: int | None = None) -> Any:
+    """Let the animation go through the frames of the orbit, or through a set of views.
+
+    The data stays at the time that is shown now.
+
+    Args:
+        filter: StyleRF Render, Stylized View, Views or a folder of views, as ParaView's Python has it; by default the
+            active one, or else the last that was made. Its own camera gives way to the orbit's.
+        frames: Number of the animation's frames, by default as many as there are images; at least 2.
+
+    Returns:
+        The animation track.
+
+    Raises:
+        BadInput: there is no such filter, or too few frames.
+    """
+    from paraview import simple
+
+    filter = filter or _filter_in([simple.GetActiveSource(), *reversed(list(simple.GetSources().values()))])
+    name = SHOWN[filter.SMProxy.GetXMLName()]
+    if name == "Frame":
+        filter.Camera = [0.0] * 9 + [30.0]
+    filter.UpdatePropertyInformation()
+    last = filter.SMProxy.GetProperty(name).FindDomain("vtkSMIntRangeDomain").GetMaximum(0)
+    frames = last + 1 if frames is None else frames
+    if frames < 2:
+        raise BadInput(f"An animation takes 2 frames or more, not {frames}.")
+    track = simple.GetAnimationTrack(name, proxy=filter)
+    # What ParaView interpolates it rounds down, and so a hair below 16 would become 15.
+    ends = [(0.0, 0.25), (1.0, last + 0.25)]
+    track.KeyFrames = [simple.CompositeKeyFrame(KeyTime=time, KeyValues=[value]) for time, value in ends]
+    simple.GetTimeTrack().Enabled = 0
+    scene = simple.GetAnimationScene()
+    scene.PlayMode, scene.NumberOfFrames = "Sequence", frames
+    return track
+
+
+def stop_orbit() -> None:
+    """Give the animation back to the data's time; every filter goes on showing the image that it shows."""
+    from paraview import simple
+
+    scene = simple.GetAnimationScene()
+    for track in list(scene.Cues):
+        animated = getattr(track, "AnimatedProxy", None)
+        if animated is not None and SHOWN.get(animated.SMProxy.GetXMLName()) == track.AnimatedPropertyName:
+            simple.Delete(track)
+    simple.GetTimeTrack().Enabled = 1
+    scene.UpdateAnimationUsingDataTimeSteps()
+
+
+def _filter_in(candidates: Sequence[Any]) -> Any:
+    for source in candidates:
+        if source is not None and source.SMProxy.GetXMLName() in SHOWN:
+            return source
+    raise BadInput("There is nothing to go round: add StyleRF Render or StyleRF Stylized View first.")

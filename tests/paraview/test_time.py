@@ -1,0 +1,341 @@
+"""Data that changes with time, in the real ParaView: what is asked of it, when a scene is learned, and the orbit."""
+
+from __future__ import annotations
+
+import numpy as np
+from filter_script import VOLUME  # type: ignore[import-not-found]
+
+TIMES = "[0.0, 0.5, 1.0, 1.5, 2.0]"
+
+BLOB = (
+    VOLUME
+    + f"""
+import numpy as np
+from svv.pv import work
+from svv.pv.follow import fit, show_image
+times = {TIMES}
+counted = []
+def counting(name):
+    plain = getattr(work, name)
+    def counted_one(*arguments):
+        counted.append(name)
+        return plain(*arguments)
+    setattr(work, name, counted_one)
+counting("train")
+counting("draw_views")
+
+def blob(time, size=16):
+    z, y, x = np.mgrid[0:size, 0:size, 0:size]
+    return np.exp(-((x - 4 - 4 * time) ** 2 + (y - 8) ** 2 + (z - 8) ** 2) / 14.0).astype(np.float32)
+
+def as_volume(source):
+    view = CreateView("RenderView")
+    view.ViewSize = [80, 60]
+    display = Show(source, view)
+    display.SetRepresentationType("Volume")
+    ColorBy(display, ("POINTS", "v"))
+    table, opacity = GetColorTransferFunction("v"), GetOpacityTransferFunction("v")
+    table.RescaleTransferFunction(0.0, 1.0)
+    opacity.Points = [0.0, 0.0, 0.5, 0.0, 0.3, 0.0, 0.5, 0.0, 1.0, 0.8, 0.5, 0.0]
+    Render(view)
+    animation = GetAnimationScene()
+    animation.UpdateAnimationUsingDataTimeSteps()
+    return animation
+
+def as_image(filter):
+    view = CreateView("RenderView")
+    view.ViewSize = [80, 60]
+    show_image(filter, view)
+    fit(view, 40, 30)
+    Render(view)
+    return view
+
+def at(animation, time, *views):
+    animation.AnimationTime = time
+    for view in views:
+        Render(view)
+
+def steps(animation):
+    return [float(time) for time in animation.TimeKeeper.TimestepValues]
+"""
+)
+
+SOURCE = (
+    BLOB
+    + """
+noted = sys.argv[1] + "/asked"  # numpy's names come into __main__ with the source
+def asked():
+    there = [eval(line) for line in open(noted)] if os.path.exists(noted) else []
+    open(noted, "w").close()
+    return there
+
+source = ProgrammableSource(OutputDataSetType="vtkImageData")
+source.ScriptRequestInformation = '''
+executive = self.GetExecutive()
+info = executive.GetOutputInformation(0)
+info.Remove(executive.TIME_STEPS()); info.Remove(executive.TIME_RANGE())
+for time in TIMES: info.Append(executive.TIME_STEPS(), time)
+for time in (TIMES[0], TIMES[-1]): info.Append(executive.TIME_RANGE(), time)
+info.Set(executive.WHOLE_EXTENT(), 0, 15, 0, 15, 0, 15)
+'''.replace("TIMES", str(times))
+SCRIPT = '''
+import builtins
+import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk
+executive = self.GetExecutive()
+info = executive.GetOutputInformation(0)
+time = info.Get(executive.UPDATE_TIME_STEP()) if info.Has(executive.UPDATE_TIME_STEP()) else None
+with open("LOG", "a") as file:
+    file.write(repr(time) + chr(10))
+shown = builtins.max(t for t in TIMES if t <= (time or 0.0))
+z, y, x = np.mgrid[0:16, 0:16, 0:16]
+values = np.exp(-((x - 4 - 4 * shown) ** 2 + (y - 8) ** 2 + (z - 8) ** 2) / 14.0).astype(np.float32)
+array = numpy_to_vtk(values.ravel(), deep=1)
+array.SetName("v")
+output = self.GetOutput()
+output.SetDimensions(16, 16, 16)
+output.GetPointData().SetScalars(array)
+output.GetInformation().Set(output.DATA_TIME_STEP(), shown)
+'''.replace("TIMES", str(times)).replace("LOG", noted)
+source.Script = SCRIPT
+animation = as_volume(source)
+assert steps(animation) == times
+"""
+)
+
+
+def test_time_passes_and_the_scene_stays_until_it_is_asked_for(pvpython, tmp_path) -> None:
+    pvpython(
+        SOURCE
+        + """
+from svv.fields.scene import Scene
+made = lambda: Scene.from_bytes(scene(train), "the scene").made
+train = small(StyleRFTrain(Input=source, Preset="draft", TimeLimit=2.0))
+image = StyleRFRender(Input=train, ImageSize=[40, 30])
+view = as_image(image)
+assert counted == ["train", "draw_views"], counted
+first = scene(train)
+animation.UpdateAnimationUsingDataTimeSteps()
+assert steps(animation) == times and animation.PlayMode == "Snap To TimeSteps", steps(animation)
+assert not hasattr(image, "TimestepValues") and not hasattr(train, "TimestepValues")
+
+asked()
+animation.Play()
+SaveAnimation(sys.argv[1] + "/time.png", view)
+assert set(asked()) == set(times), "a time that is none of the source's"
+assert scene(train) == first and len(counted) == 2, "an animation trained"
+assert "Learned at time 0; the data is at 2 now" in status(train), status(train)
+at(animation, 1.5, view)
+image.Frame = 40
+Render(view)
+train.Device = "auto"
+Render(view)
+assert scene(train) == first, "another frame trained, at another time"
+SaveData(sys.argv[1] + "/kept.svv", proxy=train)
+assert scene(train) == first and set(asked()) <= set(times)
+kept = OpenDataFile(sys.argv[1] + "/kept.svv")
+kept.UpdatePipeline()
+assert scene(kept) == first
+at(animation, 0.0, view)
+assert "time" not in status(train), status(train)
+
+at(animation, 1.5, view)
+train.TakeAsEdited()
+Render(view)
+second = scene(train)
+assert second != first and made()["time"] == 1.5 and "time" not in status(train), status(train)
+train.TakeAsEdited()
+Render(view)
+assert scene(train) == second, "trained again, though nothing had changed"
+source.Script = SCRIPT.replace("14.0", "10.0")  # an Apply further up
+Render(view)
+third = scene(train)
+assert third != second and made()["time"] == 1.5
+at(animation, 0.0, view)
+assert scene(train) == third
+train.Seed = 1
+Render(view)
+assert scene(train) != third and made()["time"] == 0.0
+assert counted == ["train", "draw_views"] * 4, counted
+""",
+        tmp_path,
+    )
+
+
+def test_each_time_step_is_trained_once_where_that_is_wished(pvpython, tmp_path) -> None:
+    pvpython(
+        SOURCE
+        + """
+train = small(StyleRFTrain(Input=source, Preset="draft", TimeLimit=2.0, TrainEachTimeStep=1))
+train.UpdatePipeline(0.0)
+scenes = {0.0: scene(train)}
+for time in (0.5, 1.0):
+    train.UpdatePipeline(time)
+    scenes[time] = scene(train)
+assert len(set(scenes.values())) == len(counted) / 2 == 3, counted
+for time in (0.5, 1.0, 0.0, 1.0):
+    train.UpdatePipeline(time)
+    assert scene(train) == scenes[time], f"another scene at {time}"
+    assert "time" not in status(train), status(train)
+train.TrainEachTimeStep = 0
+train.UpdatePipeline(0.0)
+assert scene(train) == scenes[1.0] and "Learned at time 1; the data is at 0 now" in status(train), status(train)
+assert len(counted) == 6, counted
+assert set(asked()) <= {None, *times}
+""",
+        tmp_path,
+    )
+
+
+def test_the_orbit_is_an_animation_at_one_time_of_the_data(pvpython, tmp_path) -> None:
+    pvpython(
+        SOURCE
+        + """
+from svv.errors import BadInput
+from svv.pv.orbit import play_orbit, stop_orbit
+try:
+    play_orbit()
+except BadInput as error:
+    assert "nothing to go round" in str(error)
+else:
+    raise AssertionError("an orbit around nothing")
+filter = small(StyleRFStylizedView(Input=source, Preset="draft", TimeLimit=2.0, ImageSize=[40, 30]))
+at(animation, 0.5)
+view = as_image(filter)
+filter.Frame = 181
+Render(view)
+assert "Frame must be 0 to 180" in status(filter), status(filter)
+filter.Camera = [0, 0, 90, 0, 0, 0, 0, 1, 0, 30]
+asked()
+play_orbit()
+assert not any(filter.Camera[:9])
+assert (animation.PlayMode, animation.NumberOfFrames) == ("Sequence", 181)
+Hide(filter, view)  # what is hidden is not drawn: all frames at once
+frames = []
+animation.GoToFirst()
+for _ in range(181):
+    frames.append(filter.SMProxy.GetProperty("Frame").GetElement(0))
+    animation.GoToNext()
+assert frames == list(range(181)), frames
+Show(filter, view)
+play_orbit(filter, 10)
+SaveAnimation(sys.argv[1] + "/orbit.png", view, FrameWindow=[0, 3])
+assert filter.SMProxy.GetProperty("Frame").GetElement(0) == 60
+assert asked() == [] and animation.TimeKeeper.Time == view.ViewTime == 0.5, "the data's time went on"
+assert counted == ["train", "draw_views"] and "time" not in status(filter), (counted, status(filter))
+stop_orbit()
+assert [track.GetXMLName() for track in animation.Cues] == ["TimeAnimationCue"]
+assert animation.PlayMode == "Snap To TimeSteps" and steps(animation) == times
+animation.GoToFirst()
+animation.GoToNext()
+assert view.ViewTime == 0.5 and filter.Frame == 60
+animation.GoToNext()
+assert view.ViewTime == 1.0 and asked() == [0.0, 0.5, 1.0]
+assert counted == ["train", "draw_views"], counted
+assert "Learned at time 0.5; the data is at 1 now" in status(filter), status(filter)
+""",
+        tmp_path,
+    )
+    from PIL import Image
+
+    frames = [np.asarray(Image.open(path)) for path in sorted(tmp_path.glob("orbit.*.png"))]
+    assert len(frames) == 4
+    assert all((one != other).any() for k, one in enumerate(frames) for other in frames[:k])
+
+
+def test_files_with_times(pvpython, tmp_path) -> None:
+    pvpython(
+        BLOB
+        + """
+from svv.pv.orbit import play_orbit, stop_orbit
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+os.chdir(sys.argv[1])
+for k in range(3):
+    data = vtkImageData()
+    data.SetDimensions(16, 16, 16)
+    array = numpy_to_vtk(blob(0.5 * k).ravel(), deep=1)
+    array.SetName("v")
+    data.GetPointData().SetScalars(array)
+    writer = vtkXMLImageDataWriter()
+    writer.SetFileName(f"{sys.argv[1]}/blob_{k}.vti")
+    writer.SetInputData(data)
+    assert writer.Write()
+parts = "".join(f'<DataSet timestep="{time}" file="blob_{k}.vti"/>' for k, time in enumerate((0.25, 1.0, 7.5)))
+open("blob.pvd", "w").write(f'<VTKFile type="Collection" version="0.1"><Collection>{parts}</Collection></VTKFile>')
+
+for files, expected in (
+    ([f"{sys.argv[1]}/blob_{k}.vti" for k in range(3)], [0.0, 1.0, 2.0]),
+    (sys.argv[1] + "/blob.pvd", [0.25, 1.0, 7.5]),
+):
+    reader = OpenDataFile(files)
+    animation = as_volume(reader)
+    counted.clear()
+    views = small(StyleRFViews(Input=reader))
+    view = as_image(views)
+    animation.UpdateAnimationUsingDataTimeSteps()
+    assert steps(animation) == expected, steps(animation)
+    first = image(views, time=expected[0])[1]["RGBA"]
+    animation.Play()
+    SaveAnimation("series.png", view)
+    assert counted == ["draw_views"], counted
+    words = f"Drawn at time {expected[0]:g}; the data is at {expected[2]:g} now: Take As Edited draws them again."
+    assert status(views).endswith(words), status(views)
+    views.ShownView = 3
+    other = image(views, time=expected[2])[1]["RGBA"]
+    assert counted == ["draw_views"] and (other != first).any()
+    play_orbit(views)
+    assert animation.NumberOfFrames == 8
+    stop_orbit()
+    views.TakeAsEdited()
+    taken = image(views, time=expected[2])[1]["RGBA"]
+    assert counted == ["draw_views"] * 2 and (taken != other).any() and "time" not in status(views), status(views)
+    for proxy in (views, reader):
+        Delete(proxy)
+    del views, reader
+""",
+        tmp_path,
+    )
+
+
+def test_training_follows_views_that_were_drawn_again(pvpython, tmp_path) -> None:
+    pvpython(
+        SOURCE
+        + """
+views = small(StyleRFViews(Input=source))
+train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=2.0)
+train.UpdatePipeline(0.0)
+first = scene(train)
+train.UpdatePipeline(1.0)
+assert scene(train) == first and counted == ["draw_views", "train"], counted
+views.TakeAsEdited()
+train.UpdatePipeline(1.5)
+assert scene(train) != first and counted == ["draw_views", "train"] * 2, counted
+""",
+        tmp_path,
+    )
+
+
+def test_what_looks_at_a_view_looks_at_its_time(pvpython, tmp_path) -> None:
+    pvpython(
+        SOURCE
+        + """
+from pathlib import Path
+from svv.fields.scene import Scene
+from svv.pv import scripts
+from svv.pv.data import time_of
+from svv.pv.follow import follow, stop_following
+at(animation, 1.5)
+SaveState(sys.argv[1] + "/state.pvsm")
+ResetSession()
+display, view = scripts.open_volume(Path(sys.argv[1] + "/state.pvsm"))
+assert time_of(scripts.shown_volume(display).data) == 1.5
+GetAnimationScene().AnimationTime = 1.0
+train = small(StyleRFTrain(Input=display.Input, Preset="draft", TimeLimit=2.0))
+follow(StyleRFRender(Input=train), view)
+assert counted == ["train", "draw_views"] and Scene.from_bytes(scene(train), "the scene").made["time"] == 1.0
+stop_following()
+""",
+        tmp_path,
+    )

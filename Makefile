@@ -3,59 +3,75 @@
 #   make test       style, types and tests, those in ParaView included
 #   make test-processors   the tests outside ParaView with the arithmetic of other processors
 #   make paraview   what ParaView needs to run svv; with PARAVIEW=DIR for one that is unpacked in DIR
+# TORCH=cpu|cuda|keep chooses torch's build; else cuda where there is an NVIDIA GPU, cpu elsewhere, and what is there stays.
 PYTHON ?= python3
 VENV   ?= .venv
 OUT    ?= demo
 export SVV_PARAVIEW := $(or $(PARAVIEW),$(SVV_PARAVIEW))
+export TORCH
 
+# Paths may hold spaces: escaped where make reads them, in quotes where the shell does.
+space     := $(subst ,, )
 BIN       := $(VENV)/bin
-INSTALLED := $(VENV)/installed
-PYTEST    := OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
-PIP       := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-input -c constraints.txt
+HERE      := $(subst $(space),\ ,$(VENV))
+INSTALLED := $(HERE)/installed$(TORCH:%=-%)
+TOOLS     := $(HERE)/tools$(TORCH:%=-%)
+PIP       := "$(BIN)/python" -m pip install -qq --disable-pip-version-check --no-input --no-compile -c "$(VENV)/constraints.txt"
+PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-processors check install paraview clean
+.PHONY: demo test test-processors check tools install paraview clean
 
 demo: $(INSTALLED)
-	$(BIN)/svv demo --out $(OUT)
+	"$(BIN)/svv" demo --out "$(OUT)"
 
 test: check paraview
 	$(PYTEST)
 
 # Sums are rounded in another order on every processor, and some have half precision. Here is one without AVX on one thread,
 # one with AVX2 on two, and one with AMX.
-test-processors: $(INSTALLED)
+test-processors: $(TOOLS)
 	ATEN_CPU_CAPABILITY=default ONEDNN_MAX_CPU_ISA=SSE41 MKL_CBWR=COMPATIBLE OPENBLAS_CORETYPE=Nehalem \
 		NUMBA_CPU_NAME=generic NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTEST) --ignore=tests/paraview
 	ATEN_CPU_CAPABILITY=avx2 ONEDNN_MAX_CPU_ISA=AVX2 NUMBA_NUM_THREADS=2 OMP_NUM_THREADS=2 \
 		$(PYTEST) --ignore=tests/paraview
 	$(PYTEST) --ignore=tests/paraview -p tests.amx
 
-check: $(INSTALLED)
-	$(BIN)/ruff check .
-	$(BIN)/mypy
+check: $(TOOLS)
+	"$(BIN)/ruff" check .
+	"$(BIN)/mypy"
 
 install: $(INSTALLED)
 
+tools: $(TOOLS)
+
 paraview: $(INSTALLED)
 	@.ci/paraview "$(SVV_PARAVIEW)"
-	@$(BIN)/svv paraview --prepare
+	@"$(BIN)/svv" paraview --prepare
 
 clean:
-	rm -rf $(VENV) .venv-paraview build svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf "$(VENV)" .venv-paraview build svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-$(BIN)/python:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-		{ echo "make needs python3 3.11 or newer; name one, for example: make test PYTHON=python3.12" >&2; exit 1; }
-	@$(PYTHON) -m venv $(VENV) || \
-		{ rm -rf $(VENV); echo "python3 lacks venv; install it first, for example: sudo apt-get install python3-venv" >&2; exit 1; }
+# The oldest Python stands in pyproject.toml alone.
+$(HERE)/bin/python:
+	@"$(PYTHON)" -c 'import re, sys; oldest = re.search(r"requires-python = \">=3\.(\d+)", open("pyproject.toml").read())[1]; \
+		sys.exit("make needs python3 3.%s or newer; name one, for example: make test PYTHON=python3.12" % oldest \
+			if sys.version_info < (3, int(oldest)) else 0)'
+	@"$(PYTHON)" -m venv "$(VENV)" || \
+		{ rm -rf "$(VENV)"; echo "python3 lacks venv; install it first, for example: sudo apt-get install python3-venv" >&2; exit 1; }
 
-# torch goes first and alone: asked for by name with its pinned version, it is taken from wherever pip is set up to
-# look, and nothing after it can pull in another build.
-$(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(BIN)/python
+# torch goes first: nothing after it can pull in another build.
+$(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@.ci/offscreen
+	@rm -f "$(VENV)"/installed* "$(VENV)"/tools*
 	@echo 'Installing into $(VENV): a few minutes, once.'
+	@"$(BIN)/python" -m svv.pv.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
-	@$(PIP) "$$(grep '^torch==' constraints.txt)"
+	@$(PIP) --no-build-isolation -e '.[standalone]'
+	@touch "$@"
+
+# What only tests need, triton's 0.7 GB above all.
+$(TOOLS): $(INSTALLED)
+	@echo 'Installing what the tests need.'
 	@$(PIP) --no-build-isolation -e '.[standalone,dev]'
-	@touch $@
+	@touch "$@"

@@ -29,6 +29,10 @@ def paraview(
     arguments: Arguments = None,
     folder: Folder = None,
     prepare: Annotated[bool, typer.Option("--prepare", help="Install what svv needs in this ParaView.")] = False,
+    torch: Annotated[
+        str | None,
+        typer.Option("--torch", metavar="cpu|cuda|keep", help="With --prepare: torch's build; else TORCH says."),
+    ] = None,
 ) -> None:
     """Start ParaView with the plugin StyleRF: Filters > StyleRF."""
     if prepare:
@@ -36,8 +40,10 @@ def paraview(
 
         if arguments:
             raise BadInput(f"--prepare starts nothing: leave out {' '.join(arguments)}.")
-        print(preparation.prepare(folder))
+        print(preparation.prepare(folder, torch))
         return
+    if torch is not None:
+        raise BadInput("--torch chooses what --prepare installs: give both.")
     _run("paraview", arguments, folder)
 
 

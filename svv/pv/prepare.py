@@ -1,35 +1,42 @@
 """Prepares the environment in which a ParaView finds the packages that svv works with: once for each Python.
 
-It is a folder that pip fills (``--target``) rather than a virtual environment, so that no interpreter of ParaView's
-version is needed: ParaView brings its own.
+It is a folder that goes onto PYTHONPATH rather than a virtual environment, so that no interpreter of ParaView's
+version is needed: ParaView brings its own. Where that is of the same kind as the Python that runs us, the folder
+shows the packages that are installed here (:mod:`svv.pv.shared`), and pip adds what is missing or does not fit;
+elsewhere pip fills it (``--target``).
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import importlib.util
 import json
 import os
 import shutil
 import subprocess
 import sys
+from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.metadata import Distribution
 from pathlib import Path
 
 from svv.errors import BadInput
-from svv.pv.start import SECOND_VTK, STAMP, ParaView, environment_folder, find, python_path
+from svv.pv import installer, torch_build
+from svv.pv.start import SECOND_VTK, STAMP, ParaView, environment_folder, find, is_whole, python_path
 
 TOO_NEW = "numpy<2.4"
 """From 2.4 on numpy breaks ParaView's Calculator and Programmable Filter (tried with 5.11)."""
 
-PINNED_FROM = (3, 11)
-"""The oldest Python that the versions in constraints.txt are made for; an older one gets the newest that fit it."""
+ROUNDS = 10
+"""How often pip may be asked for what the packages that it has just installed depend on."""
 
 
-def prepare(folder: str | Path | None = None) -> str:
+def prepare(folder: str | Path | None = None, torch: str | None = None) -> str:
     """Fill the environment of a ParaView, unless that is done already.
 
     Args:
         folder: Where ParaView is unpacked; see :func:`svv.pv.start.find`.
+        torch: Which build of torch; see :func:`svv.pv.torch_build.wanted`.
 
     Returns:
         One line that says what there is now.
@@ -37,6 +44,7 @@ def prepare(folder: str | Path | None = None) -> str:
     Raises:
         BadInput: no ParaView, or the packages cannot be had or do not work in it.
     """
+    choice = torch_build.wanted(torch)
     paraview = find(folder)
     target = environment_folder(paraview)
     packages, pins = requirements(paraview)
@@ -45,14 +53,14 @@ def prepare(folder: str | Path | None = None) -> str:
         "packages": hashlib.sha256("\n".join([*packages, *pins]).encode()).hexdigest(),
     }
     line = f"ParaView {'.'.join(map(str, paraview.version))} in {paraview.bin}: its environment is {target}"
-    if _read_stamp(target) == stamp:
-        return line
+    if _read_stamp(target) == stamp and is_whole(target):
+        if choice == "auto" or torch_build.suits(torch_build.installed([target]), choice):
+            return line
     partial = target.with_name(f"{target.name}.partial")
     try:
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
-        print(f"Installing into {target}: a few minutes, once.", file=sys.stderr, flush=True)
-        _install(paraview, partial, packages, pins)
+        beside = _fill(paraview, partial, packages, pins, choice)
         _check(paraview, partial)
         (partial / STAMP).write_text(json.dumps(stamp))
         shutil.rmtree(target, ignore_errors=True)
@@ -61,17 +69,13 @@ def prepare(folder: str | Path | None = None) -> str:
         raise BadInput(f"Cannot write the environment {target}: {error.strerror or error}.") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    return line
+    return f"{line}, {installer.size(target) / 1e6:.0f} MB{beside}"
 
 
 def requirements(paraview: ParaView) -> tuple[list[str], list[str]]:
-    """What pip is asked for: svv's own dependencies without its extras, torch first, and exact versions of all."""
-    packages = [*sorted(_dependencies(), key=lambda package: not package.startswith("torch")), TOO_NEW]
-    try:
-        pins = (_root() / "constraints.txt").read_text().splitlines()
-    except OSError:
-        pins = []  # no checkout: the newest that fit
-    return packages, pins if paraview.python >= PINNED_FROM else [pin for pin in pins if pin.startswith("torch==")]
+    """What the environment has to hold: svv's own dependencies without its extras, and pip's exact versions of all."""
+    file = installer.constraints_file()
+    return [*sorted(_dependencies()), TOO_NEW], installer.pins(file, paraview.python) if file else []
 
 
 def _dependencies() -> list[str]:
@@ -90,19 +94,72 @@ def _dependencies() -> list[str]:
     return [line for line in found if "extra ==" not in line]
 
 
-def _install(paraview: ParaView, folder: Path, packages: list[str], pins: list[str]) -> None:
-    """Let pip fill the folder.
-
-    In one call: pip does not see what an earlier one put into a ``--target``, and would take torch twice.
-    """
+def _fill(paraview: ParaView, folder: Path, packages: list[str], pins: list[str], choice: str) -> str:
+    """Put packages into an empty folder, or links to those that are installed here; what to say of the links."""
     constraints = folder / "constraints.txt"
     constraints.write_text("\n".join(pins))
-    command = [sys.executable, "-m", "pip", "install", "-qq", "--disable-pip-version-check", "--no-input"]
-    command += ["--target", str(folder), "-c", str(constraints)]
+    options = ["--target", str(folder), "-c", str(constraints)]
+    if _takes_our_packages(paraview):
+        _share(folder, packages, pins, choice, options)
+        return f" beside links to the packages in {sys.prefix}"
+    print(f"Installing into {folder.with_suffix('')}: a few minutes, once.", file=sys.stderr, flush=True)
     if paraview.python != sys.version_info[:2]:
-        command += ["--python-version", ".".join(map(str, paraview.python)), "--only-binary=:all:"]
-    if subprocess.run([*command, *packages]).returncode:
+        options += ["--python-version", ".".join(map(str, paraview.python)), "--only-binary=:all:"]
+    # torch by itself, as its index has little else; then the others with what torch depends on, in one call: pip does
+    # not see what an earlier one has put into a --target.
+    _install_torch(folder, pins, choice, options)
+    (torch,) = importlib.metadata.distributions(name="torch", path=[str(folder)])
+    others = [package for package in packages if not _is_torch(package)]
+    if not installer.install([*others, *_needed_by(torch)], *options):
         raise BadInput("pip could not install what svv needs for ParaView; what it said stands above.")
+    return ""
+
+
+def _share(folder: Path, packages: list[str], pins: list[str], choice: str, options: list[str]) -> None:
+    """Show ParaView the packages that are installed here, and let pip add the others."""
+    from svv.pv import shared
+
+    def accept(package: Distribution) -> bool:
+        if package.metadata["Name"] != "torch":
+            return True
+        return torch_build.suits(torch_build.installed([str(package.locate_file(""))]), choice)
+
+    path = [str(folder), *(entry for entry in sys.path if entry)]
+    for _ in range(ROUNDS):
+        fitting, missing = shared.search(packages, path, accept)
+        if not missing:
+            shared.link(fitting, folder, SECOND_VTK)
+            return
+        print(f"Installing what is not here already: {', '.join(missing)}.", file=sys.stderr, flush=True)
+        if any(map(_is_torch, missing)):
+            _install_torch(folder, pins, choice, options)
+            missing = [package for package in missing if not _is_torch(package)]
+        if missing and not installer.install(missing, "--no-deps", *options):
+            raise BadInput("pip could not install what svv needs for ParaView; what it said stands above.")
+    raise BadInput(f"The packages that svv needs for ParaView do not fit each other ({', '.join(missing)}).")
+
+
+def _takes_our_packages(paraview: ParaView) -> bool:
+    """Whether compiled packages of the Python that runs us load in ParaView's, and there are any."""
+    if paraview.python != sys.version_info[:2] or importlib.util.find_spec("packaging") is None:
+        return False
+    ask = "from importlib.machinery import EXTENSION_SUFFIXES; print('svv:', EXTENSION_SUFFIXES[0])"
+    bare = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PV_PLUGIN_PATH")}
+    done = subprocess.run([paraview.program("pvpython"), "-c", ask], env=bare, capture_output=True, text=True)
+    return f"svv: {EXTENSION_SUFFIXES[0]}" in done.stdout.splitlines()
+
+
+def _install_torch(folder: Path, pins: list[str], choice: str, options: list[str]) -> None:
+    pin = next(filter(_is_torch, pins), f"torch>={'.'.join(map(str, torch_build.OLDEST))}")
+    torch_build.install(choice, None, pin, *options)
+
+
+def _is_torch(requirement: str) -> bool:
+    return requirement.startswith("torch") and not requirement[5:6].isalpha()
+
+
+def _needed_by(package: Distribution) -> list[str]:
+    return [line for line in package.requires or [] if "extra ==" not in line]
 
 
 def _check(paraview: ParaView, folder: Path) -> None:

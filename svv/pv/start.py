@@ -132,6 +132,15 @@ def environment_folder(paraview: ParaView, environ: Mapping[str, str] = os.envir
     return above / f"python{_dotted(paraview.python)}"
 
 
+def is_whole(environment: Path) -> bool:
+    """Whether the packages to which an environment holds links are still there, in the versions they had.
+
+    A package's metadata lie in a folder with its version in the name, to which there is a link, too.
+    """
+    with os.scandir(environment) as entries:
+        return all(os.path.exists(entry.path) for entry in entries if entry.is_symlink())
+
+
 def plugin_folder() -> Path:
     """The folder of ``StyleRF.py``: in a checkout, beside an installed ``svv``, or where pip puts data files.
 
@@ -194,6 +203,11 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
         raise BadInput(
             f"There is no environment for ParaView {_dotted(paraview.version)} yet (Python {_dotted(paraview.python)}, "
             f"in {environment}); prepare it once with `make paraview` or `svv paraview --prepare`."
+        )
+    if not is_whole(environment):
+        raise BadInput(
+            f"Packages that ParaView shares were changed or removed since {environment} was prepared: "
+            "prepare it again with `make paraview` or `svv paraview --prepare`."
         )
     plugins = [str(plugin_folder()), *filter(None, environ.get("PV_PLUGIN_PATH", "").split(os.pathsep))]
     ours = {

@@ -112,6 +112,27 @@ def test_an_environment_that_is_not_prepared_is_named(prepared: Path, tmp_path: 
     assert "svv paraview --prepare" in done.stderr
 
 
+def test_a_shared_package_that_was_removed_is_noticed(prepared: Path, tmp_path: Path) -> None:
+    environment = tmp_path / "environment" / "python3.11"
+    (environment / "numpy-2.3.5.dist-info").symlink_to(tmp_path)
+    assert run("pvpython").returncode == 7
+    (environment / "numpy-2.3.5.dist-info").unlink()
+    (environment / "numpy-2.3.5.dist-info").symlink_to(tmp_path / "upgraded")
+    done = run("pvpython")
+    assert done.returncode == 2
+    assert "changed or removed" in done.stderr
+    assert "svv paraview --prepare" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_build_of_torch_goes_with_the_preparation_alone(prepared: Path) -> None:
+    done = run("paraview", "--torch", "cpu")
+    assert (done.returncode, done.stderr) == (2, "svv: --torch chooses what --prepare installs: give both.\n")
+    done = run("paraview", "--prepare", "--torch", "rocm")
+    assert (done.returncode, "choose one of auto, cpu, cuda, keep" in done.stderr) == (2, True)
+    assert run("paraview", "--prepare", TORCH="gpu").returncode == 2
+
+
 @pytest.mark.parametrize(
     ("given", "passed"),
     [
@@ -211,16 +232,16 @@ def test_the_shim_runs_the_sitecustomize_that_it_hides(tmp_path: Path) -> None:
 def test_a_prepared_environment_is_not_prepared_again(
     paraview: start.ParaView, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(prepare, "_install", lambda *arguments: pytest.fail("installed again"))
+    monkeypatch.setattr(prepare, "_fill", lambda *arguments: pytest.fail("installed again"))
     assert str(start.environment_folder(paraview)) in prepare.prepare()
 
 
 def test_a_failed_preparation_leaves_what_was_there(prepared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(paraview: start.ParaView, folder: Path, packages: list[str], pins: list[str]) -> None:
+    def fail(paraview: start.ParaView, folder: Path, *rest: object) -> str:
         (folder / "half").touch()
         raise BadInput("no network")
 
-    monkeypatch.setattr(prepare, "_install", fail)
+    monkeypatch.setattr(prepare, "_fill", fail)
     environment = start.environment_folder(start.find())
     with pytest.raises(BadInput, match="no network"):
         prepare.prepare()
@@ -229,7 +250,7 @@ def test_a_failed_preparation_leaves_what_was_there(prepared: Path, monkeypatch:
 
 
 def test_a_second_vtk_in_the_environment_is_refused(prepared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prepare, "_install", lambda paraview, folder, *rest: (folder / "matplotlib").mkdir())
+    monkeypatch.setattr(prepare, "_fill", lambda paraview, folder, *rest: (folder / "matplotlib").mkdir())
     with pytest.raises(BadInput, match=r"second VTK \(matplotlib\)"):
         prepare.prepare()
 

@@ -193,3 +193,19 @@ told("plain")
     assert (tmp_path / "own.svv").exists()
     again = run(script, "plain", SVV_CACHE=nowhere)
     assert again["worked"] == ["make_views"] and same(again, first), again["status"]
+
+
+def test_a_server_tells_its_client_under_which_name_it_keeps_the_scene(pvpython, pvserver) -> None:
+    pvpython(
+        VOLUME
+        + """
+Connect("127.0.0.1", int(sys.argv[1]))
+volume, display = shown()
+train = trained(volume)
+first = scene(train)
+assert json.loads(train.KeptAs)["scene"].startswith("scene-"), train.KeptAs
+other = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0))
+assert scene(other) == first and other.KeptAs == train.KeptAs and "found where it is kept" in status(other)
+""",
+        pvserver,
+    )

@@ -12,6 +12,7 @@ from typing import Any
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
+from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.points import watch_points
 from svv.pv.undo import watch
 
@@ -133,6 +134,9 @@ def _registered(session: Any, *_: Any) -> None:
     for name in BUTTONS:
         for filter in _proxies(session, name):
             watch(filter)
+    for name in KEEPING:
+        for filter in _proxies(session, name):
+            watch_kept(filter)
     for filter in _proxies(session, POINTS):
         watch_points(filter)
     loading = session.GetInLoadXMLState()  # a state says itself how things are shown

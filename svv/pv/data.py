@@ -21,6 +21,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageD
 
 from svv.core.cameras import Camera, look_at
 from svv.errors import BadInput
+from svv.pv.identity import digest_of_views
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -181,21 +182,54 @@ def camera_of(numbers: Sequence[float], width: int, height: int) -> Camera:
 # --- views ----------------------------------------------------------------------------------------------------------
 
 
-def put_views(views: ViewSet, index: int, image: vtkImageData, cameras: vtkPolyData) -> None:
+def put_views(views: ViewSet, index: int, image: vtkImageData, cameras: vtkPolyData, key: str = "") -> None:
     """Show one view as an image, and all cameras as points; both say to which views they belong.
 
     The views themselves stay with the filter that made them: a token in the image's field data finds them as long as
     that filter lives.
+
+    Args:
+        views: All of them.
+        index: Number of the one that is shown.
+        image: To be filled.
+        cameras: To be filled.
+        key: What the views depend on, as a hash; by default that of the views themselves.
     """
     put_image(image, {"RGBA": views.images[index]})
     token = f"{id(views):x}"
     _views[token] = views
     put_cameras(views.cameras, cameras)
-    for data in (image, cameras):
+    _mark(token, key, image, cameras)
+
+
+def put_no_views(key: str, image: vtkImageData, cameras: vtkPolyData) -> None:
+    """Say which views would be shown if they were there: what was made of them may be kept somewhere."""
+    _mark("", key, image, cameras)
+
+
+def _mark(token: str, key: str, *outputs: vtkDataObject) -> None:
+    for data in outputs:
         name = vtkStringArray()
         name.SetName(VIEWS)
         name.InsertNextValue(token)
+        name.InsertNextValue(key)
         data.GetFieldData().AddArray(name)
+
+
+def key_of_views(data: vtkDataObject | None) -> str | None:
+    """A hash of what the views depend on that an image belongs to, None where it belongs to none.
+
+    Raises:
+        BadInput: the filter that made them is gone.
+    """
+    array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
+    if array is None:
+        return None
+    if array.GetValue(1):
+        return str(array.GetValue(1))
+    views = views_of(data)
+    assert views is not None
+    return digest_of_views(views)
 
 
 def views_of(data: vtkDataObject | None) -> ViewSet | None:

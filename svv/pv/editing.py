@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from svv.core.correction import Correction
 from svv.core.light import COEFFICIENTS
-from svv.errors import BadInput, Progress, part
+from svv.errors import BadInput, Progress
 from svv.pv.panels import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, REGIONS
 
 if TYPE_CHECKING:
@@ -109,36 +109,45 @@ def correction_in(values: Values) -> Correction:
     )
 
 
-def correct(scene: Scene, views: ViewSet | None, values: Values, progress: Progress) -> tuple[Scene, dict[str, Any]]:
-    """The scene with its palette corrected as the panel says, and the report.
+def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) -> Scene:
+    """The scene with its palette corrected as the panel says.
 
     Args:
         scene: With a palette network.
-        views: Those of the second input; None where the panel names a file.
+        views: Those that it was trained on.
         values: The panel's.
         progress: Called several times a second.
 
     Raises:
-        BadInput: no views, or any reason of :func:`svv.train.correct.correct_palette`.
+        BadInput: any reason of :func:`svv.train.correct.correct_palette`.
         Cancelled: ``progress`` raised it.
     """
-    from svv.io.viewset import ViewSet
     from svv.kernels.dispatch import device_named
+    from svv.pv.identity import digest_of_scene
     from svv.train.correct import correct_palette
 
     device = device_named(values["Device"])
-    if views is None:
-        if not values["ViewsFile"]:
-            raise BadInput(
-                "The regions are learned again from the views that the scene was trained on: connect StyleRF Views as "
-                "the second input, or choose their transforms_train.json under Views File."
-            )
-        file = Path(values["ViewsFile"])
-        views = ViewSet.read(file.parent, file.stem.removeprefix("transforms_"), part(progress, 0.0, 0.1))
     if values["ViewsOnly"]:
         views = replace(views, classified=None)
-    result, report = correct_palette(
+    result, _ = correct_palette(
         scene.on(device), views, correction_in(values), values["Preset"], values["TimeLimit"] or None, values["Seed"],
-        part(progress, 0.1, 1.0),
+        progress,
     )  # fmt: skip
-    return result.on(scene.device), report
+    return replace(result, made={**result.made, "of": digest_of_scene(scene)}).on(scene.device)
+
+
+def views_in_file(values: Values, progress: Progress) -> ViewSet:
+    """The views that the panel of StyleRF Palette names.
+
+    Raises:
+        BadInput: it names none, or they cannot be read.
+    """
+    from svv.io.viewset import ViewSet
+
+    if not values["ViewsFile"]:
+        raise BadInput(
+            "The regions are learned again from the views that the scene was trained on: connect StyleRF Views as "
+            "the second input, or choose their transforms_train.json under Views File."
+        )
+    file = Path(values["ViewsFile"])
+    return ViewSet.read(file.parent, file.stem.removeprefix("transforms_"), progress)

@@ -218,9 +218,10 @@ class ViewsOutput(Filter):
         info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
         return 1
 
-    def show(self, views: Any, outputs: list[Any]) -> None:
-        """Give out views; the last one where there are fewer than the panel asks for."""
-        put_views(views, min(max(self.values["ShownView"], 0), len(views) - 1), *outputs)
+    def show(self, views: Any, outputs: list[Any], key: str = "") -> None:
+        """Give out views; the last one where there are fewer than the panel asks for. ``key``: see ``put_views``."""
+        image, cameras = outputs
+        put_views(views, min(max(self.values["ShownView"], 0), len(views) - 1), image, cameras, key)
 
     def GetViewNumbers(self) -> tuple[int, int]:
         """The range of ``ShownView``."""

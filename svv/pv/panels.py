@@ -28,7 +28,8 @@ PICTURES = "png jpg jpeg tif tiff bmp webp"
 PRESETS = ("draft", "fast", "balanced", "paper")
 TAKE_HELP = (
     "Look at the transfer function again, and at the time step that is shown. Neither editing the one nor playing an "
-    "animation starts minutes of work by itself; nothing is done where nothing changed."
+    "animation starts minutes of work by itself; nothing is done where nothing changed. What a saved state misses "
+    "is made again."
 )
 REGIONS = 8
 """Regions that the panel of StyleRF Edit shows, as many as a palette may have; those that a scene lacks do nothing."""

@@ -241,6 +241,24 @@ def transfer_function() -> Property:
     return Property("TransferFunction", xml, None, {"SetTransferFunction": setter})
 
 
+def kept_as() -> list[Property]:
+    """Under which names results are kept: states carry them (:mod:`svv.pv.kept_as` fills them in), and find them so.
+
+    Setting it changes no result, and so starts nothing.
+    """
+    xml = _element(
+        "StringVectorProperty", "KeptAs", "Filled in by the filter: under which names its results are kept, so that a "
+        "saved state finds them. Empty: nothing is waited for where they are gone.",
+        'command="SetKeptAs" number_of_elements="1" default_values="" animateable="0"', "", True,
+    )  # fmt: skip
+
+    def setter(self: Any, value: str) -> None:
+        self.values["KeptAs"] = value or ""
+
+    told = hidden_text("Kept", "GetKept", "Under which names the results are kept now.")
+    return [Property("KeptAs", xml, "", {"SetKeptAs": setter}), told]
+
+
 def hidden_text(name: str, command: str, help: str) -> Property:
     """A line of text that the filter's method ``command`` says to client code; no panel shows it."""
     xml = (

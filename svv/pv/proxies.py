@@ -6,13 +6,17 @@ help.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from paraview.util.vtkAlgorithm import smproperty, smproxy
 
 from svv.errors import part
-from svv.pv.data import put_image, put_scene, scene_of
-from svv.pv.filters import Filter, ImageOutput, ViewsOutput, set_image_information, time_asked_for
+from svv.pv.data import put_image, put_no_views, put_scene, scene_of
+from svv.pv.filters import ImageOutput, ViewsOutput, set_image_information, time_asked_for
+from svv.pv.identity import digest, key_in, key_of
+from svv.pv.keeping import Keeping, views_in, write_views
 from svv.pv.panels import (
     PICTURES,
     TAKE_HELP,
@@ -26,7 +30,7 @@ from svv.pv.panels import (
     training_properties,
     volume_properties,
 )
-from svv.pv.properties import button, file, files, panel, shown_view, status
+from svv.pv.properties import button, file, files, kept_as, panel, shown_view, status
 from svv.pv.steps import Moment, Steps
 
 __all__ = [
@@ -43,10 +47,11 @@ __all__ = [
     button("TakeAsEdited", TAKE_HELP),
     file("Folder", "", "", "Where to write the views too, as a set that `svv` and other programs read."),
     *shown_view(),
+    *kept_as(),
     status(),
 )
 @takes_volume
-class StyleRFViews(ViewsOutput):
+class StyleRFViews(ViewsOutput, Keeping):
     """Draw views of a volume from all around it, as training needs them. The first output shows one of them, the second
     has the cameras. Connect StyleRF Train, or name a folder to keep them in."""
 
@@ -65,26 +70,34 @@ class StyleRFViews(ViewsOutput):
 
         def make() -> Any:
             with self.training() as progress:
-                return draw_views(volume_of(inputs[0]), self.values, part(progress, 0.0, 0.9))
+                train, test = draw_views(volume_of(inputs[0]), self.values, part(progress, 0.0, 0.9))
+            known = {"key": key_of(now), "look": now.look, "data": now.data, "time": now.time}
+            return replace(train, meta={**train.meta, **known}), test
 
-        train, test = self.steps.get(now, make)
+        def own() -> Any:
+            found = views_in(Path(folder), key_of(now), self.progress) if folder else None
+            return found and self.kept("written", (key_of(now), folder), lambda: found)
+
+        def write() -> Any:
+            write_views(views, Path(folder), part(self.progress, 0.9, 1.0))
+            return views
+
+        self.begin_with("views", "views", now)
+        views, name = self.steps.get(now, lambda: self.found_or_made("views", "views", now, make, own))
+        self.gives(views=name)
+        train = views[0]
         if folder:
-            write = lambda: _write(train, test, folder, part(self.progress, 0.9, 1.0))  # noqa: E731
-            self.kept("written", (self.steps.made, folder), write)
-        self.show(train, outputs)
+            self.kept("written", (key_in(name), folder), write)
+        self.show(train, outputs, key_in(name))
         said = f"{len(train)} views, drawn in {train.meta['seconds']:.0f} s by the {train.meta['mapper']} ray caster."
-        return said + self.steps.told(now, "Drawn", "draws them again")
+        return said + self.note + self.steps.told(now, "Drawn", "draws them again")
 
     def before(self, outputs: list[Any]) -> None:
         if self.steps.result is not None:
-            self.show(self.steps.result[0], outputs)
-
-
-def _write(train: Any, test: Any, folder: str, progress: Any) -> bool:
-    train.write(folder, "train", part(progress, 0.0, 0.8))
-    if test is not None:
-        test.write(folder, "test", part(progress, 0.8, 1.0))
-    return True
+            views, name = self.steps.result
+            self.show(views[0], outputs, key_in(name))
+        elif "views" in self.stated():  # what was learned of them is found by that
+            put_no_views(key_in(self.stated()["views"]), *outputs)
 
 
 @smproxy.filter(label="StyleRF Train", support_reload=False)
@@ -98,10 +111,11 @@ def _write(train: Any, test: Any, folder: str, progress: Any) -> bool:
          "Where to keep the scene. A scene that was trained here from the same input is read from it, so that a saved "
          "state need not train again; training that was stopped goes on.", save=True),
     *volume_properties(92, 0, 800),
+    *kept_as(),
     status(),
 )  # fmt: skip
 @takes_volume
-class StyleRFTrain(Filter):
+class StyleRFTrain(Keeping):
     """Learn a scene from a volume as it is shown, or from the views of StyleRF Views or a folder. The result is a table
     with a row for each region that was found, and carries the scene. It is not learned again before something that
     matters has changed."""
@@ -110,22 +124,33 @@ class StyleRFTrain(Filter):
         super().__init__(1, 1, "vtkTable")
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.work import train, training_moment
+        from svv.pv.work import scene_in, train, training_moment
 
-        now = training_moment(inputs[0], self.values, time_asked_for(self))
+        now, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
 
         def make() -> Any:
             with self.training() as progress:
                 return train(inputs[0], self.values, progress)
 
-        scene = self.steps.get(now, make, self.values["TrainEachTimeStep"])
+        def own() -> Any:
+            return scene_in(Path(file), now, self.values) if file else None
+
+        def get() -> Any:
+            found = self.found_or_made("scene", "scene", now, make, own)
+            if file and own() is None:  # it was found where all are kept
+                found[0].save(file)
+            return found
+
+        self.begin_with("scene", "scene", now)
+        scene, name = self.steps.get(now, get, self.values["TrainEachTimeStep"])
+        self.gives(scene=name)
         put_scene(scene, outputs[0])
         said = f"{len(scene.regions)} regions, learned in {scene.made['seconds']['total']:.0f} s."
-        return said + self.steps.told(now)
+        return said + self.note + self.steps.told(now)
 
     def before(self, outputs: list[Any]) -> None:
         if self.steps.result is not None:
-            put_scene(self.steps.result, outputs[0])
+            put_scene(self.steps.result[0], outputs[0])
 
 
 @smproxy.filter(label="StyleRF Render", support_reload=False)
@@ -160,10 +185,11 @@ class StyleRFRender(ImageOutput):
     preview_file(),
     *image_properties(400),
     *volume_properties(92, 0, 800),
+    *kept_as(),
     status(),
 )
 @takes_volume
-class StyleRFStylizedView(ImageOutput):
+class StyleRFStylizedView(ImageOutput, Keeping):
     """A painted image of a volume, in one step: choose a picture and press Apply. Draws the volume as it is shown,
     learns a scene, paints it, and renders it; a new camera needs no new training. The other StyleRF filters do this
     step by step, with edits between."""
@@ -174,7 +200,7 @@ class StyleRFStylizedView(ImageOutput):
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.work import camera_for, draw, style_key, stylize, train, training_moment
 
-        values = {**self.values, "SceneFile": ""}
+        values = self.values
         now, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
         styles = style_key(values) if values["StyleFiles"] else ""
         todo = 0.7 if styles else 0.98
@@ -187,15 +213,23 @@ class StyleRFStylizedView(ImageOutput):
             with self.training() as progress:
                 return stylize(scene, values, part(progress, todo, 0.98))
 
-        scene = self.steps.get(now, learn, each)
+        paintings: Steps[Any] = self.kept("paintings", None, Steps)
+        look = digest(styles, now.settings)
         if styles:
-            paintings: Steps[Any] = self.kept("paintings", None, Steps)
-            scene = paintings.get(Moment(styles, "", repr(self.steps.made)), paint, each)
+            self.begin_with_painting(now, look, paintings)
+        self.begin_with("scene", "scene", now)
+        scene, name = self.steps.get(now, lambda: self.found_or_made("scene", "scene", now, learn), each)
+        self.gives(scene=name)
+        if styles:
+            ours = Moment(look, "", key_in(name))
+            painted, name = paintings.get(ours, lambda: self.found_or_made("painted", "painting", ours, paint), each)
+            self.gives(painted=name)
+            scene = painted
         camera = camera_for(scene, values)
         put_image(outputs[0], draw(scene, camera, values, self.progress))
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         hint = "" if styles else "; choose a picture under Style Files to paint them"
-        return f"{len(scene.regions)} regions{hint}.{self.steps.told(now)}"
+        return f"{len(scene.regions)} regions{hint}.{self.note}{self.steps.told(now)}"
 
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:

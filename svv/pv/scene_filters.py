@@ -14,8 +14,10 @@ from paraview.util.vtkAlgorithm import smproperty, smproxy
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.errors import BadInput
-from svv.pv.data import put_image, put_scene, scene_of, views_of
-from svv.pv.filters import Filter, set_image_information
+from svv.pv.data import key_of_views, put_image, put_scene, scene_of, views_of
+from svv.pv.filters import set_image_information
+from svv.pv.identity import digest, digest_of_edits, digest_of_scene, digest_of_views, settings_in
+from svv.pv.keeping import FOUND, Keeping
 from svv.pv.panels import (
     ADDED,
     GALLERY,
@@ -34,7 +36,21 @@ from svv.pv.panels import (
     style_properties,
     takes_scene,
 )
-from svv.pv.properties import Property, button, choice, file, files, integer, number, panel, status, switch, text
+from svv.pv.properties import (
+    Property,
+    button,
+    choice,
+    file,
+    files,
+    integer,
+    kept_as,
+    number,
+    panel,
+    status,
+    switch,
+    text,
+)
+from svv.pv.steps import Moment
 
 PAINTING = "painting "
 """Under this and their names StyleRF Stylize keeps paintings."""
@@ -50,7 +66,7 @@ def save_properties() -> list[Property]:
     ]
 
 
-class SceneOutput(Filter):
+class SceneOutput(Keeping):
     """Gives out a scene, which it can also save."""
 
     def give(self, scene: Any, table: Any) -> None:
@@ -135,12 +151,15 @@ class StyleRFEdit(SceneOutput):
     button("TrainAgain", "Train again, though nothing was changed."),
     button("ResetPalette", "Set everything in this panel back, so that the scene is as it came."),
     *save_properties(),
+    *kept_as(),
     status(),
 )  # fmt: skip
 @takes_scene
 class StyleRFPalette(SceneOutput):
     """Correct a scene's palette by hand: set, add, merge, remove and split colours, and learn its regions again. The
     base network is kept, and paintings are dropped, for they are of the old regions."""
+
+    button = "Train Again"
 
     def __init__(self) -> None:
         super().__init__(2, 1, "vtkTable")
@@ -153,6 +172,7 @@ class StyleRFPalette(SceneOutput):
     def TrainAgain(self) -> None:
         """Train again."""
         self.forget("corrected")
+        self.make_anew()
 
     def ResetPalette(self) -> None:
         """Done where the panel is: :mod:`svv.pv.undo`."""
@@ -164,18 +184,44 @@ class StyleRFPalette(SceneOutput):
         if not correction:
             self.give(scene, outputs[0])
             return "The palette as it came: set, add, merge, remove or split a colour."
-        views = views_of(inputs[1])
-        source = f"{id(views):x}" if views is not None else self.values["ViewsFile"]
-        settings = [self.values[name] for name in ("Preset", "TimeLimit", "Seed", "ViewsOnly")]
-        key = repr([scene.made, [region.colour for region in scene.regions], source, correction, settings])
+        base = digest_of_scene(scene)
+        source = key_of_views(inputs[1]) or self._file_key()
+        chosen = [self.values[name] for name in ("Preset", "TimeLimit", "Seed", "ViewsOnly")]
+        settings = digest(vars(correction), chosen)
+        key = (base, source, settings)
 
         def make() -> Any:
             with self.training() as progress:
-                return correct(scene, views, self.values, progress)
+                return correct(scene, views_of(inputs[1]) or self._views_in_file(), self.values, progress)
 
-        result, report = self.kept("corrected", key, make)
+        def get() -> Any:
+            now = Moment(settings, source, digest(base, digest_of_edits(scene)))
+            found, name = self.found_or_made("corrected", "palette", now, make)
+            self.gives(corrected=name)
+            return found
+
+        stated = self.stated().get("corrected", "")
+        if self.last("corrected") is None and settings_in(stated, "palette") == settings:
+            before = self.kept_as(stated, "palette")
+            if before is not None and before.made.get("of") == base:
+                self.kept("corrected", key, lambda: before)
+                self.gives(corrected=stated)
+                self.note = FOUND
+        result = self.kept("corrected", key, get)
         self.give(result, outputs[0])
-        return f"{'; '.join(report['notes'][:-1])}; trained in {report['seconds']['total']:.0f} s."
+        report = result.made["corrected"][-1]
+        return f"{'; '.join(report['notes'][:-1])}; trained in {report['seconds']['total']:.0f} s.{self.note}"
+
+    def _file_key(self) -> str:
+        return digest_of_views(self._views_in_file()) if self.values["ViewsFile"] else ""
+
+    def _views_in_file(self) -> Any:
+        """The views that the panel names."""
+        from svv.pv.editing import views_in_file
+
+        file = Path(self.values["ViewsFile"])
+        changed = file.stat().st_mtime_ns if file.is_file() else 0
+        return self.kept("views in the file", (file, changed), lambda: views_in_file(self.values, self.progress))
 
 
 @smproxy.filter(label="StyleRF Stylize", support_reload=False)
@@ -205,12 +251,15 @@ class StyleRFPalette(SceneOutput):
     button("PaintAgain", "Paint again: from the start, or on where Continue is chosen."),
     button("ResetStyle", "Go back to the scene before painting; Paint Again paints it."),
     *save_properties(),
+    *kept_as(),
     status(),
 )  # fmt: skip
 @takes_scene
 class StyleRFStylize(SceneOutput):
     """Paint the regions of a scene in the manner of pictures, the same from all sides. The second output shows a
     picture, and what of it a region learns from."""
+
+    button = "Paint Again"
 
     def __init__(self) -> None:
         super().__init__(1, 2, "vtkTable")
@@ -233,7 +282,7 @@ class StyleRFStylize(SceneOutput):
     def PaintAgain(self) -> None:
         """Paint again."""
         self._reset, self._round = False, self._round + 1
-        self.Modified()
+        self.make_anew()
 
     def ResetStyle(self) -> None:
         """Go back to the scene before painting."""
@@ -242,11 +291,11 @@ class StyleRFStylize(SceneOutput):
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.masks import write_masks
-        from svv.pv.styling import painted, paintings_on
+        from svv.pv.styling import Painting, goes_on, painted, paintings_on
         from svv.pv.work import style_key
 
         scene, values = scene_of(inputs[0]), self.values
-        base = repr(scene.made)  # edits before this filter do not change what is painted, only how it is shown
+        base = digest_of_scene(scene)  # edits before this filter do not change what is painted, only how it is shown
         if self._reset:
             self.give(scene, outputs[0])
             return "As it was before painting."
@@ -260,19 +309,41 @@ class StyleRFStylize(SceneOutput):
             folder = Path(values["MaskFolder"])
             self.kept("masks", (style, folder), lambda: write_masks(scene, values, folder, self.progress))
         said = f"{taken.astype(bool).mean():.0%} of the picture is taken; nothing was painted."
+        self._begin_with_paintings(scene, base)
         if not values["PreviewOnly"]:
-            before = self.last(f"{PAINTING}{name}")
+            slot = f"{PAINTING}{name}"
+            before = self.last(slot)
 
-            def make() -> Any:
+            def paint() -> Any:
                 with self.training() as progress:
                     return painted(scene, before, values, progress)
 
-            painting = self.kept(f"{PAINTING}{name}", (base, style, self._round), make)
-            said = painting.told()
+            def make() -> Any:
+                now = Moment(style, digest(*goes_on(scene, before, values)), digest(base, digest_of_edits(scene)))
+                result, kept = self.found_or_made(slot, "painting", now, paint)
+                return Painting(base, result.on(scene.device), kept)
+
+            painting = self.kept(slot, (base, style, self._round), make)
+            self.gives(**{slot: painting.name})
+            said = painting.told() + self.note
         there = {key.removeprefix(PAINTING): value[1] for key, value in self._kept.items() if key.startswith(PAINTING)}
         result = paintings_on(scene, there, values["ShowVariant"], "" if values["PreviewOnly"] else name)
         self.give(result.with_strength(values["Strength"]) if result.styled is not None else result, outputs[0])
         return said
+
+    def _begin_with_paintings(self, scene: Any, base: str) -> None:
+        """Take up the paintings that a state was saved with."""
+        from svv.pv.styling import Painting
+
+        for slot, name in self.stated().items():
+            if not slot.startswith(PAINTING) or self.last(slot) is not None:
+                continue
+            found = self.kept_as(name, "painting")
+            if found is not None and digest_of_scene(found) == base:
+                key = (base, settings_in(name, "painting"), 0)
+                self.kept(slot, key, lambda: Painting(base, found.on(scene.device), name))  # noqa: B023
+                self.gives(**{slot: name})
+                self.note = FOUND
 
     def ClickInside(self) -> None:
         """Done where the panel is: :mod:`svv.pv.points`."""

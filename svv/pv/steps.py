@@ -27,6 +27,7 @@ class Moment:
         data: Hash of the data.
         asked: The time that the pipeline asks for; None without.
         time: The data's own time; None for data without.
+        here: What also counts as a setting, and means nothing in another process: which object the table is.
     """
 
     settings: str
@@ -34,6 +35,7 @@ class Moment:
     data: str
     asked: float | None = None
     time: float | None = None
+    here: str = ""
 
 
 class Steps(Generic[Result]):
@@ -49,6 +51,10 @@ class Steps(Generic[Result]):
         """By settings and data; the last one is what the filter gives out."""
         self._asked = False
         self._last: Moment | None = None
+
+    def put(self, made: Moment, result: Result) -> None:
+        """Begin with a result that another process made."""
+        self.results[made.settings, made.data] = made, result
 
     def ask(self) -> None:
         """Make the result of what comes next, if it is not there yet."""
@@ -73,7 +79,7 @@ class Steps(Generic[Result]):
             each: Whether each time step is to have a result of its own.
         """
         here, made, last = (now.settings, now.data), self.made, self._last
-        asked = self._asked or made is None or made.settings != now.settings
+        asked = self._asked or made is None or (made.settings, made.here) != (now.settings, now.here)
         asked = asked or (last is not None and last.asked == now.asked and last.data != now.data)
         if asked or each:
             known = self.results.get(here)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress
 from svv.io.mask_file import Mask
+from svv.pv.identity import digest_of_scene
 from svv.pv.masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
 from svv.pv.panels import REGIONS
 
@@ -20,14 +21,17 @@ if TYPE_CHECKING:
 Values = Mapping[str, Any]
 Colours = NDArray[np.float32]
 
+
 @dataclass(frozen=True)
 class Painting:
     """What was painted on a scene."""
 
     base: str
-    """How that scene was made."""
+    """Hash of what that scene has learned: its edits do not count."""
     scene: Scene
     """The scene with its painting, which is shown."""
+    name: str
+    """Under which it is kept."""
 
     def told(self) -> str:
         """One line about it."""
@@ -35,7 +39,14 @@ class Painting:
         return " ".join([f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"]])
 
 
-def painted(scene: Scene, last: Painting | None, values: Values, progress: Progress) -> Painting:
+def goes_on(scene: Scene, last: Painting | None, values: Values) -> tuple[bool, str]:
+    """Whether painting goes on from a painting, and what that depends on: '' where it is that of the scene."""
+    if values["Continue"] and last is not None and last.base == digest_of_scene(scene):
+        return True, last.name
+    return bool(values["Continue"]) and scene.styled is not None, ""
+
+
+def painted(scene: Scene, last: Painting | None, values: Values, progress: Progress) -> Scene:
     """Paint a scene as the panel says.
 
     Args:
@@ -49,11 +60,9 @@ def painted(scene: Scene, last: Painting | None, values: Values, progress: Progr
     """
     from svv.pv.work import stylize
 
-    base, start = repr(scene.made), scene
-    if values["Continue"] and last is not None and last.base == base:
-        start = last.scene
-    result = stylize(start, values, progress, bool(values["Continue"]) and start.styled is not None)
-    return Painting(base, result.on(scene.device))
+    go_on, name = goes_on(scene, last, values)
+    start = last.scene if last is not None and name else scene
+    return stylize(start, values, progress, go_on)
 
 
 def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, name: str) -> Scene:
@@ -68,7 +77,7 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
     Raises:
         BadInput: there is no variant ``shown``.
     """
-    base, own = repr(scene.made), {}
+    base, own = digest_of_scene(scene), {}
     for given, painting in paintings.items():
         if painting.base != base:
             continue

@@ -67,14 +67,19 @@ def watch(filter: Any) -> None:
     proxy.AddObserver("UpdatePropertyEvent", history.pressed)
 
 
+NO_SETTINGS = ("SaveFile", "KeptAs")
+"""Properties that no button sets: where the scene is saved to, and what the filter itself fills in."""
+
+
 def values_of(proxy: Any) -> dict[str, Any]:
-    """What people have set of a proxy by property, but its inputs and the file to save to."""
+    """What people have set of a proxy by property, but its inputs and :data:`NO_SETTINGS`."""
     filter = _python(proxy)
     found = {}
     for name in filter.ListProperties():
         own = filter.GetProperty(name)
         plain = own.SMProperty
-        if plain.IsA("vtkSMVectorProperty") and not plain.GetInformationOnly() and plain.GetXMLName() != "SaveFile":
+        settable = plain.IsA("vtkSMVectorProperty") and not plain.GetInformationOnly()
+        if settable and plain.GetXMLName() not in NO_SETTINGS:
             data = own.GetData()
             found[name] = list(data) if isinstance(data, list | tuple) else data
     return found

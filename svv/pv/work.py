@@ -6,7 +6,6 @@ nothing is made twice.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,8 +15,9 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
-from svv.pv.data import camera_of, digest_of, time_of, views_of
+from svv.pv.data import camera_of, digest_of, key_of_views, time_of, views_of
 from svv.pv.filters import ORBIT
+from svv.pv.identity import digest, digest_of_file, digest_of_mask, key_of
 from svv.pv.panels import COLOURS, IN_COLOUR, REGIONS, ROW
 from svv.pv.steps import Moment
 
@@ -49,25 +49,23 @@ def volume_of(data: vtkDataObject | None) -> vtkImageData:
 
 def views_key(image: vtkImageData, values: Values) -> str:
     """What the views of a volume depend on, as a hash: data, transfer function, shading, number and size."""
-    hashed = _hash_of(image, values)
-    hashed.update(repr([*_chosen(values), asdict(shading_of(values)), transfer_function_of(values).to_dict()]).encode())
-    return hashed.hexdigest()
+    return digest(_digest_of(image, values), _drawing(values), transfer_function_of(values).to_dict())
 
 
-def _hash_of(image: vtkImageData, values: Values) -> Any:
-    hashed = hashlib.blake2b(digest_size=16)
-    hashed.update(repr([image.GetDimensions(), image.GetSpacing(), image.GetOrigin()]).encode())
+def _digest_of(image: vtkImageData, values: Values) -> str:
+    """A hash of the grid and of the array that is looked at."""
     direction = image.GetDirectionMatrix()
-    hashed.update(repr([direction.GetElement(i, j) for i in range(3) for j in range(3)]).encode())
+    turned = [direction.GetElement(i, j) for i in range(3) for j in range(3)]
     array = image.GetPointData().GetArray(values["Scalars"]) or image.GetCellData().GetArray(values["Scalars"])
     array = array or image.GetPointData().GetScalars() or image.GetCellData().GetScalars()
-    if array is not None:
-        hashed.update(digest_of(array).encode())
-    return hashed
+    content = None if array is None else [digest_of(array), array.GetDataTypeAsString()]
+    return digest(image.GetDimensions(), image.GetSpacing(), image.GetOrigin(), turned, content)
 
 
-def _chosen(values: Values) -> list[Any]:
-    return [values[k] for k in ("Scalars", "Views", "TestViews", "ViewSize", "RayCaster")]
+def _drawing(values: Values) -> list[Any]:
+    """How a volume is shown but for the transfer function, and how many views are drawn."""
+    chosen = [values[k] for k in ("Scalars", "Views", "TestViews", "ViewSize", "RayCaster")]
+    return [*chosen, asdict(shading_of(values))]
 
 
 def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
@@ -81,11 +79,11 @@ def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -
     Raises:
         BadInput: no image, or no transfer function.
     """
-    image, unit = volume_of(data), values["OpacityUnitDistance"]
+    image, look = volume_of(data), digest(transfer_function_of(values).to_dict())
+    settings = digest(_drawing(values), values["OpacityUnitDistance"])
     # Another table that was chosen counts as a setting; another course of the same one as an edit.
-    settings = repr([*_chosen(values), asdict(shading_of(values)), unit, id(values["TransferFunction"])])
-    look = repr(transfer_function_of(values).to_dict())
-    return Moment(settings, look, _hash_of(image, values).hexdigest(), asked, time_of(image))
+    table = f"{id(values['TransferFunction']):x}"
+    return Moment(settings, look, _digest_of(image, values), asked, time_of(image), table)
 
 
 def transfer_function_of(values: Values) -> Any:
@@ -139,47 +137,50 @@ def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple
 # --- scenes ---------------------------------------------------------------------------------------------------------
 
 
-def training_key(data: vtkDataObject | None, values: Values) -> str:
-    """What a trained scene depends on."""
-    views = views_of(data)
-    source = f"views {id(views):x}" if views is not None else views_key(volume_of(data), values)
-    return repr([source, *(values[k] for k in ("Preset", "TimeLimit", "Seed", "Lighting"))])
-
-
 def training_moment(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
     """What a scene is learned from, and when it is: as :func:`moment_of`, or the views that the data belongs to.
 
     Views change when their filter was asked to draw others, and are followed whatever the time is.
     """
-    views = views_of(data)
-    moment = moment_of(data, values, asked) if views is None else Moment("views", "", f"{id(views):x}")
-    chosen = [values[k] for k in ("Preset", "TimeLimit", "Seed", "Lighting", "SceneFile")]
-    return replace(moment, settings=repr([moment.settings, *chosen]))
+    views = key_of_views(data)
+    if views is None:
+        moment = moment_of(data, {**values, "TestViews": 0}, asked)  # they are not learned
+    else:
+        moment = Moment("views", "", digest("views", views))
+    settings = digest(moment.settings, *(values[k] for k in ("Preset", "TimeLimit", "Seed", "Lighting")))
+    return replace(moment, settings=settings, here=f"{moment.here} {values.get('SceneFile', '')}")
+
+
+def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
+    """The scene in the user's file, None where it was trained from something else, or there is no file.
+
+    Raises:
+        BadInput: the file is none of ours, or damaged.
+    """
+    from svv.fields.scene import Scene
+    from svv.kernels.dispatch import device_named
+
+    scene = Scene.load(file) if file.exists() else None
+    if scene is None or scene.made.get("key") != key_of(now):
+        return None
+    return scene.on(device_named(values["Device"]))
 
 
 def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Scene:
     """A scene of a volume, or of the views that the input belongs to.
 
-    With a scene file, a scene that was trained from the same is read from it, and training that was stopped goes on.
+    With a scene file, it is written there, and training that was stopped goes on.
 
     Raises:
         BadInput: any reason of the engine's.
         Cancelled: ``progress`` raised it.
     """
-    from svv.fields.scene import Scene
     from svv.io.atomic import check_writable
     from svv.kernels.dispatch import device_named
     from svv.train.pipeline import train_scene
 
-    device, views = device_named(values["Device"]), views_of(data)
-    file = Path(values["SceneFile"]) if values["SceneFile"] else None
-    key = None
-    if views is None:
-        key = training_key(data, values)
-        if file is not None and file.exists():
-            scene = Scene.load(file)
-            if scene.made.get("key") == key:
-                return scene
+    device, views, now = device_named(values["Device"]), views_of(data), training_moment(data, values, None)
+    file = Path(values["SceneFile"]) if values.get("SceneFile") else None
     if file is not None:
         check_writable(file)
     learn = progress
@@ -191,7 +192,8 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
     scene, _ = train_scene(
         views, values["Preset"], limit, values["Seed"], learn, checkpoint, device, lighting=values["Lighting"]
     )
-    scene = replace(scene, made={**scene.made, "key": key, "time": time_of(data)})
+    made = {"key": key_of(now), "look": now.look, "data": now.data, "time": time_of(data)}
+    scene = replace(scene, made={**scene.made, **made})
     if file is not None and checkpoint is not None:
         scene.save(file)
         checkpoint.unlink(missing_ok=True)
@@ -247,7 +249,7 @@ def told_of(file: Path, progress: Progress) -> tuple[Callable[[Scene], None], Pr
 
 
 def style_key(values: Values) -> str:
-    """What a stylization depends on besides its scene; a file that was changed counts as another.
+    """What a stylization depends on besides its scene, as a hash; of files their content counts, and their names.
 
     Raises:
         BadInput: a file is not there.
@@ -257,15 +259,16 @@ def style_key(values: Values) -> str:
     files = []
     for name in values["StyleFiles"]:
         if name.startswith(PREFIX):
-            files.append((name, 0))
+            files.append((name, ""))
             continue
         if not Path(name).is_file():
             raise BadInput(f"There is no style picture {name}; choose another under Style Files.")
-        files.append((name, Path(name).stat().st_mtime_ns))
-    rows = [values.get(f"Region{k}{what}") for k in range(REGIONS) for what in ROW]
-    masks = [Path(name).stat().st_mtime_ns for name in rows if isinstance(name, str) and Path(name).is_file()]
+        files.append((Path(name).stem, digest_of_file(name)))
+    masks = {f"Region{k}Mask": values.get(f"Region{k}Mask") or "" for k in range(REGIONS)}
+    there = {row: digest_of_mask(name) for row, name in masks.items() if Path(name).is_file()}
+    rows = [there.get(row, values.get(row)) for k in range(REGIONS) for row in (f"Region{k}{what}" for what in ROW)]
     others = ("Gallery", "Mapping", "PictureParts", "StrokeSize", "Preset", "Seed")
-    return repr([files, rows, masks, *(values.get(k) for k in others)])
+    return digest(files, rows, *(values.get(k) for k in others))
 
 
 # --- images ---------------------------------------------------------------------------------------------------------

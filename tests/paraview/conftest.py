@@ -131,7 +131,7 @@ def pvpython(
 
     def run(source: str | Path, *arguments: object, **options) -> subprocess.CompletedProcess[str]:
         script = _script(source, tmp_path_factory)
-        return _run([paraview.program("pvpython"), script, *arguments], environ, **options)
+        return _run([paraview.program("pvpython"), script, *arguments], _alone(environ, tmp_path_factory), **options)
 
     return run
 
@@ -148,13 +148,16 @@ def mpiexec(
         _need("mpiexec", "openmpi-bin")
         launch = ["mpiexec", "-n", ranks, "--oversubscribe", "--allow-run-as-root"]
         script = _script(source, tmp_path_factory)
-        return _run([*launch, *(program or [paraview.program("pvbatch")]), script, *arguments], environ, **options)
+        command = [*launch, *(program or [paraview.program("pvbatch")]), script, *arguments]
+        return _run(command, _alone(environ, tmp_path_factory), **options)
 
     return run
 
 
 @pytest.fixture
-def start_pvserver(paraview: start.ParaView, environ: dict[str, str], tmp_path: Path) -> Iterator[Callable[..., int]]:
+def start_pvserver(
+    paraview: start.ParaView, environ: dict[str, str], tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., int]]:
     """Start a server that takes one client, on this machine only; returns its port."""
     servers = []
 
@@ -164,7 +167,7 @@ def start_pvserver(paraview: start.ParaView, environ: dict[str, str], tmp_path: 
             port = free.getsockname()[1]
         log = tmp_path / f"pvserver-{port}.log"
         command = [str(paraview.program("pvserver")), f"--server-port={port}", "--hostname=127.0.0.1"]
-        server = _start(command, environ, log)
+        server = _start(command, _alone(environ, tmp_path_factory), log)
         servers.append(server)
         until = time.monotonic() + LONG
         while "Accepting connection" not in log.read_text(errors="replace"):
@@ -204,7 +207,7 @@ def gui(
         screen = _display()
         displays.append(screen)
         variables = {
-            **environ,
+            **_alone(environ, tmp_path_factory),
             "DISPLAY": next(screen),
             "GUI_MARKER": str(folder / "done"),
             "XDG_RUNTIME_DIR": str(folder),
@@ -222,6 +225,11 @@ def gui(
         _end(one.process)
     for screen in displays:
         next(screen, None)
+
+
+def _alone(environ: Mapping[str, str], folders: pytest.TempPathFactory) -> dict[str, str]:
+    """With a cache of its own: what another test has learned is not found, nor what the user has."""
+    return {**environ, "SVV_CACHE": str(folders.mktemp("kept"))}
 
 
 def _display() -> Iterator[str]:

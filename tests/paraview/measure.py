@@ -105,7 +105,7 @@ def measure(chosen: argparse.Namespace, folder: Path) -> dict[str, object]:
     program = str(paraview.program("pvpython"))
     display, name = start.start_display()
     try:
-        environ = {**start.environ_for(paraview), "DISPLAY": name}
+        environ = {**start.environ_for(paraview), "DISPLAY": name, "SVV_CACHE": str(folder / "kept")}
         figures: dict[str, object] = {"paraview": ".".join(map(str, paraview.version))}
         figures |= starts(program, environ, folder)
         here = folder / "outside.json"

@@ -252,6 +252,7 @@ from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 os.chdir(sys.argv[1])
+os.environ["SVV_CACHE_SIZE"] = "0"  # the two series are of the same data, so views of one would be found for the other
 for k in range(3):
     data = vtkImageData()
     data.SetDimensions(16, 16, 16)

@@ -1,0 +1,211 @@
+"""Saved states in the real ParaView: opened in another process, they show the same picture and learn nothing again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from filter_script import VOLUME  # type: ignore[import-not-found]
+from PIL import Image
+
+START = (
+    VOLUME
+    + """
+import numpy as np
+from dataclasses import replace
+from svv.train import config
+out, files = sys.argv[1:3]
+draft = config.PRESETS["draft"]
+config.PRESETS["draft"] = replace(draft, reconstruct=replace(draft.reconstruct, iterations=60, rays=512),
+    recolour=replace(draft.recolour, iterations=40, rays=512), stylize=replace(draft.stylize, distil_iterations=10,
+    distil_views=4, distil_rays=256, style_iterations=2, style_views=3, style_size=48))  # a test is no painting
+worked = []
+import svv.dvr.views, svv.train.pipeline, svv.train.correct
+for module, name in ((svv.dvr.views, "make_views"), (svv.train.pipeline, "train_scene"),
+                     (svv.train.pipeline, "stylize_scene"), (svv.train.correct, "correct_palette")):
+    def counted(*args, _work=getattr(module, name), _name=name, **options):
+        worked.append(_name)
+        return _work(*args, **options)
+    setattr(module, name, counted)
+
+def ours():
+    found = {f.SMProxy.GetXMLName().removeprefix("StyleRF"): f for f in GetSources().values()}
+    order = ("Views", "Train", "Palette", "Edit", "Stylize", "Render", "StylizedView")
+    return {kind: found[kind] for kind in order if kind in found}
+
+def told(name):
+    ends = list(ours().values())
+    _, arrays = image(ends[-1])
+    np.savez(f"{out}/{name}.npz", **arrays)
+    with open(f"{out}/{name}.json", "w") as file:
+        json.dump({"worked": worked, "status": {kind: status(f) for kind, f in ours().items()}}, file)
+"""
+)
+
+SAVE = """
+front = GetActiveView()
+Show(list(ours().values())[-1], front)
+Render(front)
+told("first")
+worked.clear()
+told("again")
+SaveState(out + "/state.pvsm")
+from paraview import smstate
+with open(out + "/state.py", "w") as file:  # SaveState writes XML under any name before 5.12
+    file.write(smstate.get_state())
+"""
+
+LOAD = """
+state = sys.argv[3]
+if state.endswith(".py"):
+    exec(compile(open(out + "/" + state).read(), state, "exec"))
+else:
+    LoadState(out + "/" + state)
+from paraview.simple import *
+RenderAllViews()
+told(state)
+"""
+
+STEPS = """
+volume, display = shown()
+views = small(StyleRFViews(Input=volume))
+train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=2.0)
+edit = StyleRFEdit(Input=train, Region0Lighting=0.5)
+paint = StyleRFStylize(Input=edit, StyleFiles=[files], Preset="draft")
+StyleRFRender(Input=paint, ImageSize=[40, 30], Frame=20)
+"""
+
+ONE_STEP = """
+volume, display = shown()
+small(StyleRFStylizedView(Input=volume, StyleFiles=[files], Preset="draft", TimeLimit=2.0, ImageSize=[40, 30]))
+"""
+
+Run = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def run(pvpython, tmp_path: Path) -> Run:
+    """Run a part of a script in a process of its own; returns what it told under a name, with its image's arrays."""
+    picture = tmp_path / "halves.png"
+    halves = np.zeros((64, 64, 3), np.uint8)
+    halves[:, :32, 0] = halves[::4, 32:, 2] = 220
+    Image.fromarray(halves).save(picture)
+
+    def run(script: str, name: str, *arguments: str, **environ: str) -> dict[str, Any]:
+        variables = {"SVV_CACHE": str(tmp_path / "cache"), **environ}
+        result = pvpython(START + script, tmp_path, picture, *arguments, environ=variables)
+        with np.load(tmp_path / f"{name}.npz") as arrays:
+            found = {**json.loads((tmp_path / f"{name}.json").read_text()), "arrays": dict(arrays)}
+        return {**found, "said": result.stdout + result.stderr}
+
+    return run
+
+
+def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two runs gave the same image to the bit."""
+    a, b = one["arrays"], other["arrays"]
+    return a.keys() == b.keys() and len(a) >= 3 and all(a[k].tobytes() == b[k].tobytes() for k in a)
+
+
+def clear(cache: Path) -> None:
+    for path in sorted(cache.rglob("*"), reverse=True):
+        path.rmdir() if path.is_dir() else path.unlink()
+
+
+@pytest.mark.parametrize("pipeline", [STEPS, ONE_STEP], ids=["steps", "one step"])
+def test_a_state_shows_its_picture_in_another_process(run: Run, tmp_path: Path, pipeline: str) -> None:
+    first = run(pipeline + SAVE, "first")
+    assert first["worked"] == ["make_views", "train_scene", "stylize_scene"], first["status"]
+    assert (first["arrays"]["RGBA"][:, 3] > 0).any()
+    again = json.loads((tmp_path / "again.json").read_text())
+    assert again["worked"] == [], "the name that was filled in started the work again"
+    for state in ("state.pvsm", "state.py"):
+        opened = run(LOAD, state, state)
+        assert opened["worked"] == [], opened["status"]
+        assert same(opened, first), opened["status"]
+    clear(tmp_path / "cache")
+    button = "ours()['StylizedView'].TakeAsEdited()" if pipeline == ONE_STEP else (
+        "ours()['Views'].TakeAsEdited(); ours()['Train'].TakeAsEdited(); ours()['Stylize'].PaintAgain()"
+    )  # fmt: skip
+    gone = run(LOAD + f"\n{button}\ntold('anew')\n", "state.pvsm", "state.pvsm")
+    assert gone["worked"] == [] and gone["arrays"] == {}, gone["status"]
+    sentence = f"The scene that this state was saved with is gone from {tmp_path / 'cache'}: press Take As Edited"
+    assert gone["status"]["Train" if pipeline == STEPS else "StylizedView"].startswith(sentence)
+    assert sentence in gone["said"] and "Traceback" not in gone["said"], gone["said"]
+    anew = json.loads((tmp_path / "anew.json").read_text())
+    assert anew["worked"] == ["make_views", "train_scene", "stylize_scene"], anew["status"]
+    with np.load(tmp_path / "anew.npz") as arrays:
+        assert (arrays["RGBA"][:, 3] > 0).any()
+
+
+def test_a_state_shows_what_was_shown_and_not_what_the_panel_would_give_now(run: Run, tmp_path: Path) -> None:
+    variants = """
+volume, display = shown()
+train = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0))
+paint = StyleRFStylize(Input=train, StyleFiles=[files], Preset="draft", Variant="one")
+StyleRFRender(Input=paint, ImageSize=[40, 30])
+told("first")
+paint.Variant, paint.Seed, paint.ShowVariant = "two", 1, "one"
+table = GetColorTransferFunction("RTData")
+table.RGBPoints = [*table.RGBPoints[:1], 1.0, 0.0, 0.0, *table.RGBPoints[4:]]  # and not taken as edited
+"""
+    first = run(variants + SAVE.replace('told("first")', 'told("second")'), "first")
+    second = json.loads((tmp_path / "second.json").read_text())
+    assert second["worked"] == ["make_views", "train_scene", "stylize_scene", "stylize_scene"], second["status"]
+    change = """
+paint = ours()["Stylize"]
+paint.ShowVariant = "two"
+told("two")
+paint.Seed = 2
+told("changed")
+ours()["Train"].TakeAsEdited()
+told("taken")
+"""
+    opened = run(LOAD + change, "state.pvsm", "state.pvsm")
+    assert opened["worked"] == [] and same(opened, first)
+    assert "The transfer function was edited since" in opened["status"]["Train"]
+    two, changed, taken = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("two", "changed", "taken"))
+    assert two["worked"] == [], two["status"]
+    assert changed["worked"] == ["stylize_scene"], changed["status"]
+    assert taken["worked"] == ["stylize_scene", "make_views", "train_scene", "stylize_scene"], taken["status"]
+
+
+def test_what_cannot_be_kept_is_said_and_a_scene_file_of_views_is_read_again(run: Run, tmp_path: Path) -> None:
+    script = """
+volume, display = shown()
+views = small(StyleRFViews(Input=volume))
+train = StyleRFTrain(Input=views, Preset="draft", TimeLimit=2.0, SceneFile=out + "/own.svv")
+StyleRFRender(Input=train, ImageSize=[40, 30])
+told("plain")
+"""
+    (tmp_path / "file").write_text("no folder")
+    nowhere = str(tmp_path / "file" / "cache")
+    first = run(script, "plain", SVV_CACHE=nowhere)
+    assert first["worked"] == ["make_views", "train_scene"]
+    for kind in ("Views", "Train"):
+        assert f"It could not be kept for saved states: Cannot write into {nowhere}" in first["status"][kind] or (
+            f"Cannot write {nowhere}" in first["status"][kind]
+        ), first["status"]
+    assert (tmp_path / "own.svv").exists()
+    again = run(script, "plain", SVV_CACHE=nowhere)
+    assert again["worked"] == ["make_views"] and same(again, first), again["status"]
+
+
+def test_a_server_tells_its_client_under_which_name_it_keeps_the_scene(pvpython, pvserver) -> None:
+    pvpython(
+        VOLUME
+        + """
+Connect("127.0.0.1", int(sys.argv[1]))
+volume, display = shown()
+train = trained(volume)
+first = scene(train)
+assert json.loads(train.KeptAs)["scene"].startswith("scene-"), train.KeptAs
+other = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0))
+assert scene(other) == first and other.KeptAs == train.KeptAs and "found where it is kept" in status(other)
+""",
+        pvserver,
+    )

@@ -13,6 +13,7 @@ import importlib.metadata
 import importlib.util
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -130,7 +131,8 @@ def _share(folder: Path, packages: list[str], pins: list[str], choice: str, opti
         if not missing:
             shared.link(fitting, folder, SECOND_VTK)
             return
-        print(f"Installing what is not here already: {', '.join(missing)}.", file=sys.stderr, flush=True)
+        names = sorted({re.split(r"[<>=!~]", requirement)[0] for requirement in missing})
+        print(f"Installing what is not here, or does not fit: {', '.join(names)}.", file=sys.stderr, flush=True)
         if any(map(_is_torch, missing)):
             _install_torch(folder, pins, choice, options)
             missing = [package for package in missing if not _is_torch(package)]

@@ -32,8 +32,9 @@ SECOND_VTK = ("vtk", "vtk.py", "vtkmodules", "pyvista", "matplotlib")
 """What must not stand before ParaView's own modules: VTK's wheel ends its process, the others bring or meet VTK."""
 
 INSTALL_HINT = (
-    "install ParaView 5.11 or newer (Debian, Ubuntu: sudo apt-get install paraview python3-paraview xvfb), "
-    "or name the folder of one that is unpacked with --paraview DIR"
+    "install ParaView 5.11 or newer (Debian, Ubuntu: sudo apt-get install paraview python3-paraview xvfb; "
+    "Fedora: sudo dnf install paraview; without root: conda create -n paraview -c conda-forge paraview, or an archive "
+    "from https://www.paraview.org/download/), or name the folder of one that is unpacked with --paraview DIR"
 )
 
 

@@ -93,6 +93,8 @@ def test_where_there_is_none_the_sentence_says_what_to_install(tmp_path: Path) -
         start.find(None, {"PATH": str(tmp_path)})
     with pytest.raises(BadInput, match="name the folder that holds bin/pvpython"):
         start.find(tmp_path)
+    for word in ("Fedora: sudo dnf", "without root: conda", "paraview.org/download"):
+        assert word in start.INSTALL_HINT
     done = run("pvpython", "--paraview", tmp_path, "script.py")
     assert done.returncode == 2
     assert done.stderr.startswith("svv: There is no ParaView in")

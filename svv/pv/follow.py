@@ -250,8 +250,9 @@ def _upstream(filter: Any) -> Iterator[Any]:
     """The filters and sources before a filter."""
     given = getattr(filter, "Input", None)
     if given is not None:
-        yield given
-        yield from _upstream(given)
+        for one in [given] if hasattr(given, "SMProxy") else given:  # some filters take several
+            yield one
+            yield from _upstream(one)
 
 
 def _image_filter(candidates: Sequence[Any]) -> Any:

@@ -1,4 +1,4 @@
-"""The active view's camera moves the StyleRF image beside it: small while the mouse drags, sharp on release."""
+"""The view that shows the volume moves the StyleRF image beside it, as the property Follow Camera does."""
 
 from svv.errors import BadInput
 from svv.pv.follow import follow

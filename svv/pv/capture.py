@@ -12,7 +12,9 @@ from typing import Any
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
+from svv.pv import follow
 from svv.pv.kept_as import KEEPING, watch_kept
+from svv.pv.live import watch_camera, watch_view
 from svv.pv.points import watch_points
 from svv.pv.undo import watch
 
@@ -139,6 +141,11 @@ def _registered(session: Any, *_: Any) -> None:
             watch_kept(filter)
     for filter in _proxies(session, POINTS):
         watch_points(filter)
+    for name in follow.IMAGES:
+        for filter in _proxies(session, name):
+            watch_camera(filter)
+    for view in _proxies(session, "RenderView", "views"):
+        watch_view(view)
     loading = session.GetInLoadXMLState()  # a state says itself how things are shown
     for display in _proxies(session, DISPLAY, "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:

@@ -11,6 +11,7 @@ from svv.pv.properties import (
     Property,
     button,
     choice,
+    client_switch,
     file,
     group,
     hidden_text,
@@ -51,7 +52,8 @@ ADDED = 3
 
 def menu(cls: Any) -> Any:
     """Show the filter under Filters > StyleRF."""
-    return smhint.xml('<ShowInMenu category="StyleRF"/>')(cls)
+    # From 5.12 on, a category without a label of its own would be made pretty: "Style RF".
+    return smhint.xml('<ShowInMenu category="StyleRF" menu_label="StyleRF"/>')(cls)
 
 
 def keep_input_visible(cls: Any) -> Any:
@@ -130,6 +132,9 @@ def preview_file() -> Property:
 def image_properties(size: int) -> list[Property]:
     """Which image of a scene is made."""
     return [
+        client_switch("FollowCamera",
+                      "Whether the image follows the camera of the view that shows the volume, small while the mouse "
+                      "drags, sharp on release. It is shown in a view of its own, right of that one."),
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
                "What the picture shows: the scene, or its regions, numbered, in false colours or in their own."),

@@ -115,6 +115,15 @@ def switch(name: str, default: bool, help: str, advanced: bool = False) -> Prope
     return Property(name, xml, default, {f"Set{name}": _store(name, bool)})
 
 
+def client_switch(name: str, help: str) -> Property:
+    """A check box for client code, at first off: what the filter gives out does not depend on it."""
+
+    def setter(self: Any, value: int) -> None:
+        self.values[name] = bool(value)
+
+    return replace(switch(name, False, help), setters={f"Set{name}": setter})
+
+
 def choice(
     name: str, entries: Sequence[str], default: str, help: str, advanced: bool = False
 ) -> Property:

@@ -228,27 +228,100 @@ assert not any(ref() for ref in alive)
     )
 
 
-def test_the_image_follows_the_camera(trained: Path, pvpython) -> None:
+FOLLOWED = """
+def others(view):
+    return [v for v in GetRenderViews() if v != view]
+
+def move(view, *position, event="EndInteractionEvent"):
+    view.GetActiveCamera().SetPosition(*position)
+    view.GetInteractor().InvokeEvent(event)
+"""
+
+
+def test_the_image_follows_the_camera(trained: Path, pvpython, tmp_path) -> None:
     pvpython(
         VOLUME
+        + FOLLOWED
         + """
-from svv.pv.follow import follow, stop_following
 volume, display = shown()
 view = GetActiveView()
 view.ViewSize = [200, 100]
-render = StyleRFRender(Input=StyleRFScene(FileName=sys.argv[1] + "/scene.svv"))
-follower = follow(render, view)
+reader = StyleRFScene(FileName=sys.argv[1] + "/scene.svv")
+reader.UpdatePipeline()
+render = StyleRFRender(Input=reader, ImageSize=[40, 30])
+render.UpdatePipeline()
+Render(view)
+assert not others(view) and list(render.ImageSize) == [40, 30], "it follows without being told to"
+render.FollowCamera = 1
+(target,) = others(view)
 assert list(render.ImageSize) == [800, 400]
-camera = view.GetActiveCamera()
-camera.SetPosition(0.0, 90.0, 1.0)
-view.GetInteractor().InvokeEvent("InteractionEvent")
+assert GetLayout(view) == GetLayout(target) and GetActiveView() == view
+move(view, 0.0, 90.0, 1.0, event="InteractionEvent")
 assert list(render.ImageSize) == [320, 160] and list(render.Camera[:3]) == [0.0, 90.0, 1.0]
-view.GetInteractor().InvokeEvent("EndInteractionEvent")
+move(view, 0.0, 90.0, 1.0)
 assert list(render.ImageSize) == [800, 400]
-stop_following()
-camera.SetPosition(0.0, 1.0, 90.0)
-view.GetInteractor().InvokeEvent("EndInteractionEvent")
+(shown_there,) = [d for d in target.Representations if getattr(d, "Input", None) == render]
+assert shown_there.Representation == "Slice" and shown_there.Visibility
+render.FollowCamera = 0
+move(view, 0.0, 1.0, 90.0)
+assert list(render.Camera[:3]) == [0.0, 90.0, 1.0], "it does not stand still"
+render.FollowCamera = 1
+assert others(view) == [target], "the layout was split again"
+assert list(render.Camera[:3]) == [0.0, 1.0, 90.0]
+# In a state all is as it was, and goes on.
+SaveState(sys.argv[2])
+ResetSession()
+LoadState(sys.argv[2])
+for loaded in GetRenderViews():
+    Render(loaded)
+assert len(GetRenderViews()) == 2 and len(GetLayouts()) == 1, "a second split"
+(render,) = [s for s in GetSources().values() if s.SMProxy.GetXMLName() == "StyleRFRender"]
+(view,) = [v for v in GetRenderViews() if any(d.Representation == "Volume" and d.Visibility for d in v.Representations)]
+move(view, 0.0, 80.0, 1.0)
+assert list(render.Camera[:3]) == [0.0, 80.0, 1.0], "a state does not follow"
+# Whatever is deleted, the mouse does no harm.
+(target,) = others(view)
+Delete(target)
+move(view, 0.0, 70.0, 1.0)
+Delete(render)
+move(view, 0.0, 60.0, 1.0)
+Delete(view)
+""",
+        trained, tmp_path / "state.pvsm",
+    )  # fmt: skip
+
+
+def test_following_begins_with_the_first_image(trained: Path, pvpython, tmp_path) -> None:
+    pvpython(
+        VOLUME
+        + FOLLOWED
+        + """
+volume, display = shown()
+view = GetActiveView()
+reader = StyleRFScene(FileName=sys.argv[1] + "/scene.svv")
+render = StyleRFRender(Input=reader, FollowCamera=1)
+Render(view)
+assert not others(view), "there is no image yet"
+render.UpdatePipeline()
+Render(view)
+(target,) = others(view)
+move(view, 0.0, 90.0, 1.0)
 assert list(render.Camera[:3]) == [0.0, 90.0, 1.0]
+# A view of its own that the image has already is used; a Python state makes its views in this order.
+second = StyleRFRender(Input=reader, FollowCamera=1)
+own = CreateView("RenderView")
+Show(second, own)
+Render(own)
+assert len(GetRenderViews()) == 3, "a view was made though the image had one"
+move(view, 0.0, 80.0, 1.0)
+assert list(render.Camera[:3]) == list(second.Camera[:3]) == [0.0, 80.0, 1.0]
+Delete(second)
+from svv.pv.follow import follower_of, followers, stop_following, view_to_follow
+assert len(followers()) == 1 and follower_of(render) is not None
+stop_following()
+assert not render.FollowCamera and not followers()
+SetActiveView(own)
+assert view_to_follow(AppendDatasets(Input=[Sphere(), volume])) == view, "the volume is not found upstream"
 """,
         trained,
     )

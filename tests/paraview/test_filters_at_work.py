@@ -116,3 +116,25 @@ assert scene(train) != first, "the client's edit did not reach the server"
 """,
         pvserver,
     )
+
+
+def test_the_image_of_a_server_follows_the_client_s_camera(pvpython, pvserver, tmp_path) -> None:
+    from tests.cube import cube_scene
+
+    cube_scene().save(tmp_path / "scene.svv")
+    pvpython(
+        VOLUME
+        + """
+Connect("127.0.0.1", int(sys.argv[1]))
+volume, display = shown()
+view = GetActiveView()
+render = StyleRFRender(Input=StyleRFScene(FileName=sys.argv[2]), FollowCamera=1)
+render.UpdatePipeline()
+Render(view)
+assert len(GetRenderViews()) == 2, "no view was made for the image"
+view.GetActiveCamera().SetPosition(0.0, 90.0, 1.0)
+view.GetInteractor().InvokeEvent("EndInteractionEvent")
+assert list(render.Camera[:3]) == [0.0, 90.0, 1.0] and max(image(render)[0]) == 800
+""",
+        pvserver, tmp_path / "scene.svv",
+    )  # fmt: skip

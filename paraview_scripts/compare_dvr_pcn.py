@@ -110,6 +110,7 @@ def generate(chosen) -> None:
 
     with atomic_path(chosen.out / "volume.vti") as temporary:
         writer = vtkXMLImageDataWriter()
+        writer.SetDataModeToBinary()  # appended data ParaView 5.11 cannot read beside an updated expat
         writer.SetFileName(str(temporary))
         writer.SetInputData(demo_volume(chosen.volumes[0], levels=255))
         writer.SetCompressorTypeToNone()

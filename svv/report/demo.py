@@ -65,6 +65,7 @@ def _write_volume(path: Path, image: object) -> None:
 
     with atomic_path(path) as temporary:
         writer = vtkXMLImageDataWriter()
+        writer.SetDataModeToBinary()  # appended data ParaView 5.11 cannot read beside an updated expat
         writer.SetFileName(str(temporary))
         writer.SetInputData(image)
         if not writer.Write():

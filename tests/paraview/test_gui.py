@@ -80,6 +80,7 @@ def write_input(folder: Path, resolution: int, opaque: bool) -> tuple[Path, Path
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
     writer = vtkXMLImageDataWriter()
+    writer.SetDataModeToBinary()
     writer.SetFileName(str(folder / "volume.vti"))
     writer.SetInputData(demo_volume(resolution))
     assert writer.Write()

@@ -28,6 +28,7 @@ def made(pvpython, tmp_path_factory) -> Path:
 
     folder = tmp_path_factory.mktemp("scripts")
     writer = vtkXMLImageDataWriter()
+    writer.SetDataModeToBinary()
     writer.SetFileName(str(folder / "volume.vti"))
     writer.SetInputData(demo_volume(32, levels=255))
     assert writer.Write()

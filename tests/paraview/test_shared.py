@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -85,7 +86,11 @@ def test_a_namespace_of_several_folders_is_put_together(tmp_path: Path) -> None:
 @pytest.fixture
 def from_here(packages: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The options for a pip that knows what lies in a folder, and nothing else; the environment is the made-up one."""
-    monkeypatch.setattr(prepare.sys, "path", [str(packages)])
+    alone, real = tmp_path / "pip", importlib.util.find_spec("pip")
+    alone.mkdir()
+    if real is not None and real.origin is not None:  # else there is one on the PATH
+        (alone / "pip").symlink_to(Path(real.origin).parent)
+    monkeypatch.setattr(prepare.sys, "path", [str(packages), str(alone)])
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", (tmp_path / "wheels").as_uri())

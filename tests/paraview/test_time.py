@@ -260,6 +260,7 @@ for k in range(3):
     array.SetName("v")
     data.GetPointData().SetScalars(array)
     writer = vtkXMLImageDataWriter()
+    writer.SetDataModeToBinary()
     writer.SetFileName(f"{sys.argv[1]}/blob_{k}.vti")
     writer.SetInputData(data)
     assert writer.Write()

@@ -13,6 +13,7 @@ from PIL import Image
 from svv.io.mask_pictures import WANTED
 from svv.io.output import write_png
 from svv.options import parse_colour
+from svv.pv import start
 from svv.train.gallery import gallery_picture
 from tests.cube import cube_scene
 
@@ -86,10 +87,10 @@ timer = interactor.CreateRepeatingTimer(250)
 done("ready")
 """
 
-UNDO, REDO, RESET = (138, 612), (138, 641), (138, 670)
-"""Where the buttons of the panel of edits are."""
-INSIDE = 138, 872
-"""Where the button Click Inside of the panel of the painting is."""
+COLUMN = 138
+"""Where the panel's buttons are, from the left."""
+ROWS = {(5, 11): (612, 641, 670, 872), (5, 13): (633, 659, 685, 865), (6, 1): (630, 656, 681, 860)}
+"""Of each version from which on they hold: rows of the buttons Undo Edit, Redo Edit, Reset Edits, and Click Inside."""
 FLOWER = 920, 760
 """A place in the picture of the painting, at the right."""
 
@@ -105,16 +106,17 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
         scene = str(tmp_path / "cube.svv")
         cube_scene().save(scene)
     write_png(tmp_path / "impasto.png", gallery_picture("impasto"))
+    *buttons, inside = ROWS[max(version for version in ROWS if version <= start.find().version)]
     running = gui(f"ARGUMENTS = {[str(Path(scene).resolve()), str(tmp_path / 'impasto.png')]!r}\n{SCRIPT}")
     assert running.first == "ready"
     said = running.wait()
     assert "nothing was painted" in said, said
     edit = running.screenshot(tmp_path / "edit.png")
-    for button, expected in ((UNDO, "undone"), (REDO, "redone"), (RESET, "reset 1.0")):
-        running.xdotool("mousemove", *button, "click", 1)
+    for row, expected in zip(buttons, ("undone", "redone", "reset 1.0"), strict=True):
+        running.xdotool("mousemove", COLUMN, row, "click", 1)
         assert running.wait() == expected
     assert running.wait() == "painting"
-    running.xdotool("mousemove", *INSIDE, "click", 1, "sleep", "1", "mousemove", *FLOWER, "click", 1)
+    running.xdotool("mousemove", COLUMN, inside, "click", 1, "sleep", "1", "mousemove", *FLOWER, "click", 1)
     assert running.wait().startswith("points 250,260; ")
     stylize = running.screenshot(tmp_path / "stylize.png")
     # The mark of the new point is where the click was, so it is the right pixel.

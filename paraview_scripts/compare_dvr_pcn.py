@@ -108,7 +108,7 @@ def generate(chosen) -> None:
     from svv.dvr.demo_volume import demo_volume
     from svv.io.atomic import atomic_path
 
-    # No .vti: beside an updated expat ParaView 5.11 reads none whose data is appended, and other data is a third larger.
+    # No .vti: beside an updated expat ParaView 5.11 reads none with appended data, and other data is a third larger.
     with atomic_path(chosen.out / "volume.mha") as temporary:
         writer = vtkMetaImageWriter()
         writer.SetFileName(str(temporary))

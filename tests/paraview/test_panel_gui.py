@@ -19,7 +19,7 @@ from tests.cube import cube_scene
 
 SCRIPT = """
 from paraview.simple import *
-from svv.pv.follow import fit, show_image
+from svv.pv.follow import busy, fit, show_image
 
 scene, style = ARGUMENTS
 LoadPalette("WhiteBackground")
@@ -77,6 +77,8 @@ steps = [
 
 def tick(*_):
     global ticks
+    if busy():  # 6.1 comes here in the midst of an update too, and takes no clicks then
+        return
     ticks += 1
     if steps and steps[0][0]():
         steps.pop(0)[1]()
@@ -113,11 +115,9 @@ def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -
     assert "nothing was painted" in said, said
     edit = running.screenshot(tmp_path / "edit.png")
     for row, expected in zip(buttons, ("undone", "redone", "reset 1.0"), strict=True):
-        running.screenshot(tmp_path / "rest.png")  # 6.1 takes no click before it has drawn what the last one did
         running.xdotool("mousemove", COLUMN, row, "click", 1)
         assert running.wait() == expected
     assert running.wait() == "painting"
-    running.screenshot(tmp_path / "rest.png")
     running.xdotool("mousemove", COLUMN, inside, "click", 1, "sleep", "1", "mousemove", *FLOWER, "click", 1)
     assert running.wait().startswith("points 250,260; ")
     stylize = running.screenshot(tmp_path / "stylize.png")

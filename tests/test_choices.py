@@ -170,7 +170,7 @@ def test_features_that_follow_from_coarser_ones_go_without_a_trace() -> None:
     lattice = base.encoding
     assert isinstance(lattice, SparseLattice) and base.density is not None
     lattice.randomize(8.0, random)
-    fine = torch.from_numpy(lattice.vertices_of_level(1, occupancy.occupied, 8) / 8).float()
+    fine = torch.from_numpy(lattice.places_of_level(1, occupancy.occupied, 8))
     with torch.no_grad():
         base.density.table.fill_(0.5)
         coarser = lattice.look_up(fine)[:, :4]

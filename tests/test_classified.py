@@ -154,10 +154,9 @@ def test_training_begins_with_it(views: tuple[ViewSet, ViewSet]) -> None:
     density = work.field.density
     assert density is not None and density.resolutions == (64,)
     vertices = density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
-    inside = torch.from_numpy(vertices / 64).float()
-    inside = inside[(inside <= torch.tensor(occupancy.box.extent)).all(dim=1)]
-    expected = train.classified.at_vertices((inside.numpy() * 64).astype(int), 64)
-    np.testing.assert_allclose(density(inside)[:, 0].detach(), expected, atol=1e-4)
+    places = torch.from_numpy(density.places_of_level(0, occupancy.occupied, occupancy.cells))
+    expected = train.classified.at_vertices(vertices, 64)
+    np.testing.assert_allclose(density(places)[:, 0].detach(), expected, atol=1e-4)
 
 
 def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:

@@ -18,10 +18,13 @@ from svv.core.compositing import ray_weights
 from svv.core.encodings import hash_features, lattice_features, spherical_harmonics
 from svv.errors import BadInput
 from svv.fields.encodings import HashGrid, LatticeAdam, SparseLattice
+from svv.fields.networks import BaseField, FieldSettings
 from svv.fields.occupancy import Occupancy
+from svv.fields.phong import gradient_of
 from svv.fields.rendering import Extinction, Marching, Rays, composite, march
 from svv.kernels import compiled, plain
 from svv.kernels import lattice as lattice_kernels
+from svv.train.reconstruct import largest_extinction
 from tests.tolerances import KERNELS
 
 UNIT = Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0))
@@ -375,3 +378,23 @@ def test_box_round_trip_at_any_scale(scale: float, shift: float, seed: int) -> N
 def test_box_that_encloses_nothing(high: tuple[float, ...]) -> None:
     with pytest.raises(BadInput):
         Box.of_bounds((0, 0, 0), high)
+
+
+@given(st.integers(0, 2**31), st.sampled_from([(2, 4), (8,), (4, 16)]))
+def test_nothing_is_read_behind_the_table(seed: int, levels: tuple[int, ...]) -> None:
+    """A lattice may be asked at its own vertices, the last of them, too; what lies behind its numbers does not count."""
+    occupied = (np.random.default_rng(seed).random((8, 8, 8)) < 0.02).astype(np.uint8)
+    occupied[3, 4, 5] = 1
+    occupancy = Occupancy(Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0)), 8, occupied)
+    field = BaseField(FieldSettings(resolutions=levels, width=16), occupancy)
+    density = field.density
+    assert isinstance(density, SparseLattice)
+    behind = torch.full((len(density.table) + 64, 1), torch.nan)
+    behind[: len(density.table)] = torch.rand(len(density.table), 1)
+    density.table = torch.nn.Parameter(behind[: len(density.table)])
+    for level in range(len(density.resolutions)):
+        places = torch.from_numpy(density.places_of_level(level, occupied, 8))
+        found = density.look_up(places)[:, level]
+        torch.testing.assert_close(found, density.table[density.rows_of_level(level), 0].detach(), rtol=0, atol=1e-4)
+    assert largest_extinction(field, occupancy).isfinite().all()
+    assert gradient_of(density, occupancy, levels[-1]).isfinite().all()

@@ -83,8 +83,8 @@ class Encoding(nn.Module):
 class SparseLattice(Encoding):
     """Features on the vertices of occupied cells at several resolutions, interpolated trilinearly.
 
-    Where nothing is visible nothing is stored. Vertices are numbered in raster order, so the kernels find the
-    neighbour in z without a look-up.
+    Where nothing is visible nothing is stored, so positions must lie in occupied cells: elsewhere the kernels may read
+    past the table. Vertices are numbered in raster order, so the kernels find the neighbour in z without a look-up.
     """
 
     shapes: Tensor
@@ -132,6 +132,22 @@ class SparseLattice(Encoding):
     def vertices_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.int64]:
         """Whole-number coordinates of a level's vertices in the order of its rows, for the cells it was made for."""
         return np.argwhere(_vertices(_resample(occupied, cells, self.resolutions[level])))
+
+    def places_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.float32]:
+        """Box coordinates of a level's vertices in the order of its rows, where they may be looked up. (V, 3)
+
+        A vertex on the far side of every occupied cell it belongs to lies, by its coordinates, in a cell of which
+        nothing else is stored. So each is moved by one float32 towards the middle of an occupied cell.
+        """
+        resolution = self.resolutions[level]
+        filled = np.pad(_resample(occupied, cells, resolution), 1)
+        vertices = self.vertices_of_level(level, occupied, cells)
+        middle, found = vertices + 0.5, np.zeros(len(vertices), bool)
+        for offset in itertools.product((0, -1), repeat=3):
+            take = filled[tuple((vertices + offset + 1).T)] & ~found
+            middle[take] += offset
+            found |= take
+        return np.nextafter((vertices / resolution).astype(np.float32), (middle / resolution).astype(np.float32))
 
     def packed(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """The table in bytes: codes (V, F), and smallest and largest number of each feature of a level (L, 2, F)."""

@@ -137,7 +137,8 @@ def gradient_of(density: SparseLattice, occupancy: Occupancy, resolution: int) -
     vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells)
     x, y, z = vertices.T
     end = torch.tensor(occupancy.box.extent, dtype=torch.float32)
-    points = torch.minimum(torch.from_numpy(vertices.astype(np.float32)) / resolution, end)
+    places = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
+    points = torch.minimum(torch.from_numpy(places), end)
     exponent = density(points.to(density.table.device)).sum(dim=1).clamp(-6.0, CEILING).cpu().numpy()
     field = np.full(tuple(lattice.shapes[0].tolist()), np.exp(-6.0 * FLATTEN), np.float32)
     field[x, y, z] = np.exp(FLATTEN * exponent)

@@ -181,6 +181,8 @@ def largest_extinction(field: BaseField, occupancy: Occupancy) -> Tensor:
     largest = torch.full((len(corner),), -torch.inf, device=device)
     for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
         points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
+        # A cell's far corners belong to the next cell, of which nothing may be stored: a float nearer they do not.
+        points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())
         largest = torch.maximum(largest, _exponent(field, points))
     return torch.exp(largest.clamp(max=CEILING))
 

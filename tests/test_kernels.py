@@ -382,7 +382,7 @@ def test_box_that_encloses_nothing(high: tuple[float, ...]) -> None:
 
 @given(st.integers(0, 2**31), st.sampled_from([(2, 4), (8,), (4, 16)]))
 def test_nothing_is_read_behind_the_table(seed: int, levels: tuple[int, ...]) -> None:
-    """A lattice may be asked at its own vertices, the last of them, too; what lies behind its numbers does not count."""
+    """A lattice may be asked at its own vertices, even the last; what lies behind its numbers does not count."""
     occupied = (np.random.default_rng(seed).random((8, 8, 8)) < 0.02).astype(np.uint8)
     occupied[3, 4, 5] = 1
     occupancy = Occupancy(Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0)), 8, occupied)

@@ -267,17 +267,36 @@ class PaletteField(nn.Module):
 
 
 class UnrestrictedField(nn.Module):
-    """Unrestricted colour network: diffuse colour without a palette (StyleRF-VolVis, section UCN)."""
+    """Unrestricted colour network: diffuse colour without a palette (StyleRF-VolVis, section UCN).
+
+    ``direct``, a lattice of one level whose features are the colours themselves. Paint has no pattern that a network
+    could know: what the paper's network says of a place it has to keep for that place anyway.
+    """
 
     def __init__(
-        self, settings: FieldSettings, occupancy: Occupancy, resolutions: Sequence[int] | None = None
+        self,
+        settings: FieldSettings,
+        occupancy: Occupancy,
+        resolutions: Sequence[int] | None = None,
+        direct: bool = False,
     ) -> None:
         """An unlearned one; ``resolutions`` are those of its lattice, by default all that the settings name."""
         super().__init__()
         self.resolutions = tuple(resolutions or settings.resolutions + settings.finer)
-        self.encoding = replace(settings, resolutions=self.resolutions).encode(occupancy)
-        self.colour_mlp = mlp(self.encoding.width, settings.width, 2, 3)
+        self.colour_mlp: nn.Sequential | None = None
+        if direct:
+            self.resolutions = self.resolutions[-1:]
+            self.encoding: Encoding = SparseLattice(occupancy.occupied, occupancy.cells, self.resolutions, 3)
+        else:
+            self.encoding = replace(settings, resolutions=self.resolutions).encode(occupancy)
+            self.colour_mlp = mlp(self.encoding.width, settings.width, 2, 3)
+
+    @property
+    def direct(self) -> bool:
+        """Whether the lattice holds the colours themselves."""
+        return self.colour_mlp is None
 
     def forward(self, position: Tensor) -> Tensor:
-        """Diffuse RGB in (0, 1). (S, 3) -> (S, 3)"""
-        return torch.sigmoid(self.colour_mlp(self.encoding(position)))
+        """Diffuse RGB in [0, 1]. (S, 3) -> (S, 3)"""
+        features = self.encoding(position)
+        return features if self.colour_mlp is None else torch.sigmoid(self.colour_mlp(features))

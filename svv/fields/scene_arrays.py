@@ -43,8 +43,10 @@ def arrays_of(scene: Scene, packed: bool) -> tuple[dict[str, Any], Arrays]:
         "history": scene.history.to_json(),
         "painting": scene.painting,
         "paint_resolutions": None if scene.styled is None else scene.styled.resolutions,
+        "paint_direct": scene.styled is not None and scene.styled.direct,
         "variants": [
-            {"name": v.name, "styles": v.styles, "made": v.made, "resolutions": v.network.resolutions}
+            {"name": v.name, "styles": v.styles, "made": v.made, "resolutions": v.network.resolutions,
+             "direct": v.network.direct}
             for v in scene.others
         ],
         "camera_rig": scene.camera_rig,
@@ -83,9 +85,13 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         colours, normals = torch.zeros(len(regions), 3), header.get("normal_resolutions")
         palette = PaletteField(settings, occupancy, base.geometry_width, colours, normals)
     if "styled" in header["networks"]:
-        styled = UnrestrictedField(settings, occupancy, header.get("paint_resolutions"))
+        styled = UnrestrictedField(
+            settings, occupancy, header.get("paint_resolutions"), bool(header.get("paint_direct", False))
+        )
     told = header.get("variants", [])
-    others = [UnrestrictedField(settings, occupancy, v.get("resolutions")) for v in told]
+    others = [
+        UnrestrictedField(settings, occupancy, v.get("resolutions"), bool(v.get("direct", False))) for v in told
+    ]
     named = [*zip(NETWORKS, (base, palette, styled), strict=True)]
     named += [(f"variant{number}", network) for number, network in enumerate(others)]
     for name, network in named:

@@ -123,8 +123,11 @@ class StylizeSettings:
     style_network_rate: float = 0.002
     """Learning rate of the network in the stylization."""
     pixels_a_cell: float | None = 2.0
-    """Pixels of those images that the finest cell of paint covers at most; None leaves paint the levels of the scene.
-    Where cells are coarser than a style's detail, paint answers it with an alternation from cell to cell."""
+    """Pixels of those images that the finest cell of a colour network covers at most; None leaves it the levels of the
+    scene. Where cells are coarser than a style's detail, paint answers it with an alternation from cell to cell."""
+    direct: bool = True
+    """Whether paint is a lattice of colours (:mod:`svv.train.painting`) where the scene's fields are lattices; else it
+    is a network, distilled from the palette's."""
     colour_transfer: bool = True
     """Whether each style's mean colour replaces its region's in the palette that is distilled."""
 
@@ -167,7 +170,7 @@ PRESETS = {
         ReconstructSettings(iterations=30000, use_volume=False, feature_rate=0.01, network_rate=0.01, decay=0.1),
         RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, offset_start=1.0, shade_weight=0.0,
                          mixing_weight=0.0, joined=0.0),
-        StylizeSettings(distil_iterations=474),
+        StylizeSettings(distil_iterations=474, direct=False),
         fitted=False,
     ),
 }

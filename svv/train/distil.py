@@ -1,9 +1,8 @@
-"""Stage 3, first half: the unrestricted colour network learns the diffuse colours of the palette colour network.
+"""Stage 3, first half, as the paper has it: the unrestricted network learns the palette network's diffuse colours.
 
 (StyleRF-VolVis, section UCN.) The teacher's palette holds each style's mean colour instead of its region's own (the
-colour transfer), so that stylization starts near its goal. Ours goes further where the style loss says so: the region
-is painted with the style as a solid texture, strokes that every view sees alike. From one flat colour, where every
-place has the same nearest neighbour, and with views that each put their strokes elsewhere, none would appear.
+colour transfer), so that stylization starts near its goal. Of the preset ``paper`` and of the modes that are compared
+with ours; else the start is painted (:mod:`svv.train.painting`).
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from svv.fields.rendering import RayCaster, Rays, Samples, march
 from svv.fields.scene import Scene
 from svv.train.config import StylizeSettings, paint_resolutions
 from svv.train.loop import falling, network_adam
-from svv.train.style_loss import StyleTarget
 
 DISTILLATION_SIZE = 256
 """Side in pixels of the views whose rays are drawn: they only choose where samples fall."""
@@ -31,6 +29,13 @@ DISTILLATION_SAMPLES = 40_000
 """Samples a step at most, about: translucent scenes give many on a ray, and they are what a step costs."""
 
 
+def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
+    """Side of a pixel of the stylization views at the scene's centre, in box units."""
+    rig = scene.camera_rig
+    view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
+    return float(view / settings.style_size)
+
+
 class Distillation:
     """Trains a UCN on the diffuse colours of a scene's PCN, along rays from all around."""
 
@@ -38,7 +43,6 @@ class Distillation:
         self,
         scene: Scene,
         transferred: Tensor,
-        targets: dict[int, StyleTarget],
         settings: StylizeSettings,
         seed: int,
         before: UnrestrictedField | None = None,
@@ -48,20 +52,16 @@ class Distillation:
         Args:
             scene: With a palette colour network.
             transferred: The palette after colour transfer, RGB. (P, 3)
-            targets: Style of each region that gets one.
             settings: Of stage 3.
             seed: Of networks and rays.
-            before: A UCN to begin with: the regions that the scene says are styled keep its colours, and only those
-                that are new in ``targets`` are learnt.
+            before: A UCN to begin with: the regions that the scene says are styled keep its colours.
         """
         assert scene.palette is not None
         torch.manual_seed(seed)
         self.scene, self.teacher, self.palette = scene, scene.palette, transferred
         self.settings, self.seed = settings, seed
         rig = scene.camera_rig
-        view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
-        self.pixel = float(view / settings.style_size)
-        cell = None if settings.pixels_a_cell is None else settings.pixels_a_cell * self.pixel
+        cell = None if settings.pixels_a_cell is None else settings.pixels_a_cell * paint_pixel(scene, settings)
         levels = paint_resolutions(scene.settings, cell, scene.occupancy.cells)
         levels = levels if before is None else before.resolutions
         self.field = UnrestrictedField(scene.settings, scene.occupancy, levels).to(scene.device)
@@ -78,10 +78,10 @@ class Distillation:
         """Regions whose colours ``before`` holds. (P,)"""
         cameras = sphere_cameras(settings.distil_views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)
         self.caster = RayCaster(cameras, scene.occupancy.box, scene.device)
-        self.targets = {k: t for k, t in targets.items() if t.settings.seeded and not styled[k]}
         pixels = np.random.default_rng(seed).integers(0, settings.distil_views * DISTILLATION_SIZE**2, PROBE)
         probe = march(self.caster.rays(torch.from_numpy(pixels)), scene.occupancy, scene.base.density, scene.marching)
         self.rays = min(settings.distil_rays, max(PROBE // 4, DISTILLATION_SAMPLES * PROBE // max(len(probe), 1)))
+        assert self.field.colour_mlp is not None
         networks = list(self.field.colour_mlp.parameters())
         self.networks = network_adam(networks, settings.network_rate)
         self.tables = LatticeAdam([self.field.encoding])
@@ -107,40 +107,10 @@ class Distillation:
         return loss.detach()
 
     def truth(self, samples: Samples, rays: Rays) -> Tensor:
-        """The colours that samples are to get: transferred palette and solid texture, or those of before. (S, 3)"""
+        """The colours that samples are to get: the transferred palette's, or those of before. (S, 3)"""
         intensity, weights, offsets = self.teacher.material(samples.position)
         colours = intensity[:, None] * (weights[:, :, None] * (self.palette + offsets)).sum(dim=1)
-        region, normal = weights.argmax(dim=1), self.normals(samples.position)
-        for number_of, target in self.targets.items():
-            own = region == number_of
-            colours[own] += target.solid_texture(samples.position[own], normal[own], self.pixel)
         if self.before is not None:
-            there = self.known[region]
+            there = self.known[weights.argmax(dim=1)]
             colours[there] = self.before(samples.position[there])
         return colours
-
-    def normals(self, position: Tensor) -> Tensor:
-        """Gradient of the extinction's exponent at positions, by differences within their cells. (S, 3) -> (S, 3)"""
-        cells = self.scene.occupancy.cells
-        # Beyond the cell there may be nothing stored, so the steps stay inside it.
-        low = torch.floor(position * cells) / cells
-        high = low + (1.0 - 1e-3) / cells
-        reach = 0.5 / cells
-        gradient = []
-        for axis in range(3):
-            ends = []
-            for end in (torch.maximum(position - reach, low), torch.minimum(position + reach, high)):
-                moved = position.clone()
-                moved[:, axis] = end[:, axis]
-                ends.append(moved)
-            before, after = (self._exponent(x) for x in ends)
-            gradient.append((after - before) / (ends[1] - ends[0])[:, axis].clamp_min(1e-6))
-        return torch.stack(gradient, dim=1)
-
-    def _exponent(self, position: Tensor) -> Tensor:
-        base = self.scene.base
-        if base.density is not None:
-            return base.density.look_up(position).sum(dim=1)
-        assert base.density_mlp is not None
-        exponent: Tensor = base.density_mlp(base.encoding(position))[:, 0]
-        return exponent

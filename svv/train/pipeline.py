@@ -26,7 +26,6 @@ from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
 from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field, lit_by, preset
-from svv.train.distil import Distillation
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import load_features
 from svv.train.levels import with_fewest_levels
@@ -37,9 +36,10 @@ from svv.train.ranges import hull_of, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
+from svv.train.start import run_stage, started
 from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
-from svv.train.stylize import Stylization
+from svv.train.stylize import Stylization, stylization_cameras, visible_from
 from svv.train.unmix import Unmixing
 
 INDEPENDENT = 3
@@ -318,18 +318,19 @@ def stylize_scene(
         for region, target in targets.items() if settings.colour_transfer else ():
             transferred[region] = target.statistics[0]
         before = scene.styled if go_on else None
-        distillation = Distillation(scene, transferred, targets, settings, seed, before)
         refined = [k for k in pairs if go_on and scene.regions[k].style is not None]
-        steps = 0 if len(refined) == len(pairs) else settings.distil_iterations
-        watch = None if previews is None else partial(previews.look, distillation.field)
-        loop = Loop(steps, None, part(progress, 0.0, 0.25), "distillation", watch=watch)
-        seconds["distil"] = _run_stage(loop, distillation, saved, "distil") if steps else 0.0
-        stylization = Stylization(scene, distillation.field, targets, settings, part(progress, 0.25, 0.3), refined)
+        views = visible_from(scene, stylization_cameras(scene, settings), part(progress, 0.0, 0.1))
+        field = started(
+            scene, transferred, targets, views, settings, seed, before, saved, seconds, part(progress, 0.1, 0.3),
+            previews,
+        )  # fmt: skip
+        stylization = Stylization(scene, field, targets, settings, part(progress, 0.3, 0.3), refined, views=views)
+        watch = None if previews is None else partial(previews.look, field)
         loop = Loop(settings.style_iterations, None, part(progress, 0.3, 1.0), "stylization", watch=watch)
-        seconds["stylize"] = _run_stage(loop, stylization, saved, "stylize")
+        seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds
-    distillation.field.requires_grad_(False)
-    styled = painting(distillation.field)
+    field.requires_grad_(False)
+    styled = painting(field)
     if preview is not None:
         preview(styled)
     report = {
@@ -350,25 +351,6 @@ def stylize_scene(
         "notes": notes,
     }
     return replace(styled, made={**scene.made, "stylized": report}), report
-
-
-def _run_stage(loop: Loop, work: Distillation | Stylization, saved: Checkpoint | None, name: str) -> float:
-    """Run a stage of the stylization, or take its result from the checkpoint."""
-    if saved is None:
-        return loop.run(work.step)
-    prefix = "table_and_network."
-    if name in saved.finished:
-        done = {k[len(prefix) :]: torch.from_numpy(v.copy()) for k, v in saved.arrays.items()}
-        work.field.load_state_dict(done)
-        return float(saved.finished[name]["seconds"])
-    state = saved.stage(name, work.field, work.networks, work.tables)
-    if state.restored is not None:
-        loop.done, loop.spent = state.restored
-    loop.save = lambda done, spent: state.save(done, spent, {})
-    seconds = loop.run(work.step)
-    state_dict = work.field.state_dict()
-    saved.finish(name, {"seconds": seconds}, {prefix + k: v.cpu().numpy().copy() for k, v in state_dict.items()})
-    return seconds
 
 
 @contextmanager

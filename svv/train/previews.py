@@ -38,12 +38,12 @@ class Previews:
         self._begin = self.clock()
         self._due: float | None = None
 
-    def look(self, colours: UnrestrictedField) -> None:
-        """Show what there is, if it is time; called after every step."""
+    def look(self, colours: UnrestrictedField, at_once: bool = False) -> None:
+        """Show what there is, if it is time or it is worth it at once; called after every step."""
         now = self.clock()
         if self._due is None:
             self._due = now + FIRST
-        if now < self._due:
+        if now < self._due and not at_once:
             return
         self.show(self.painting(copy.deepcopy(colours).requires_grad_(False)))
         after = self.clock()

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 import torch.nn.functional as F
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from svv.core.filling import filled
@@ -61,7 +63,7 @@ class StyleLossSettings:
     most_vectors: int = 3000
     """Style vectors kept for matching, drawn at random beyond that."""
     seeded: bool = True
-    """Whether distillation paints the scene with the style as a solid texture, for the matching to start from."""
+    """Whether a scene is painted with pieces of the style before the matching (:mod:`svv.train.painting`)."""
     anchor: float = 3.0
     """Weight of the squared distance to the colours after distillation, in a scene: all views share its strokes."""
     along_rays: float = 6.0
@@ -74,9 +76,6 @@ class StyleLossSettings:
 PAPER_LOSS = StyleLossSettings(balance=None, colours=0.0, energy=0.0, seeded=False, anchor=0.0, along_rays=0.0)
 """The loss as the paper has it."""
 
-OBLIQUE = torch.linalg.qr(torch.tensor([[0.74, -0.31, 0.6], [0.51, 0.84, -0.2], [0.44, -0.45, -0.77]]))[0]
-"""Axes (columns) of a solid texture: askew to every face of a volume. (3, 3)"""
-
 
 class StyleTarget:
     """A style picture made ready to be matched.
@@ -87,7 +86,7 @@ class StyleTarget:
         settings: Weights and sizes.
         seed: Of the draw of style vectors and of the shifts of renders.
         mask: (h, w), true where the picture teaches; all of it if not given. Only patches whose centre lies in it are
-            matched, mean and covariance are those of its pixels, and the solid texture is made of it.
+            matched, mean and covariance are those of its pixels, and the painted start is made of it.
     """
 
     def __init__(
@@ -97,10 +96,12 @@ class StyleTarget:
         cover = None if mask is None else mask.to(style)[None]
         self.picture = resized(style, settings.style_size)
         share = None if cover is None else resized(cover, settings.style_size)
+        self.inside: NDArray[np.bool_] | None = None
+        """Where the mask is, at the picture's size; None is everywhere. (h, w)"""
         self.statistics = colour_statistics(self.picture.flatten(1).T, None if share is None else share.flatten())
         if share is not None:
-            inside = (share[0] >= min(0.5, float(share.max()))).cpu().numpy()
-            whole = filled(self.picture.permute(1, 2, 0).cpu().numpy(), inside, seed)
+            self.inside = (share[0] >= min(0.5, float(share.max()))).cpu().numpy()
+            whole = filled(self.picture.permute(1, 2, 0).cpu().numpy(), self.inside, seed)
             self.picture = torch.from_numpy(whole).permute(2, 0, 1).to(style)
         chosen = settings.background
         self.background = float(luminance(self.statistics[0])) if chosen is None else chosen
@@ -162,27 +163,6 @@ class StyleTarget:
             floor = LEAST_DETAIL * max(float(mean.square().sum()), self._grey)
             loss = loss + self.settings.energy * energy_loss(features[whole], vectors, floor=floor)
         return loss
-
-    def solid_texture(self, position: Tensor, normal: Tensor, pixel: float) -> Tensor:
-        """The style as paint that goes all through space: its colours' difference from their mean.
-
-        The picture, mirrored at its rims, is thrown along that one of three oblique axes which a surface faces most.
-
-        Args:
-            position: Box coordinates, (S, 3).
-            normal: Of the surface there, of any length and either sign, (S, 3).
-            pixel: Side of a pixel of the stylization views at the scene's centre, in box units.
-
-        Returns:
-            (S, 3), mean 0 over the picture.
-        """
-        height, width = self.picture.shape[1:]
-        axes = OBLIQUE.to(normal.device)
-        along = (normal @ axes).abs().argmax(1, keepdim=True)
-        across = torch.cat([(along + 1) % 3, (along + 2) % 3], dim=1)
-        at = (position @ axes).gather(1, across) / (pixel * position.new_tensor([width / 2, height / 2]))
-        colours = F.grid_sample(self.picture[None], at[None, None], padding_mode="reflection", align_corners=False)
-        return colours[0, :, 0].T - self.statistics[0]
 
 
 def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Tensor]:

@@ -84,6 +84,7 @@ class Stylization:
         progress: Progress,
         refined: Collection[int] = (),
         whole: bool = False,
+        views: Sequence[StyledView] | None = None,
     ) -> None:
         """Prepare the views.
 
@@ -95,6 +96,7 @@ class Stylization:
             progress: Called after every view.
             refined: Regions that were styled before and go on: they are less bound to where they begin.
             whole: Whether the scene counts as one region, number 0, whatever its palette says.
+            views: What is seen (:func:`visible_from`), if it is known already.
 
         Raises:
             BadInput: the regions to be styled are hardly seen from anywhere.
@@ -102,16 +104,17 @@ class Stylization:
         self.field, self.targets, self.settings = field, targets, settings
         self.anchors = {k: t.settings.anchor * (REFINED if k in refined else 1.0) for k, t in targets.items()}
         self.piece = kernels_of(scene.device.type).SAMPLES
-        self.views = visible_from(scene, stylization_cameras(scene, settings), progress, whole)
-        self.views = [v for v in self.views if any(self._covers(v, r) for r in targets)]
+        if views is None:
+            views = visible_from(scene, stylization_cameras(scene, settings), progress, whole)
+        self.views = [v for v in views if any(self._covers(v, r) for r in targets)]
         if not self.views:
             raise BadInput("None of the regions to be styled is visible; choose other regions with --map.")
         with torch.no_grad():  # half precision: these are as many numbers as the samples' positions
             self.starts = [
                 torch.cat([field(p).half() for p in v.position.split(self.piece)]) for v in self.views
             ]
-        networks = list(field.colour_mlp.parameters())
-        self.networks = network_adam(networks, settings.style_network_rate)
+        networks = [] if field.colour_mlp is None else list(field.colour_mlp.parameters())
+        self.networks = network_adam(networks, settings.style_network_rate) if networks else None
         self.tables = LatticeAdam([field.encoding])
 
     def step(self, number: int, fraction: float) -> Tensor:
@@ -125,12 +128,17 @@ class Stylization:
         losses = self.losses(index, colours)
         loss = torch.stack(losses).sum()
         (gradient,) = torch.autograd.grad(loss, colours)
-        self.networks.zero_grad(set_to_none=True)
+        if self.networks is not None:
+            self.networks.zero_grad(set_to_none=True)
         for first in range(0, len(colours), self.piece):
             piece = slice(first, first + self.piece)
             self.field(view.position[piece]).backward(gradient[piece])  # type: ignore[no-untyped-call]
-        self.networks.step()
+        if self.networks is not None:
+            self.networks.step()
         self.tables.step([self.settings.style_feature_rate])
+        if self.field.direct:
+            with torch.no_grad():  # only what was looked up has moved
+                self.field.encoding.table.clamp_(0.0, 1.0)
         return loss.detach() / len(losses)
 
     def losses(self, index: int, colours: Tensor) -> list[Tensor]:

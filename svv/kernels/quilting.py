@@ -1,0 +1,129 @@
+"""Pieces of a picture laid on a surface: what a piece would look like, and which of those over a point is seen.
+
+Letters: P points, K pieces or candidates for one, N points of the overlap. Pictures are (H, W, 3) float32; where a
+piece reaches beyond the rim the picture is mirrored. Compiled with numba for the CPU: a scene is laid out once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+
+@njit(cache=True)
+def mirrored(i, n):  # type: ignore[no-untyped-def]
+    """A whole number brought into [0, n) by mirroring at the ends."""
+    if n == 1:
+        return 0
+    i = abs(i) % (2 * n - 2)
+    return 2 * n - 2 - i if i >= n else i
+
+
+@njit(cache=True)
+def read(picture, u, v, out):  # type: ignore[no-untyped-def]
+    """Bilinear colour at pixel coordinates u (across) and v (down); whole numbers are centres of pixels."""
+    h, w = picture.shape[0], picture.shape[1]
+    u0, v0 = int(np.floor(u)), int(np.floor(v))
+    fu, fv = np.float32(u - u0), np.float32(v - v0)
+    a, b = mirrored(u0, w), mirrored(u0 + 1, w)
+    c, d = mirrored(v0, h), mirrored(v0 + 1, h)
+    for k in range(3):
+        near = picture[c, a, k] + fu * (picture[c, b, k] - picture[c, a, k])
+        far = picture[d, a, k] + fu * (picture[d, b, k] - picture[d, a, k])
+        out[k] = near + fv * (far - near)
+
+
+@njit(parallel=True, cache=True)
+def misfits(picture, places, weights, colours, centres, turns, out):  # type: ignore[no-untyped-def]
+    """Mean squared difference between each candidate and what is painted already.
+
+    ``places`` (N, 2) right and up of the piece's middle in pixels, ``weights`` (N,), ``colours`` (N, 3); ``centres``
+    (K, 2) of candidates in the picture, ``turns`` (K,) radians by which each is turned on the surface; ``out`` (K,).
+    """
+    h, w = picture.shape[0], picture.shape[1]
+    total = np.float32(0.0)
+    for i in range(len(weights)):
+        total += weights[i]
+    for k in prange(len(turns)):
+        c, s = np.float32(np.cos(turns[k])), np.float32(np.sin(turns[k]))
+        difference = np.float32(0.0)
+        for i in range(len(weights)):
+            x, y = places[i, 0], places[i, 1]
+            u = mirrored(int(np.rint(centres[k, 0] + c * x + s * y)), w)
+            v = mirrored(int(np.rint(centres[k, 1] + s * x - c * y)), h)
+            for f in range(3):
+                away = picture[v, u, f] - colours[i, f]
+                difference += weights[i] * away * away
+        out[k] = difference / max(total, np.float32(1e-9))
+
+
+@njit(cache=True)
+def place_on(dx, dy, dz, n, right, upward, normal, radius, out):  # type: ignore[no-untyped-def]
+    """Where on a piece a point lies that is (dx, dy, dz) from its middle and has the normal n.
+
+    Coordinates are thrown along the piece's own normal, and stretched where the surface turns away: on a tube the arc
+    counts, not the chord. Returns how well the piece suits the point, at most 1; under 0 it is not for it.
+    """
+    facing = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]
+    if facing < 0.15:
+        return -1.0
+    x = dx * right[0] + dy * right[1] + dz * right[2]
+    y = dx * upward[0] + dy * upward[1] + dz * upward[2]
+    tx = n[0] * right[0] + n[1] * right[1] + n[2] * right[2]
+    ty = n[0] * upward[0] + n[1] * upward[1] + n[2] * upward[2]
+    sine = np.sqrt(tx * tx + ty * ty)
+    if sine > 0.05:
+        more = (np.arcsin(min(sine, 1.0)) / sine - 1.0) * (tx * x + ty * y) / (sine * sine)
+        x, y = x + more * tx, y + more * ty
+    off = dx * normal[0] + dy * normal[1] + dz * normal[2]
+    out[0], out[1] = x / radius, y / radius
+    away = out[0] * out[0] + out[1] * out[1]
+    if away > 1.0 or abs(off) > 1.2 * radius:
+        return -1.0
+    return (1.0 - away) * (0.3 + 0.7 * facing)
+
+
+@njit(cache=True)
+def places(position, normal, middle, right, upward, outward, radius, at, suits):  # type: ignore[no-untyped-def]
+    """:func:`place_on` of points (P, 3) with normals (P, 3) and one piece: ``at`` (P, 2) and ``suits`` (P,)."""
+    for i in range(len(position)):
+        dx, dy, dz = position[i, 0] - middle[0], position[i, 1] - middle[1], position[i, 2] - middle[2]
+        suits[i] = place_on(dx, dy, dz, normal[i], right, upward, outward, radius, at[i])
+
+
+@njit(parallel=True, cache=True)
+def paint(  # type: ignore[no-untyped-def]
+    position, normal, near, middle, right, upward, outward, centre, turn, picture, mean, spread, radius, pixels, ink,
+    colours, suits,
+):  # fmt: skip
+    """Colour of points by the piece that suits each best, strokes reaching over the borders of pieces.
+
+    ``near`` (P, M) the pieces to be asked, -1 for none; ``middle``, ``right``, ``upward``, ``outward`` (K, 3) of
+    pieces, ``centre`` (K, 2), ``turn`` (K,); ``mean`` (3,) and ``spread`` of the picture's colours; ``radius`` of a
+    piece in box units and ``pixels`` of the picture; ``ink``: how far strokes reach over. Written: ``colours`` (P, 3)
+    and ``suits`` (P,), under 0 where no piece is for the point; its colour is left alone then.
+    """
+    for i in prange(len(position)):
+        at, found = np.empty(2, np.float32), np.empty(3, np.float32)
+        best = np.float32(-1.0)
+        for m in range(near.shape[1]):
+            k = near[i, m]
+            if k < 0:
+                continue
+            dx, dy, dz = position[i, 0] - middle[k, 0], position[i, 1] - middle[k, 1], position[i, 2] - middle[k, 2]
+            score = place_on(dx, dy, dz, normal[i], right[k], upward[k], outward[k], radius, at)
+            if score < 0.0:
+                continue
+            c, s = np.cos(turn[k]), np.sin(turn[k])
+            x, y = at[0] * pixels, at[1] * pixels
+            read(picture, centre[k, 0] + c * x + s * y, centre[k, 1] + s * x - c * y, found)
+            away = np.float32(0.0)
+            for f in range(3):
+                away += (found[f] - mean[f]) ** 2
+            # At the rim of a piece even a stroke gives way, or every piece would end in a straight cut.
+            score += ink * min(np.sqrt(away) / spread, 2.0) * min(4.0 * score, 1.0)
+            if score > best:
+                best = score
+                for f in range(3):
+                    colours[i, f] = found[f]
+        suits[i] = best

@@ -1,0 +1,157 @@
+"""The form of what is visible: smooth normals, and the direction that strokes on it take.
+
+A lattice's own differences flip from point to point. Here the opacity of cells is blurred first, and everything is
+taken from the blurred field: its gradient gives normals, its second derivatives the principal curvatures. Strokes run
+along the weaker one, as a painter's do along a limb, and where a surface is flat they are upright in the world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from svv.fields.encodings import HashGrid
+from svv.fields.networks import BaseField
+from svv.fields.occupancy import Occupancy
+
+Floats = NDArray[np.float32]
+
+BLUR = 2.0
+"""Standard deviation of the opacity's blur, in cells of the grid: finer relief is not followed."""
+
+SPREAD = 3.0
+"""Standard deviation, in cells, over which directions are averaged."""
+
+CELLS = 128
+"""Cells of the grid along the longest side, at most those of the occupancy."""
+
+UPRIGHT = 0.15
+"""How much the world's up weighs against the direction of a tube (1): it decides where a surface is flat or round."""
+
+SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Entries of a symmetric 3 x 3 matrix that are kept."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """Normals and directions on a grid over the box, looked up trilinearly."""
+
+    cells: int
+    gradient: Floats
+    """Of the blurred opacity, (3, X, Y, Z)."""
+    axes: Floats
+    """Averaged outer products of the directions of weakest curvature, (6, X, Y, Z); trace at most 1."""
+    up: NDArray[np.float64]
+    """The world's up in the box. (3,)"""
+
+    def frames(self, position: Floats) -> tuple[Floats, Floats, Floats]:
+        """What strokes go by at box coordinates (S, 3).
+
+        Returns:
+            Outward unit normals (S, 3), unit tangents that strokes follow, either way (S, 3), and how decided these
+            are, 0 where the surface is flat or round alike in all directions, 1 on a straight tube (S,).
+        """
+        at = np.asarray(position, np.float64).T * self.cells - 0.5
+        look = [map_coordinates(f, at, order=1, mode="nearest") for f in (*self.gradient, *self.axes)]
+        normal = -np.stack(look[:3], 1).astype(np.float64)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = np.where(length > 1e-12, normal / np.maximum(length, 1e-12), (0.0, 0.0, 1.0))
+        right, upward = tangents(normal, self.up)
+        matrix = np.empty((len(normal), 3, 3))
+        for value, (i, j) in zip(look[3:], SIX, strict=True):
+            matrix[:, i, j] = matrix[:, j, i] = value
+        # In the tangent plane two axes remain: a 2 x 2 matrix, whose greater eigenvector has a closed form.
+        a = np.einsum("si,sij,sj->s", right, matrix, right)
+        b = np.einsum("si,sij,sj->s", right, matrix, upward)
+        d = np.einsum("si,sij,sj->s", upward, matrix, upward)
+        decided = np.hypot(a - d, 2.0 * b)
+        angle = 0.5 * np.arctan2(2.0 * b, a - d + UPRIGHT)  # undecided: along the horizontal, as most pictures are
+        tangent = np.cos(angle)[:, None] * right + np.sin(angle)[:, None] * upward
+        return normal.astype(np.float32), tangent.astype(np.float32), np.minimum(decided, 1.0).astype(np.float32)
+
+
+def tangents(
+    normal: NDArray[np.float64], up: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Right and up of someone who looks at surfaces with these outward unit normals (S, 3), both (S, 3)."""
+    side = np.eye(3)[int(np.abs(up).argmin())]
+    upward = up - (normal @ up)[:, None] * normal
+    flat = np.linalg.norm(upward, axis=1, keepdims=True)
+    other = side - (normal @ side)[:, None] * normal
+    # Seen from straight above there is no up: any direction will do, but it must not turn from point to point.
+    upward = upward + np.clip(0.2 - flat, 0.0, None) * 5.0 * other
+    upward /= np.maximum(np.linalg.norm(upward, axis=1, keepdims=True), 1e-12)
+    return np.cross(upward, normal), upward
+
+
+@torch.no_grad()
+def opacity_grid(base: BaseField, occupancy: Occupancy, cells: int) -> Floats:
+    """Opacity of a grid's cells along one side of theirs, 1 - exp(-sigma / cells), 0 where nothing is stored. (X, Y, Z)
+
+    ``cells`` must divide those of the occupancy.
+    """
+    k = occupancy.cells // cells
+    full = occupancy.occupied > 0
+    corner = np.argwhere(full)
+    points = torch.from_numpy(((corner + 0.5) / occupancy.cells).astype(np.float32))
+    device = base.encoding.table.device
+    parts = []
+    for piece in points.split(1 << 18):
+        piece = piece.to(device)
+        if base.density is not None:
+            exponent = base.density.look_up(piece).sum(dim=1)
+        else:
+            assert base.density_mlp is not None
+            exponent = base.density_mlp(base.encoding(piece))[:, 0]
+        parts.append((1.0 - torch.exp(-torch.exp(exponent.clamp(max=15.0)) / cells)).cpu().numpy())
+    shape = [-(-n // k) for n in full.shape]
+    out = np.zeros(shape, np.float32)
+    np.add.at(out, tuple((corner // k).T), np.concatenate(parts) / k**3 if parts else 0.0)
+    return out
+
+
+def form_of(base: BaseField, occupancy: Occupancy, up: NDArray[np.float64] | tuple[float, float, float]) -> Form:
+    """The form of a scene's extinction; ``up`` is the world's, in world units (box and world have the same axes)."""
+    cells = occupancy.cells
+    while cells > CELLS and cells % 2 == 0 and not isinstance(base.encoding, HashGrid):
+        cells //= 2
+    field = gaussian_filter(np.pad(opacity_grid(base, occupancy, cells), 1), BLUR * cells / CELLS)[1:-1, 1:-1, 1:-1]
+    gradient = np.stack(np.gradient(field)).astype(np.float32)
+    return Form(cells, gradient, stroke_axes(gradient, SPREAD * cells / CELLS), np.asarray(up, np.float64))
+
+
+def stroke_axes(gradient: Floats, spread: float) -> Floats:
+    """Directions of weakest curvature of level surfaces, as averaged outer products. (3, X, Y, Z) -> (6, X, Y, Z)
+
+    The shape operator of a level surface is P H P / |g|, with g the gradient, H the second derivatives and P the
+    projection to the tangent plane (Kindlmann et al. 2003, Curvature-based transfer functions, eq. 5).
+    """
+    length = np.sqrt(np.square(gradient).sum(0))
+    where = length > 0.02 * float(length.max() or 1.0)
+    at = np.nonzero(where)
+    g = gradient[:, where].T.astype(np.float64)
+    size = length[at][:, None].astype(np.float64)
+    n = g / np.maximum(size, 1e-12)
+    hessian = np.empty((len(g), 3, 3))
+    for i in range(3):
+        for j, derivative in enumerate(np.gradient(gradient[i])):
+            hessian[:, i, j] = derivative[at]
+    hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))
+    project = np.eye(3) - n[:, :, None] * n[:, None, :]
+    shape = project @ hessian @ project / np.maximum(size, 1e-12)[:, :, None]
+    # The normal is an eigenvector, too: a large number there keeps it out of the way.
+    values, vectors = np.linalg.eigh(shape @ shape + 1e6 * n[:, :, None] * n[:, None, :])
+    weak, strong = np.sqrt(np.maximum(values[:, 0], 0.0)), np.sqrt(np.maximum(values[:, 1], 0.0))
+    decided = (strong - weak) / np.maximum(strong + weak, 1e-9) * np.minimum(strong * 40.0, 1.0)
+    axis = vectors[:, :, 0]
+    total = gaussian_filter(np.where(where, length, 0.0).astype(np.float32), spread)
+    out = np.zeros((6, *where.shape), np.float32)
+    for k, (i, j) in enumerate(SIX):
+        entry = np.zeros(where.shape, np.float32)
+        entry[at] = decided * axis[:, i] * axis[:, j] * size[:, 0]
+        out[k] = gaussian_filter(entry, spread) / np.maximum(total, 1e-9 * float(total.max() or 1.0) + 1e-30)
+    return out

@@ -1,0 +1,168 @@
+"""Stage 3, first half: a colour field that is painted already, for the stylization to go on from.
+
+The paper's unrestricted colour network begins with the palette's colours, each region's replaced by the mean of its
+style. From one flat colour, where every place has the same nearest neighbour in the style, and with views that each
+put their strokes elsewhere, no stroke ever appears. So the regions get the style's own strokes to begin with
+(:class:`svv.train.quilt.Quilt`), the same from every side, on a lattice that holds the colours themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from torch import Tensor
+
+from svv.errors import Progress, part
+from svv.fields.encodings import SparseLattice
+from svv.fields.networks import UnrestrictedField
+from svv.fields.occupancy import Occupancy
+from svv.fields.scene import Scene
+from svv.train.form import form_of
+from svv.train.quilt import RADIUS, Manner, Quilt
+from svv.train.style_loss import StyleTarget
+from svv.train.stylize import StyledView
+
+MOST_VERTICES = 3_000_000
+"""Vertices of a painting at most, about: three bytes each in the scene's file."""
+
+MOST_CELLS = 256
+"""Cells of a painting along the longest side at most: the lattice keeps a number for each, stored or not."""
+
+UP = np.array([0.0, 1.0, 0.0])
+"""Of the world, as cameras have it."""
+
+POINTS_A_RADIUS = 8.0
+"""Points of a surface along a piece's radius, by which pieces are chosen."""
+
+
+def paint_cells(occupancy: Occupancy, pixel: float) -> int:
+    """Cells of the lattice for a painting: as fine as the pixels that see it, as far as the limits allow.
+
+    Args:
+        occupancy: The scene's; its cells are the coarsest that a painting has.
+        pixel: Side of a pixel of the stylization views at the scene's centre, in box units.
+    """
+    cells, count = occupancy.cells, int((occupancy.occupied > 0).sum())
+    while 1.0 / cells > pixel and 2 * cells <= MOST_CELLS and 9 * count <= MOST_VERTICES:
+        cells, count = 2 * cells, 8 * count
+    return cells
+
+
+def painted_field(scene: Scene, pixel: float) -> UnrestrictedField:
+    """A direct colour field for a painting of the scene, black; ``pixel`` as of :func:`paint_cells`."""
+    cells = paint_cells(scene.occupancy, pixel)
+    return UnrestrictedField(scene.settings, scene.occupancy, (cells,), direct=True).to(scene.device)
+
+
+@torch.no_grad()
+def painted_start(
+    scene: Scene,
+    transferred: Tensor,
+    targets: dict[int, StyleTarget],
+    views: Sequence[StyledView],
+    pixel: float,
+    seed: int,
+    progress: Progress,
+    before: UnrestrictedField | None = None,
+) -> UnrestrictedField:
+    """Paint the regions.
+
+    Args:
+        scene: With a palette colour network.
+        transferred: The palette after colour transfer, RGB. (P, 3)
+        targets: Style of each region that gets one.
+        views: What is seen of the scene.
+        pixel: Side of a pixel of the styles on the surface, in box units.
+        seed: Another one is another layout.
+        progress: Called several times a second.
+        before: A field to begin with: the regions that the scene says are styled keep its colours, and only those
+            that are new in ``targets`` are painted.
+
+    Returns:
+        A direct colour field.
+    """
+    assert scene.palette is not None
+    occupancy = scene.occupancy
+    field = painted_field(scene, pixel)
+    lattice = field.encoding
+    assert isinstance(lattice, SparseLattice)
+    place = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
+    kept = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
+    painted = [k for k, t in targets.items() if t.settings.seeded and k not in kept]
+    region, colours = _flat(scene, transferred, place, painted, kept, before)
+    if painted:
+        form = form_of(scene.base, occupancy, UP)
+        visible = _near_what_is_seen(views, occupancy, place)
+    for number, k in enumerate(painted):
+        told = part(progress, number / len(painted), (number + 1) / len(painted))
+        points = _surface(views, k, RADIUS * pixel / POINTS_A_RADIUS)
+        if not len(points):
+            continue
+        target, inside = targets[k], targets[k].inside
+        manner = Manner(target.picture.permute(1, 2, 0).cpu().numpy(), inside)
+        quilt = Quilt(manner, form, points, pixel, seed + k, part(told, 0.0, 0.6))
+        own = np.flatnonzero((region == k) & visible)
+        for first in range(0, len(own), 1 << 17):
+            part(told, 0.6, 1.0)(first / len(own), "painting")
+            piece = own[first : first + (1 << 17)]
+            colours[piece] = quilt(place[piece])
+    lattice.table.copy_(torch.from_numpy(np.clip(colours, 0.0, 1.0)))
+    progress(1.0, "painting")
+    return field
+
+
+def _flat(
+    scene: Scene, transferred: Tensor, place: NDArray[np.float32], painted: list[int], kept: list[int],
+    before: UnrestrictedField | None,
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:  # fmt: skip
+    """Painted region that each vertex is most of, -1 for none, (V,), and its colour before any stroke, (V, 3).
+
+    At the border to a region that is not painted the strokes go on: what is interpolated there must be paint.
+    """
+    assert scene.palette is not None
+    region = np.empty(len(place), np.int64)
+    colours = np.empty((len(place), 3), np.float32)
+    own = torch.tensor([k in painted for k in range(len(transferred))], device=transferred.device)
+    for first in range(0, len(place), 1 << 17):
+        piece = slice(first, first + (1 << 17))
+        position = torch.from_numpy(place[piece]).to(transferred.device)
+        intensity, weights, offsets = scene.palette.material(position)
+        found = intensity[:, None] * (weights[:, :, None] * (transferred + offsets)).sum(dim=1)
+        largest = weights.argmax(dim=1)
+        if before is not None:
+            there = torch.isin(largest, torch.tensor(kept, device=largest.device))
+            found[there] = before(position[there])
+            weights = weights.masked_fill(there[:, None], -1.0)
+        colours[piece] = found.clamp(0.0, 1.0).cpu().numpy()
+        among = weights.masked_fill(~own, -1.0)
+        best, which = among.max(dim=1)
+        region[piece] = torch.where(best > 0.0, which, -1).cpu().numpy()
+    return region, colours
+
+
+def _near_what_is_seen(
+    views: Sequence[StyledView], occupancy: Occupancy, place: NDArray[np.float32]
+) -> NDArray[np.bool_]:
+    """Whether a vertex is in a cell of the occupancy that some view saw something in, or in one beside it. (V,)"""
+    seen = np.zeros(occupancy.occupied.shape, bool)
+    top: NDArray[np.int64] = np.array(seen.shape) - 1
+    for view in views:
+        seen[tuple(np.minimum((view.position.cpu().numpy() * occupancy.cells).astype(np.int64), top).T)] = True
+    seen = binary_dilation(seen, np.ones((3, 3, 3), bool))
+    return seen[tuple(np.minimum((place * occupancy.cells).astype(np.int64), top).T)]
+
+
+def _surface(views: Sequence[StyledView], region: int, spacing: float) -> NDArray[np.float32]:
+    """Points that are seen of a region, about one in each cube of a side. (S, 3)"""
+    parts = []
+    for view in views:
+        own = (view.region == region) & (view.weight > 0.02)
+        parts.append(view.position[own].cpu().numpy())
+    points = np.concatenate(parts) if parts else np.zeros((0, 3), np.float32)
+    _, first = np.unique(np.floor(points / spacing).astype(np.int64), axis=0, return_index=True)
+    return np.ascontiguousarray(points[first], np.float32)
+

@@ -1,0 +1,101 @@
+"""What a stylization begins with, and how its parts go on from a checkpoint."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from svv.errors import Progress
+from svv.fields.encodings import SparseLattice
+from svv.fields.networks import UnrestrictedField
+from svv.fields.scene import Scene
+from svv.train.checkpoint import Arrays, Checkpoint
+from svv.train.config import StylizeSettings
+from svv.train.distil import Distillation, paint_pixel
+from svv.train.loop import Loop
+from svv.train.painting import painted_field, painted_start
+from svv.train.previews import Previews
+from svv.train.style_loss import StyleTarget
+from svv.train.stylize import StyledView, Stylization
+
+PREFIX = "table_and_network."
+
+
+def started(
+    scene: Scene,
+    transferred: Tensor,
+    targets: dict[int, StyleTarget],
+    views: Sequence[StyledView],
+    settings: StylizeSettings,
+    seed: int,
+    before: UnrestrictedField | None,
+    saved: Checkpoint | None,
+    seconds: dict[str, float],
+    progress: Progress,
+    previews: Previews | None,
+) -> UnrestrictedField:
+    """The colours that the stylization begins with: painted, or, as the paper has it, distilled into a network.
+
+    Args:
+        scene: With a palette colour network.
+        transferred: The palette after colour transfer, RGB. (P, 3)
+        targets: Style of each region that gets one.
+        views: What is seen of the scene.
+        settings: Of stage 3.
+        seed: Of networks, rays and layout.
+        before: Colours to begin with, for the regions that the scene says are styled.
+        saved: Where a finished start is kept, and taken from.
+        seconds: How long it took is noted here.
+        progress: Called several times a second.
+        previews: Shown the start as soon as it is there.
+    """
+    if not settings.direct or not isinstance(scene.base.encoding, SparseLattice):
+        distillation = Distillation(scene, transferred, settings, seed, before)
+        watch = None if previews is None else partial(previews.look, distillation.field)
+        known = before is not None and all(scene.regions[k].style is not None for k in targets)
+        steps = 0 if known else settings.distil_iterations
+        loop = Loop(steps, None, progress, "distillation", watch=watch)
+        seconds["distil"] = run_stage(loop, distillation, saved, "distil") if steps else 0.0
+        return distillation.field
+    pixel = paint_pixel(scene, settings)
+    if saved is not None and "paint" in saved.finished:
+        field = painted_field(scene, pixel)
+        field.load_state_dict(_state(saved.arrays))
+        seconds["paint"] = float(saved.finished["paint"]["seconds"])
+        return field
+    begin = time.monotonic()
+    field = painted_start(scene, transferred, targets, views, pixel, seed, progress, before)
+    seconds["paint"] = time.monotonic() - begin
+    if saved is not None:
+        saved.finish("paint", {"seconds": seconds["paint"]}, _arrays(field))
+    if previews is not None:
+        previews.look(field, at_once=True)
+    return field
+
+
+def run_stage(loop: Loop, work: Distillation | Stylization, saved: Checkpoint | None, name: str) -> float:
+    """Run a part of the stylization, or take its result from the checkpoint; returns its seconds."""
+    if saved is None:
+        return loop.run(work.step)
+    if name in saved.finished:
+        work.field.load_state_dict(_state(saved.arrays))
+        return float(saved.finished[name]["seconds"])
+    state = saved.stage(name, work.field, work.networks, work.tables)
+    if state.restored is not None:
+        loop.done, loop.spent = state.restored
+    loop.save = lambda done, spent: state.save(done, spent, {})
+    seconds = loop.run(work.step)
+    saved.finish(name, {"seconds": seconds}, _arrays(work.field))
+    return seconds
+
+
+def _arrays(field: UnrestrictedField) -> Arrays:
+    return {PREFIX + k: v.cpu().numpy().copy() for k, v in field.state_dict().items()}
+
+
+def _state(arrays: Arrays) -> dict[str, Tensor]:
+    return {k[len(PREFIX) :]: torch.from_numpy(v.copy()) for k, v in arrays.items() if k.startswith(PREFIX)}

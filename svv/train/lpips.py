@@ -42,18 +42,23 @@ class Lpips(nn.Module):
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
         """Distance (n,) of pictures (n, 3, h, w) in [-1, 1]."""
-        pairs = zip(self._activations(a), self._activations(b), self.heads, strict=True)
+        pairs = zip(*(map(_unit, self.activations(x)) for x in (a, b)), self.heads, strict=True)
         return torch.stack([((x - y) ** 2 * head).sum(1).mean((1, 2)) for x, y, head in pairs]).sum(0)
 
-    def _activations(self, picture: Tensor) -> list[Tensor]:
-        """Activations after each ReLU, of length 1 along the channels."""
+    def activations(self, picture: Tensor) -> list[Tensor]:
+        """What pictures (n, 3, h, w) in [-1, 1] give after each ReLU, (n, channels, ..., ...) each."""
         x = (picture - self.shift) / self.scale
         found = []
         for layer in self.features:
             x = layer(x)
             if isinstance(layer, nn.ReLU):
-                found.append(x / (x.norm(dim=1, keepdim=True) + 1e-10))
+                found.append(x)
         return found
+
+
+def _unit(x: Tensor) -> Tensor:
+    """Of length 1 along the channels."""
+    return x / (x.norm(dim=1, keepdim=True) + 1e-10)
 
 
 def load_lpips() -> Lpips | None:

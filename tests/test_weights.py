@@ -147,15 +147,15 @@ def test_a_pickle_that_names_anything_but_arrays_runs_nothing(function: Callable
 @pytest.mark.parametrize("protocol", [3, 4])
 @pytest.mark.parametrize("module", [b"numpy.core.multiarray", b"numpy._core.multiarray"])
 def test_arrays_are_read_as_numpy_1_and_2_pickle_them(protocol: int, module: bytes) -> None:
-    arrays = {"a": np.arange(6, dtype=np.float32).reshape(2, 3), "b": [np.float32([1.5])]}
-    content = pickle.dumps(arrays, protocol)
+    table, row = np.arange(6, dtype=np.float32).reshape(2, 3), np.float32([1.5])
+    content = pickle.dumps({"a": table, "b": [row]}, protocol)
     own = b"numpy._core.multiarray" if b"numpy._core" in content else b"numpy.core.multiarray"
     if protocol == 4:  # in which texts come with their lengths
         own, module = bytes([len(own)]) + own, bytes([len(module)]) + module
         content = content.replace(b"\x95" + content[3:11], b"", 1)  # and so does the whole
     found = read_arrays(content.replace(own, module))
-    np.testing.assert_array_equal(found["a"], arrays["a"])
-    np.testing.assert_array_equal(found["b"][0], arrays["b"][0])
+    np.testing.assert_array_equal(found["a"], table)
+    np.testing.assert_array_equal(found["b"][0], row)
 
 
 # --- fetching --------------------------------------------------------------------------------------------------------

@@ -55,7 +55,8 @@ def style_statistics(
     share = torch.from_numpy(cover.astype(np.float32))[None]
     means, deviations = [], []
     for activation in network.activations(x.to(network.shift.device)):
-        weight = F.adaptive_avg_pool2d(share, activation.shape[2:]).to(activation)
+        height, width = activation.shape[2:]
+        weight = F.adaptive_avg_pool2d(share, (height, width)).to(activation)
         weight = weight / weight.sum()
         mean = (activation[0] * weight).sum((1, 2))
         means.append(mean)

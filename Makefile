@@ -68,6 +68,8 @@ $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@"$(BIN)/python" -m svv.pv.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
 	@$(PIP) --no-build-isolation -e '.[standalone]'
+	@echo 'Fetching weights for style features and LPIPS, 64 MB, unless they are here or SVV_OFFLINE=1 says no.'
+	@"$(BIN)/svv" features --get --small || echo 'Going on without them: styles are matched by patches of pixels.'
 	@touch "$@"
 
 # What only tests need, triton's 0.7 GB above all.

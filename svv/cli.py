@@ -21,6 +21,7 @@ from svv import (
     cli_chart,
     cli_consistency,
     cli_edit,
+    cli_features,
     cli_job,
     cli_paraview,
     cli_profile,
@@ -359,6 +360,7 @@ def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, c
 
 app.command(epilog=examples(*cli_style.STYLES))(cli_style.styles)
 app.command("style-mask", epilog=examples(*cli_style.STYLE_MASK))(cli_style.style_mask)
+app.command(epilog=examples(*cli_features.FEATURES))(cli_features.features)
 app.command("judge-features", epilog=examples(*cli_style.JUDGE))(cli_style.judge_features)
 app.command(epilog=examples(*cli_sheet.SHEET))(cli_sheet.sheet)
 app.command(epilog=examples(*cli_sheet.FIGURES))(cli_sheet.figures)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import pytest
@@ -9,6 +11,7 @@ from hypothesis import settings
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
+    from svv.train.weight_files import State
 
 # Machines differ in speed, and compiled kernels build on their first call: no test may fail for the time it takes.
 settings.register_profile("svv", deadline=None)
@@ -29,3 +32,38 @@ def balls() -> Scene:
     from tests.balls import balls_scene
 
     return balls_scene()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[str, str | None]]:
+    """Tests neither fetch weights nor find the user's, or what they paint would depend on the machine.
+
+    Gives the variables as the user has set them.
+    """
+    empty = tmp_path_factory.mktemp("empty")
+    ours = {"SVV_OFFLINE": "1", "SVV_WEIGHTS": str(empty / "weights"), "TORCH_HOME": str(empty / "torch")}
+    before = {name: os.environ.get(name) for name in ours}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in ours.items():
+            patch.setenv(name, value)
+        yield before
+
+
+@pytest.fixture(scope="session")
+def published(of_the_user: Mapping[str, str | None]) -> Callable[[str], State]:
+    """The real weights of a network, ``vgg16`` or ``alexnet``, wherever they can be had; else the test is skipped."""
+    from svv.train import weights
+
+    def get(name: str) -> State:
+        with pytest.MonkeyPatch.context() as patch:
+            for variable, value in of_the_user.items():
+                if value is None:
+                    patch.delenv(variable)
+                else:
+                    patch.setenv(variable, value)
+            found = weights.first_use(name)
+        if found is None:
+            pytest.skip(f"{name}'s weights can neither be found nor fetched here: `svv features --get {name}` says why")
+        return found.state
+
+    return get

@@ -14,7 +14,6 @@ from torch import nn
 from svv.core.nnfm import luminance
 from svv.errors import BadInput
 from svv.io.output import write_png
-from svv.train import features as features_module
 from svv.train.features import VGG16_WIDTHS, PatchFeatures, load_features, read_features
 from svv.train.judge_features import figures, judge
 from svv.train.style_loss import OBLIQUE, StyleLossSettings, StyleTarget, resized, solid
@@ -22,13 +21,6 @@ from svv.train.textures import style_picture
 from tests.tolerances import sums_apart
 
 SMALL = StyleLossSettings(style_size=64)
-
-
-@pytest.fixture(autouse=True)
-def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
-    monkeypatch.setattr(torch.hub, "_hub_dir", None)
-    return tmp_path / "torch" / "hub" / "checkpoints"
 
 
 def vgg16_state() -> dict[str, torch.Tensor]:
@@ -96,36 +88,6 @@ def test_vgg16_is_read_from_pth_and_safetensors_and_gives_conv3_of_all_three(tmp
     expected = nn.Sequential(*plain)((image - mean[:, None, None]) / deviation[:, None, None])
     found = load_features(str(tmp_path / "vgg.pth"))(image)[:, 512:]
     torch.testing.assert_close(found[..., 6:10, 6:10], expected[..., 6:10, 6:10], rtol=1e-3, atol=1e-3)
-
-
-def test_auto_takes_a_cached_vgg16_only_with_the_right_hash_and_never_downloads(
-    empty_cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def forbidden(*_: object, **__: object) -> None:
-        raise AssertionError("a download was tried")
-
-    monkeypatch.setattr(features_module.urllib.request, "urlopen", forbidden)
-    assert isinstance(load_features("auto"), PatchFeatures)
-    empty_cache.mkdir(parents=True)
-    cached = empty_cache / "vgg16-397923af.pth"
-    torch.save(vgg16_state(), cached)
-    assert isinstance(load_features("auto"), PatchFeatures)  # of that name, but not that file
-    monkeypatch.setattr(features_module, "VGG16_SHA256_PREFIX", "")
-    assert load_features("auto").channels == 768
-    assert load_features("vgg16").channels == 768
-
-
-def test_a_wrong_download_is_refused_and_not_kept(
-    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "sent").write_bytes(b"an error page")
-    monkeypatch.setattr(features_module, "VGG16_URL", (tmp_path / "sent").as_uri())
-    with pytest.raises(BadInput, match="SHA-256"):
-        load_features("vgg16")
-    assert not list(empty_cache.iterdir())
-    monkeypatch.setattr(features_module, "VGG16_URL", (tmp_path / "nowhere").as_uri())
-    with pytest.raises(BadInput, match="could not be downloaded"):
-        load_features("vgg16")
 
 
 def test_files_that_are_not_weights_are_refused(tmp_path: Path) -> None:

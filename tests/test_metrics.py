@@ -127,6 +127,7 @@ def test_without_weights_there_is_no_lpips(monkeypatch: pytest.MonkeyPatch, tmp_
 
 
 def test_weights_are_found_checked_and_loaded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, network: Lpips) -> None:
+    monkeypatch.setenv("SVV_WEIGHTS", str(tmp_path / "kept"))
     trunk, heads = tmp_path / "checkpoints" / "alexnet-owt-7be5be79.pth", tmp_path / "lpips/weights/v0.1/alex.pth"
     trunk.parent.mkdir()
     heads.parent.mkdir(parents=True)
@@ -138,7 +139,7 @@ def test_weights_are_found_checked_and_loaded(monkeypatch: pytest.MonkeyPatch, t
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(BadInput, match="not the published"):
         load_lpips()
-    monkeypatch.setattr("svv.train.lpips.ALEXNET_SHA256_PREFIX", "")
+    monkeypatch.setattr("svv.train.weight_files.ALEXNET_SHA256_PREFIX", "")
     loaded = load_lpips()
     assert loaded is not None
     a, b = picture(0, 64), picture(1, 64)

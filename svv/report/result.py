@@ -127,6 +127,8 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
     if styling:
         facts.append(("Stylization", duration(styling["seconds"]["total"])))
         facts.append(("Styles", ", ".join(style.name for style in job.styles)))
+        facts.append(("Style features", styling["features"]))
+        facts += [("Note", note) for note in styling["notes"]]
     return facts
 
 

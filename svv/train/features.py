@@ -1,16 +1,13 @@
 """Features for style matching, each a map of a quarter of the picture's resolution.
 
 Three kinds: patches in a cosine basis, weighed by frequency, which need no weights; a small network trained on
-generated textures, whose weights ship with us; and VGG-16 up to conv3 where the user has its weights. The networks
+generated textures, whose weights ship with us; and VGG-16 up to conv3, whose weights are fetched once. The networks
 are stacks of 3x3 convolutions with ReLU in three blocks, halved between them, and give the concatenated
 activations of the third.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-import urllib.request
 from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -22,10 +19,9 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from svv.errors import BadInput, Progress, silent
+from svv.train import weights
+from svv.train.weight_files import VGG16_LAYERS
 
-VGG16_URL = "https://download.pytorch.org/models/vgg16-397923af.pth"
-VGG16_SHA256_PREFIX = "397923af"
-"""Torch names its weight files after the first digits of their SHA-256."""
 VGG16_WIDTHS = ((64, 64), (128, 128), (256, 256, 256))
 NETWORK_FILE = "style_features.safetensors"
 STRIDE = 4
@@ -45,6 +41,10 @@ class PatchFeatures(nn.Module):
     """
 
     kernels: Tensor
+    title = "cosine patches"
+    """What reports call it."""
+    note = ""
+    """What the user should know: that something better is not at hand."""
 
     def __init__(self, side: int = 8) -> None:
         super().__init__()
@@ -78,6 +78,8 @@ class StyleFeatures(nn.Module):
 
     mean: Tensor
     deviation: Tensor
+    title = "untrained network"
+    note = ""
 
     def __init__(
         self,
@@ -123,14 +125,15 @@ class StyleFeatures(nn.Module):
         return torch.cat([third[tap] for tap in self.taps], 1)
 
 
-def load_features(name: str = "auto", progress: Progress = silent) -> nn.Module:
+def load_features(name: str = "auto", progress: Progress = silent) -> PatchFeatures | StyleFeatures:
     """A frozen feature network.
 
     Args:
         name: ``"embedded"``: what was judged best of what ships in this package (:class:`PatchFeatures`).
             ``"network"``: the small network trained on generated textures that ships, too.
-            ``"vgg16"``: VGG-16 with ImageNet weights from torch's hub cache, downloaded into it if it is not there.
-            ``"auto"``: VGG-16 if it is in that cache, else the embedded features; never a download.
+            ``"vgg16"``: VGG-16 with ImageNet weights, from this machine or fetched (:mod:`svv.train.weights`).
+            ``"auto"``: the same where it is on this machine or can be fetched without much ado
+            (:func:`svv.train.weights.first_use`), else the embedded features, whose ``note`` says how to get better.
             Else the path of a file of VGG-16 weights (.pth or .safetensors) or of ours (.safetensors).
         progress: Told about a download.
 
@@ -140,18 +143,23 @@ def load_features(name: str = "auto", progress: Progress = silent) -> nn.Module:
     Raises:
         BadInput: The weights cannot be had, or the file does not hold them.
     """
-    cached = Path(torch.hub.get_dir()) / "checkpoints" / VGG16_URL.rsplit("/", 1)[1]
-    if name == "auto":
-        name = "vgg16" if _is_vgg16(cached) else "embedded"
     if name == "embedded":
         return PatchFeatures()
-    if name == "vgg16" and not _is_vgg16(cached):
-        _download(VGG16_URL, cached, progress)
-    if name == "network":
+    if name == "auto":
+        found = weights.first_use("vgg16", progress)
+        if found is None:
+            instead = PatchFeatures()
+            instead.note = weights.BETTER
+            return instead
+        network = _network(found.state, {}, "VGG-16")
+    elif name == "vgg16":
+        network = _network((weights.load(name) or weights.get(name, progress)).state, {}, "VGG-16")
+    elif name == "network":
         with as_file(files("svv.train") / "data" / NETWORK_FILE) as path:
             network = read_features(path)
+        network.title = "trained network"
     else:
-        network = read_features(cached if name == "vgg16" else Path(name))
+        network = read_features(Path(name))
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
 
 
@@ -174,59 +182,28 @@ def read_features(path: Path) -> StyleFeatures:
         raise BadInput(f"{path} is not a file of feature weights (.pth or .safetensors): {error}.") from error
     except Exception as error:  # torch.load raises pickle's errors for anything that is not a state dict
         raise BadInput(f"{path} is not a file of feature weights that can be read safely.") from error
-    return _network(state, metadata, path)
+    return _network(state, metadata, path.name)
 
 
-def _network(state: dict[str, Tensor], metadata: dict[str, str], path: Path) -> StyleFeatures:
+def _network(state: dict[str, Tensor], metadata: dict[str, str], title: str) -> StyleFeatures:
     if metadata.get("svv") == "style features":
         widths = [[int(width) for width in block.split("-")] for block in metadata["widths"].split(",")]
         network = StyleFeatures(widths, metadata["pool"], (0.5, 0.5, 0.5), (0.25, 0.25, 0.25))
     else:
         # Of torchvision's layers 0..30, the convolutions up to conv3_3 are these.
         rows = [(b, i) for b, block in enumerate(VGG16_WIDTHS) for i in range(len(block))]
-        names = dict(zip((0, 2, 5, 7, 10, 12, 14), rows, strict=True))
+        names = dict(zip(VGG16_LAYERS, rows, strict=True))
         wanted = {
             (f"features.{n}.{kind}", f"blocks.{b}.{i}.{kind}")
             for n, (b, i) in names.items()
             for kind in ("weight", "bias")
         }
         if any(there not in state for there, _ in wanted):
-            raise BadInput(f"{path} holds neither VGG-16 weights (features.0.weight ...) nor style features of ours.")
+            raise BadInput(f"{title} holds neither VGG-16 weights (features.0.weight ...) nor style features of ours.")
         network, state = StyleFeatures(), {here: state[there] for there, here in wanted}
     try:
         network.load_state_dict({name: tensor.float() for name, tensor in state.items()})
     except RuntimeError as error:
-        raise BadInput(f"The weights in {path} have other shapes than the network they are for.") from error
+        raise BadInput(f"The weights in {title} have other shapes than the network they are for.") from error
+    network.title = title
     return network
-
-
-def _is_vgg16(path: Path) -> bool:
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        digest = hashlib.sha256()
-        while block := file.read(1 << 20):
-            digest.update(block)
-        return digest.hexdigest().startswith(VGG16_SHA256_PREFIX)
-
-
-def _download(url: str, path: Path, progress: Progress) -> None:
-    """Fetch a file whose name ends in the first digits of its SHA-256, and keep it only if they are right."""
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with urllib.request.urlopen(url, timeout=30) as reply, part.open("wb") as file:
-            size, done = int(reply.headers.get("Content-Length", 0)) or 1, 0
-            while block := reply.read(1 << 20):
-                file.write(block)
-                done += len(block)
-                progress(min(1.0, done / size), "downloading VGG-16")
-        if not _is_vgg16(part):
-            raise BadInput(f"What {url} sent is not the file expected (wrong SHA-256): try again or give a path.")
-        os.replace(part, path)
-    except OSError as error:
-        raise BadInput(
-            f"VGG-16 could not be downloaded from {url} ({error}): give the path of the file, or use 'embedded'."
-        ) from error
-    finally:
-        part.unlink(missing_ok=True)

@@ -1,14 +1,10 @@
 """LPIPS with AlexNet (Zhang et al. 2018, version 0.1), where its weights are on this machine; else no number.
 
-The weights are two files that we may not ship: AlexNet's (torchvision's, in torch's cache) and the linear heads
-(in the package ``lpips``, whose code is not imported, since it needs torchvision). Nothing is downloaded here.
+The weights are AlexNet's (torchvision's) and the linear heads of the package ``lpips``, as
+:mod:`svv.train.weights` finds and fetches them. Nothing is downloaded here.
 """
 
 from __future__ import annotations
-
-import hashlib
-from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -16,11 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from svv.errors import BadInput
+from svv.train import weights
 
-ALEXNET_FILE = "alexnet-owt-7be5be79.pth"
-ALEXNET_SHA256_PREFIX = "7be5be79"
-"""Torch names its weight files after the first digits of their SHA-256."""
-HEADS_FILE = Path("weights", "v0.1", "alex.pth")
 CHANNELS = (64, 192, 384, 256, 256)
 MIN_SIZE = 31
 """Below it AlexNet's second pooling is left with nothing."""
@@ -49,40 +42,36 @@ class Lpips(nn.Module):
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
         """Distance (n,) of pictures (n, 3, h, w) in [-1, 1]."""
-        pairs = zip(self._activations(a), self._activations(b), self.heads, strict=True)
+        pairs = zip(*(map(_unit, self.activations(x)) for x in (a, b)), self.heads, strict=True)
         return torch.stack([((x - y) ** 2 * head).sum(1).mean((1, 2)) for x, y, head in pairs]).sum(0)
 
-    def _activations(self, picture: Tensor) -> list[Tensor]:
-        """Activations after each ReLU, of length 1 along the channels."""
+    def activations(self, picture: Tensor) -> list[Tensor]:
+        """What pictures (n, 3, h, w) in [-1, 1] give after each ReLU, (n, channels, ..., ...) each."""
         x = (picture - self.shift) / self.scale
         found = []
         for layer in self.features:
             x = layer(x)
             if isinstance(layer, nn.ReLU):
-                found.append(x / (x.norm(dim=1, keepdim=True) + 1e-10))
+                found.append(x)
         return found
 
 
+def _unit(x: Tensor) -> Tensor:
+    """Of length 1 along the channels."""
+    return x / (x.norm(dim=1, keepdim=True) + 1e-10)
+
+
 def load_lpips() -> Lpips | None:
-    """LPIPS with its published weights; None where AlexNet's or the heads are not on this machine.
+    """LPIPS with its published weights; None where they are not on this machine (``svv features --get`` fetches them).
 
     Raises:
-        BadInput: AlexNet's file is not the published one (its SHA-256 does not begin as its name says).
+        BadInput: torch's cache holds another file under the name of the published AlexNet.
     """
-    alexnet = Path(torch.hub.get_dir(), "checkpoints", ALEXNET_FILE)
-    package = find_spec("lpips")
-    folders = (package.submodule_search_locations if package else None) or []
-    heads = next((path for folder in folders if (path := Path(folder) / HEADS_FILE).is_file()), None)
-    if heads is None or not alexnet.is_file():
+    found = weights.load("alexnet")
+    if found is None:
         return None
-    if not hashlib.sha256(alexnet.read_bytes()).hexdigest().startswith(ALEXNET_SHA256_PREFIX):
-        raise BadInput(f"{alexnet} is not the published AlexNet; delete it and download it again.")
     network = Lpips()
-    trunk = torch.load(alexnet, map_location="cpu", weights_only=True)
-    linear = torch.load(heads, map_location="cpu", weights_only=True)
-    state = {name: value for name, value in trunk.items() if name.startswith("features.")}
-    state |= {f"heads.{i}": linear[f"lin{i}.model.1.weight"] for i in range(len(CHANNELS))}
-    network.load_state_dict(state)
+    network.load_state_dict(found.state)
     return network.eval()
 
 

@@ -255,7 +255,8 @@ def stylize_scene(
 
     Returns:
         The scene with one more variant, which is shown, its edits as they were, and a report as of :func:`train_scene`;
-        ``notes`` says which styles are not used or shared, and which masks make no difference.
+        ``notes`` says which styles are not used or shared, which masks make no difference, and whether better features
+        could be had; ``features`` names those that were used.
 
     Raises:
         BadInput: no palette network, no styles, a region or style that does not exist, nothing left to style, a mask
@@ -282,13 +283,15 @@ def stylize_scene(
     if go_on and scene.styled is None:
         raise BadInput("The scene holds no styled network to go on with: leave --continue out.")
     settings, saved = chosen.stylize, None
+    network = load_features(features, lambda _, label: progress(0.0, label))
+    notes += [network.note] if network.note else []
     weights = loss or (PAPER_LOSS if chosen.name == "paper" else StyleLossSettings())
     weights = replace(weights, style_size=round(weights.style_size * stroke_size))
     if checkpoint is not None:
         content = [float(np.asarray(s, np.float64).sum()) for s in styles]
         parts = [None if m is None else zlib.crc32(np.packbits(m).tobytes()) for m in masks]
         key = {"scene": scene.made, "styles": content, "masks": parts, "pairs": sorted(pairs.items()), "go_on": go_on,
-               "settings": asdict(settings), "loss": asdict(weights), "seed": seed, "features": features,
+               "settings": asdict(settings), "loss": asdict(weights), "seed": seed, "features": network.title,
                "version": __version__}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
     own = {k: r.style for k, r in enumerate(scene.regions) if go_on and r.style is not None}
@@ -305,7 +308,7 @@ def stylize_scene(
     seconds: dict[str, float] = {}
     forget_gpu_peak(scene.device)
     with measured() as cost:
-        network = load_features(features).to(scene.device)
+        network = network.to(scene.device)
         targets = {
             region: StyleTarget(
                 network, torch.as_tensor(styles[style], dtype=torch.float32, device=scene.device).permute(2, 0, 1),
@@ -341,7 +344,7 @@ def stylize_scene(
         "threads": torch.get_num_threads(),
         "seed": seed,
         "preset": chosen.name,
-        "features": f"{features}, {network.channels} channels",
+        "features": f"{network.title}, {network.channels} channels",
         "styles": {str(k): labels[v] for k, v in pairs.items()},
         "masked": sorted({labels[v] for v in pairs.values() if masks[v] is not None}),
         "stroke_size": stroke_size,

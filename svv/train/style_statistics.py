@@ -1,0 +1,74 @@
+"""How alike two pictures are in manner, by AlexNet's activations: the statistics that AdaIN transfers.
+
+No style is trained on these features here, so the distance can judge what was painted with others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.errors import BadInput
+from svv.train.lpips import MIN_SIZE, Lpips
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Mean and standard deviation of each channel, a pair for each of AlexNet's five layers."""
+
+    means: tuple[Tensor, ...]
+    """(64,), (192,), (384,), (256,), (256,)"""
+    deviations: tuple[Tensor, ...]
+    """As many."""
+
+
+@torch.no_grad()
+def style_statistics(
+    network: Lpips, picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None
+) -> Statistics:
+    """Statistics of AlexNet's activations after each ReLU (Huang and Belongie 2017, eq. 5 and 6).
+
+    What lies outside the mask does not count: it is given the mean colour of what lies inside before the network sees
+    it, and each place of a layer weighs as much as the mask covers of its cell.
+
+    Args:
+        network: :func:`svv.train.lpips.load_lpips`; its heads are not used.
+        picture: (h, w, 3) sRGB in [0, 1], 31 x 31 pixels or more.
+        mask: (h, w) in [0, 1] or bool: where the picture counts; all of it by default.
+
+    Raises:
+        BadInput: a picture that is too small, or a mask that is empty or of another size.
+    """
+    if picture.ndim != 3 or picture.shape[2] != 3 or min(picture.shape[:2]) < MIN_SIZE:
+        raise BadInput(f"Statistics of a style need a picture of {MIN_SIZE} x {MIN_SIZE} pixels or more in colour.")
+    cover = np.ones(picture.shape[:2]) if mask is None else np.asarray(mask, np.float64)
+    if cover.shape != picture.shape[:2] or cover.sum() <= 0:
+        raise BadInput("The mask must have the picture's size and cover some of it.")
+    inside = np.average(picture.reshape(-1, 3), axis=0, weights=cover.ravel())
+    filled = np.where(cover[..., None] > 0, picture, 0) * cover[..., None] + inside * (1 - cover[..., None])
+    x = torch.from_numpy(filled.astype(np.float32)).permute(2, 0, 1)[None] * 2 - 1
+    share = torch.from_numpy(cover.astype(np.float32))[None]
+    means, deviations = [], []
+    for activation in network.activations(x.to(network.shift.device)):
+        height, width = activation.shape[2:]
+        weight = F.adaptive_avg_pool2d(share, (height, width)).to(activation)
+        weight = weight / weight.sum()
+        mean = (activation[0] * weight).sum((1, 2))
+        means.append(mean)
+        deviations.append(((activation[0] - mean[:, None, None]).square() * weight).sum((1, 2)).sqrt())
+    return Statistics(tuple(means), tuple(deviations))
+
+
+def statistics_distance(a: Statistics, b: Statistics) -> float:
+    """Distance of two pictures' statistics, >= 0 and 0 for equal ones.
+
+    sum over the layers of |mean_a - mean_b| + |deviation_a - deviation_b|, Euclidean lengths
+    (Huang and Belongie 2017, eq. 13, there with VGG-19's layers).
+    """
+    pairs = [*zip(a.means, b.means, strict=True), *zip(a.deviations, b.deviations, strict=True)]
+    return float(sum((x - y).norm() for x, y in pairs))

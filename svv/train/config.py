@@ -112,14 +112,16 @@ class StylizeSettings:
     """Learning rate of the features in the distillation."""
     network_rate: float = 0.005
     """Learning rate of the network in the distillation."""
-    style_iterations: int = 210
-    """Views that the stylization sees: 42, five times."""
+    style_iterations: int = 84
+    """Views that the stylization sees: 42, twice."""
     style_views: int = 42
     """Views around the scene."""
     style_size: int = 400
     """Side of their images in pixels."""
     style_feature_rate: float = 0.02
-    """Learning rate of the features in the stylization."""
+    """Learning rate of a network's features in the stylization."""
+    direct_rate: float = 0.006
+    """Learning rate in the stylization of colours that are stored as they are, in units of them."""
     style_network_rate: float = 0.002
     """Learning rate of the network in the stylization."""
     pixels_a_cell: float | None = 2.0
@@ -154,14 +156,14 @@ PRESETS = {
         FieldSettings(width=32),
         ReconstructSettings(iterations=500),
         RecolourSettings(iterations=250),
-        StylizeSettings(distil_iterations=150, style_iterations=40, style_views=20),
+        StylizeSettings(distil_iterations=150, style_iterations=20, style_views=20),
     ),
     "fast": Preset(
         "fast",
         FieldSettings(),
         ReconstructSettings(iterations=1000),
         RecolourSettings(iterations=400),
-        StylizeSettings(distil_iterations=200, style_iterations=84),
+        StylizeSettings(distil_iterations=200, style_iterations=42),
     ),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
     "paper": Preset(
@@ -170,7 +172,7 @@ PRESETS = {
         ReconstructSettings(iterations=30000, use_volume=False, feature_rate=0.01, network_rate=0.01, decay=0.1),
         RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, offset_start=1.0, shade_weight=0.0,
                          mixing_weight=0.0, joined=0.0),
-        StylizeSettings(distil_iterations=474, direct=False),
+        StylizeSettings(distil_iterations=474, style_iterations=210, direct=False),
         fitted=False,
     ),
 }

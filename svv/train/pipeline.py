@@ -27,7 +27,7 @@ from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field, lit_by, preset
 from svv.train.evaluate import evaluate_scene as evaluate_scene
-from svv.train.features import load_features
+from svv.train.features import PatchFeatures, load_features
 from svv.train.levels import with_fewest_levels
 from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
 from svv.train.loop import Loop
@@ -38,7 +38,7 @@ from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
 from svv.train.start import run_stage, started
 from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
+from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for
 from svv.train.stylize import Stylization, stylization_cameras, visible_from
 from svv.train.unmix import Unmixing
 
@@ -285,7 +285,7 @@ def stylize_scene(
     settings, saved = chosen.stylize, None
     network = load_features(features, lambda _, label: progress(0.0, label))
     notes += [network.note] if network.note else []
-    weights = loss or (PAPER_LOSS if chosen.name == "paper" else StyleLossSettings())
+    weights = loss or (PAPER_LOSS if chosen.name == "paper" else loss_for(network))
     weights = replace(weights, style_size=round(weights.style_size * stroke_size))
     if checkpoint is not None:
         content = [float(np.asarray(s, np.float64).sum()) for s in styles]
@@ -329,7 +329,10 @@ def stylize_scene(
         )  # fmt: skip
         stylization = Stylization(scene, field, targets, settings, part(progress, 0.3, 0.3), refined, views=views)
         watch = None if previews is None else partial(previews.look, field)
-        loop = Loop(settings.style_iterations, None, part(progress, 0.3, 1.0), "stylization", watch=watch)
+        # Patches know no shapes: what they make of strokes that are there already is specks (docs/painting.md).
+        known = field.direct and weights.seeded and isinstance(network, PatchFeatures)
+        steps = 0 if known else settings.style_iterations
+        loop = Loop(steps, None, part(progress, 0.3, 1.0), "stylization", watch=watch)
         seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds
     field.requires_grad_(False)

@@ -26,7 +26,7 @@ from svv.core.nnfm import (
     statistics_loss,
     total_variation,
 )
-from svv.train.features import STRIDE
+from svv.train.features import STRIDE, PatchFeatures
 
 LEAST_SHARE = 0.3
 """Share of foreground from which on a cell of the feature map is matched."""
@@ -48,33 +48,43 @@ FAINTEST = 0.02
 class StyleLossSettings:
     """Weights and sizes of the style loss."""
 
-    style_size: int = 400
-    """Long side in pixels that the style picture is brought to: strokes scale with it."""
-    balance: float | None = 0.05
+    style_size: int = 280
+    """Long side in pixels that the style picture is brought to: strokes scale with it. A scene's parts are smaller than
+    its views, so strokes for them are smaller than those of a picture as large as a view (400)."""
+    balance: float | None = None
     """How strictly all of the style is used (:func:`svv.core.nnfm.nearest`); None is the paper's plain matching."""
     octaves: int = 1
     """Scales of render and style that are matched: 1, or also halves of both (2), and so on."""
     colours: float = 3.0
     """Weight of mean and covariance of the region's colours against the style's."""
-    energy: float = 3.0
+    energy: float = 0.0
     """Weight of the strength of each feature against the style's (:func:`svv.core.nnfm.energy_loss`)."""
-    variation: float = 0.0
-    """Weight of total variation within the region."""
+    variation: float = 4.0
+    """Weight of total variation within the region: without it the detail that views disagree about is noise."""
     most_vectors: int = 3000
     """Style vectors kept for matching, drawn at random beyond that."""
     seeded: bool = True
     """Whether a scene is painted with pieces of the style before the matching (:mod:`svv.train.painting`)."""
-    anchor: float = 3.0
-    """Weight of the squared distance to the colours after distillation, in a scene: all views share its strokes."""
-    along_rays: float = 6.0
+    anchor: float = 0.3
+    """Weight of the squared distance to the colours at the start, in a scene: all views share its strokes."""
+    along_rays: float = 0.0
     """Weight of the spread of a region's colours along the rays, in a scene
     (:func:`svv.train.stylize.spread_along_rays`): frames agree better, and strokes that only speckle go first."""
     background: float | None = None
     """Grey level in [0, 1] behind a region's render; None is the luminance of the style's mean colour."""
 
 
-PAPER_LOSS = StyleLossSettings(balance=None, colours=0.0, energy=0.0, seeded=False, anchor=0.0, along_rays=0.0)
+PAPER_LOSS = StyleLossSettings(style_size=400, colours=0.0, variation=0.0, seeded=False, anchor=0.0)
 """The loss as the paper has it."""
+
+PATCH_LOSS = StyleLossSettings(balance=0.05, energy=3.0, variation=0.0)
+"""What suits patches in a cosine basis (:class:`svv.train.features.PatchFeatures`), which know no shapes: a smooth
+render would stay with the few smooth places of the style."""
+
+
+def loss_for(network: nn.Module) -> StyleLossSettings:
+    """The weights that suit a feature network."""
+    return PATCH_LOSS if isinstance(network, PatchFeatures) else StyleLossSettings()
 
 
 class StyleTarget:

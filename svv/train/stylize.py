@@ -135,7 +135,7 @@ class Stylization:
             self.field(view.position[piece]).backward(gradient[piece])  # type: ignore[no-untyped-call]
         if self.networks is not None:
             self.networks.step()
-        self.tables.step([self.settings.style_feature_rate])
+        self.tables.step([self.settings.direct_rate if self.field.direct else self.settings.style_feature_rate])
         if self.field.direct:
             with torch.no_grad():  # only what was looked up has moved
                 self.field.encoding.table.clamp_(0.0, 1.0)

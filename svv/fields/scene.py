@@ -28,6 +28,7 @@ from svv.fields.networks import (
     encode_directions,
 )
 from svv.fields.occupancy import Occupancy
+from svv.fields.paint_light import PAINT_LIGHT, lights_of
 from svv.fields.phong import Beams
 from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
 from svv.fields.scene_arrays import NETWORKS, arrays_of, parts_of
@@ -75,6 +76,10 @@ class Region:
     """highlights' too,"""
     shininess: float | None = None
     """and the exponent of the highlight."""
+    paint_light: float = PAINT_LIGHT
+    """How much light falls on its paint, in [0, 1]: 0 none, 1 all that there is over its mean."""
+    mean_shade: float | None = None
+    """Mean of what its light multiplies colours with, found when it was painted; None where it was not."""
 
     @property
     def seen_opacity(self) -> float:
@@ -238,7 +243,7 @@ class Scene(Editing, Variants):
         region = parts.region
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]
-        return self.light(parts, self.diffuse(parts, samples.position, network)), region, sigma
+        return self.light(parts, self.diffuse(parts, samples.position, network), network), region, sigma
 
     def coefficients(self) -> Tensor | None:
         """Ambient, diffuse, specular and shininess of each region as edited (P, 4); None without an explicit light."""
@@ -276,10 +281,10 @@ class Scene(Editing, Variants):
         share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
         return torch.lerp(diffuse, self.styled(position), share[:, None])
 
-    def light(self, parts: PaletteColours, diffuse: Tensor) -> Tensor:
-        """Diffuse colour (S, 3) under the scene's headlight, as bright as each region's edit says. (S, 3)"""
-        factor = diffuse.new_tensor([r.lighting for r in self.regions])[parts.region]
-        shade = (1.0 + factor * (parts.shade - 1.0)).clamp(min=0.0)
+    def light(self, parts: PaletteColours, diffuse: Tensor, network: str) -> Tensor:
+        """Diffuse colour (S, 3) under the scene's light, as bright as each region's edit says. (S, 3)"""
+        factor, scale = lights_of(self, network)[parts.region].unbind(1)
+        shade = (1.0 + factor * (scale * parts.shade - 1.0)).clamp(min=0.0)
         return diffuse * shade[:, None] + (factor * parts.specular)[:, None]
 
     @property

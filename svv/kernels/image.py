@@ -69,12 +69,16 @@ def material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-un
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def light(raw, factors, region, shift, colour):  # type: ignore[no-untyped-def]
-    """Light diffuse ``colour`` (S, 3), in place, as the lighting MLP says (S, 1 or 2) and each region's factor (P,)."""
+def light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
+    """Light diffuse ``colour`` (S, 3), in place, as the lighting MLP says (S, 1 or 2).
+
+    ``lights`` (P, 2): factor and scale of each region (:func:`svv.fields.paint_light.lights_of`).
+    """
     for i in prange(raw.shape[0]):
-        factor, shade = factors[region[i]], ONE
+        factor, scale, shade = lights[region[i], 0], lights[region[i], 1], ONE
         if raw.shape[1] > 1:
-            shade = max(ONE + factor * (np.float32(2.0) / (ONE + np.exp(-raw[i, 1])) - ONE), np.float32(0.0))
+            shade = np.float32(2.0) / (ONE + np.exp(-raw[i, 1]))
+        shade = max(ONE + factor * (scale * shade - ONE), np.float32(0.0))
         specular = factor * softplus(raw[i, 0] + shift)
         for c in range(3):
             colour[i, c] = colour[i, c] * shade + specular
@@ -83,13 +87,13 @@ def light(raw, factors, region, shift, colour):  # type: ignore[no-untyped-def]
 @njit(parallel=True, fastmath=True, cache=True)
 def phong(  # type: ignore[no-untyped-def]
     position, ray, facing, toward, half, intensity, shapes, scales, bases, index, normals, scale, soft, raw,
-    coefficients, floor, factors, region, colour,
+    coefficients, floor, lights, region, colour,
 ):  # fmt: skip
     """Light diffuse ``colour`` (S, 3), in place, as an explicit light does (:func:`svv.core.light.blinn_phong`).
 
     ``facing``, ``toward``, ``half`` (R, 3): unit vectors of rays towards viewer, light and between both. ``normals``
     (V, 3) times ``scale``: what the lattice holds, of which lengths above ``soft`` count. ``raw`` (S, 1 + 4 P): what
-    the palette MLP says, whose weights mix the ``coefficients`` (P, 4). ``factors`` (P,): of each region's lighting.
+    the palette MLP says, whose weights mix the ``coefficients`` (P, 4). ``lights`` (P, 2): see :func:`light`.
     """
     levels, count = shapes.shape[0], coefficients.shape[0]
     for i in prange(position.shape[0]):
@@ -121,8 +125,8 @@ def phong(  # type: ignore[no-untyped-def]
         if cosine > np.float32(0.0):
             across = max(long * (nx * half[r, 0] + ny * half[r, 1] + nz * half[r, 2]), SMALLEST)
             highlight = intensity * specular / total * np.exp(shininess / total * np.log(across))
-        factor = factors[region[i]]
-        shade = max(ONE + factor * ((ambient + intensity * diffuse * cosine) / total - ONE), np.float32(0.0))
+        factor, shade = lights[region[i], 0], lights[region[i], 1] * (ambient + intensity * diffuse * cosine) / total
+        shade = max(ONE + factor * (shade - ONE), np.float32(0.0))
         for c in range(3):
             colour[i, c] = colour[i, c] * shade + factor * highlight
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from svv.fields.networks import FieldSettings
     from svv.fields.scene import Region
 
-IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_shade")
+IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light")
 """Fields of a region that are no edits: they come from training and painting."""
 
 STEPS = 50
@@ -220,11 +220,11 @@ class Editing:
     def with_paint_light(self, amount: float, *regions: int) -> Self:
         """A scene with more or less light on the paint of these regions, by default of all.
 
-        The mean brightness of paint stays, for its shade counts as a part of the region's mean; regions that are not
-        painted stay as they are.
+        The mean brightness of paint stays, for what is seen is by how much the light differs from its mean; regions
+        that are not painted stay as they are.
 
         Args:
-            amount: Part of the shade's contrast and of the highlights: 0 shows unlit paint, 1 all of it.
+            amount: Part of the light's contrast: 0 shows unlit paint, 1 all of it.
             regions: Which.
 
         Raises:
@@ -290,7 +290,7 @@ class Editing:
         Which regions are styled, and how strongly, stays.
         """
         regions = (
-            replace(theirs, style=own.style, strength=own.strength, mean_shade=own.mean_shade)
+            replace(theirs, style=own.style, strength=own.strength, mean_light=own.mean_light)
             for own, theirs in zip(self.regions, other.regions, strict=True)
         )
         return self._replaced(regions=tuple(regions), lamp=other.lamp, history=other.history)

@@ -1,8 +1,8 @@
 """Light on paint: shading that keeps a style's brightness.
 
-A picture in whose manner a region is painted holds its own light and shade. Multiplied with the scene's shade m, which
-the palette's colours were learned together with and whose mean is what it may be, paint loses the style's brightness.
-So on paint only what differs from that mean is seen, and of it, by default, a part.
+A picture in whose manner a region is painted holds its own light and shade. The scene's shade m, whose mean is what it
+may be, for the palette's colours were learned together with it, would darken paint, and its specular c_s brighten it.
+So on paint only what differs from their means is seen, and of it, by default, a part.
 
 Letters: S samples, P regions.
 """
@@ -25,53 +25,58 @@ if TYPE_CHECKING:
     from svv.fields.scene import Scene
 
 PAINT_LIGHT = 0.6
-"""Part of the shade's contrast, and of the highlights, that is seen on paint unless an edit says otherwise."""
+"""Part of the light's contrast that is seen on paint unless an edit says otherwise."""
 
-VIEWS, SIZE = 42, 64
-"""Views all around, and their side in pixels, over which a region's shade is averaged: the mean over as many views of
+VIEWS, SIZE = 12, 64
+"""Views all around, and their side in pixels, over which a region's light is averaged: the mean over 42 views of
 twice the size is the same within 1 %."""
 
 DARKEST = 0.05
 """Least mean that a shade is divided by: a region that light hardly reaches has no form to be shown by it."""
 
-_known: WeakKeyDictionary[PaletteField, tuple[float, ...]] = WeakKeyDictionary()
+_known: WeakKeyDictionary[PaletteField, tuple[tuple[float, float], ...]] = WeakKeyDictionary()
 
 
 def lights_of(scene: Scene, network: str) -> Tensor:
-    """What each region makes of the light: a factor f and a scale a of the shade. (P, 2)
+    """What each region makes of the light: a factor f, a scale a of the shade, and what the specular is less by, b.
 
-    The lit colour is (1 + f (a m - 1)) c_d + f c_s for a diffuse colour c_d, shade m and specular c_s. Without paint f
-    is the region's lighting and a is 1; on paint f is the lighting times the region's light on paint, and a is
-    1 / mean(m). Where a style is shown with a strength s below 1, it is the mean of both, weighted by s.
+    The lit colour is (1 + f (a m - 1)) c_d + f (c_s - b) for a diffuse colour c_d, shade m and specular c_s. Without
+    paint f is the region's lighting, a is 1 and b 0. On paint f is the lighting times the region's light on paint, a is
+    1 / mean(m) and b is mean(c_s). Where a style is shown with a strength s below 1, the light is the mean of both,
+    weighted by s.
 
     Args:
         scene: With a palette colour network.
         network: ``pcn`` or ``styled``.
+
+    Returns:
+        f, a and b. (P, 3)
     """
     assert scene.palette is not None
-    lights = [(r.lighting, 1.0) for r in scene.regions]
+    lights = [(r.lighting, 1.0, 0.0) for r in scene.regions]
     for k, r in enumerate(scene.regions):
         if network != "styled" or r.style is None:
             continue
         plain, paint = 1.0 - r.strength, r.strength * r.paint_light
         if plain + paint == 0.0:
-            lights[k] = 0.0, 1.0
+            lights[k] = 0.0, 1.0, 0.0
         else:
-            mean = r.mean_shade or mean_shades(scene)[k]
-            lights[k] = r.lighting * (plain + paint), (plain + paint / mean) / (plain + paint)
+            shade, specular = r.mean_light or mean_lights(scene)[k]
+            part = paint / (plain + paint)
+            lights[k] = r.lighting * (plain + paint), 1.0 - part + part / shade, part * specular
     return scene.palette.colours.new_tensor(lights)
 
 
 @torch.no_grad()
-def mean_shades(scene: Scene) -> tuple[float, ...]:
-    """Mean shade m of each region: over what is seen of it from all around, under the light of the views.
+def mean_lights(scene: Scene) -> tuple[tuple[float, float], ...]:
+    """Mean shade m and specular c_s of each region: over what is seen of it all around, under the light of the views.
 
-    Edits do not change it. A region that cannot be seen has the mean of all. Found once for a palette network.
+    Edits do not change it. A region that cannot be seen has the means of all. Found once for a palette network.
     """
     palette = scene.palette
     assert palette is not None
     if palette not in _known:
-        sums = torch.zeros(2, len(scene.regions), dtype=torch.float64, device=scene.device)
+        sums = torch.zeros(3, len(scene.regions), dtype=torch.float64, device=scene.device)
         rig = scene.camera_rig
         cameras = sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], SIZE) if rig else []
         for camera in cameras:
@@ -87,7 +92,9 @@ def mean_shades(scene: Scene) -> tuple[float, ...]:
             parts = palette(samples.position, geometry, encode_directions(rays.directions, samples.ray), at)
             sums[0].index_add_(0, parts.region, weight.double())
             sums[1].index_add_(0, parts.region, (weight * parts.shade).double())
-        whole = sums.sum(dim=1) if float(sums[0].sum()) > 0.0 else sums.new_ones(2)
-        weights, shades = torch.where(sums[0] > 0.0, sums, whole[:, None])
-        _known[palette] = tuple((shades / weights).clamp(min=DARKEST).tolist())
+            sums[2].index_add_(0, parts.region, (weight * parts.specular).double())
+        whole = sums.sum(dim=1) if bool(sums.any()) else sums.new_tensor([1.0, 1.0, 0.0])
+        weight, shade, specular = torch.where(sums[0] > 0.0, sums, whole[:, None])
+        means = (shade / weight).clamp(min=DARKEST), specular / weight
+        _known[palette] = tuple(zip(*(mean.tolist() for mean in means), strict=True))
     return _known[palette]

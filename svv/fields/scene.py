@@ -77,9 +77,9 @@ class Region:
     shininess: float | None = None
     """and the exponent of the highlight."""
     paint_light: float = PAINT_LIGHT
-    """How much light falls on its paint, in [0, 1]: 0 none, 1 all that there is over its mean."""
-    mean_shade: float | None = None
-    """Mean of what its light multiplies colours with, found when it was painted; None where it was not."""
+    """How much of the light is seen on its paint, in [0, 1]: 0 nothing, 1 all by which it differs from its mean,"""
+    mean_light: tuple[float, float] | None = None
+    """the shade and specular that it has in the mean, found when the scene was painted."""
 
     @property
     def seen_opacity(self) -> float:
@@ -283,9 +283,9 @@ class Scene(Editing, Variants):
 
     def light(self, parts: PaletteColours, diffuse: Tensor, network: str) -> Tensor:
         """Diffuse colour (S, 3) under the scene's light, as bright as each region's edit says. (S, 3)"""
-        factor, scale = lights_of(self, network)[parts.region].unbind(1)
+        factor, scale, less = lights_of(self, network)[parts.region].unbind(1)
         shade = (1.0 + factor * (scale * parts.shade - 1.0)).clamp(min=0.0)
-        return diffuse * shade[:, None] + (factor * parts.specular)[:, None]
+        return diffuse * shade[:, None] + (factor * (parts.specular - less))[:, None]
 
     @property
     def marching_for_images(self) -> Marching:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from svv.errors import BadInput
 from svv.fields.networks import UnrestrictedField
-from svv.fields.paint_light import mean_shades
+from svv.fields.paint_light import mean_lights
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -86,7 +86,7 @@ class Variants:
     ) -> Self:
         """The scene with one more variant, which is shown; one of this name is replaced.
 
-        The regions get the mean shade that light on paint counts from (:mod:`svv.fields.paint_light`).
+        The regions get the mean light that light on paint counts from (:mod:`svv.fields.paint_light`).
 
         Args:
             network: Its diffuse colours.
@@ -98,8 +98,8 @@ class Variants:
         rest = tuple(other for other in self.every_variant if other.name != name)
         every = tuple(styles.get(region) for region in range(len(self.regions)))
         shown = self._showing(Variant(name, network, every, made), rest)
-        lit = zip(shown.regions, mean_shades(cast(Any, self)), strict=True)
-        return shown._replaced_variants(regions=tuple(replace(region, mean_shade=mean) for region, mean in lit))
+        lit = zip(shown.regions, mean_lights(cast(Any, self)), strict=True)
+        return shown._replaced_variants(regions=tuple(replace(region, mean_light=mean) for region, mean in lit))
 
     def free_name(self, name: str | None) -> str:
         """The name of a variant to be painted; without one it is :data:`UNNAMED`, which may be painted over.
@@ -137,7 +137,7 @@ class Variants:
 
     def _styled(self, styles: tuple[str | None, ...] | None) -> tuple[Region, ...]:
         if styles is None:
-            return tuple(replace(region, style=None, mean_shade=None) for region in self.regions)
+            return tuple(replace(region, style=None, mean_light=None) for region in self.regions)
         return tuple(replace(region, style=name) for region, name in zip(self.regions, styles, strict=True))
 
     def _replaced_variants(self, **changes: Any) -> Self:

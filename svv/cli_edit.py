@@ -34,6 +34,7 @@ EDIT = (
     "svv edit phong.svv --light 50,20 --intensity 1.2 --out side.svv",
     "svv edit phong.svv --region 0 --specular 0.4 --shininess 30 --out shiny.svv",
     "svv edit painted.svv --show-variant ink --strength 0.5 --out faint.svv",
+    "svv edit painted.svv --paint-light 1 --out lit.svv",
 )
 PALETTE = (
     "svv palette scene.svv --views views --add '#f2a319' --out two.svv",
@@ -64,6 +65,9 @@ def edit(
     strength: Annotated[
         float | None, typer.Option(min=0, max=1, help="How much of the styles is seen, of the region or of all.")
     ] = None,
+    paint_light: Annotated[
+        float | None, typer.Option(min=0, max=1, help="How much light paint shows, of the region or of all; 0 is flat.")
+    ] = None,
     isolate: Annotated[str | None, typer.Option(metavar="K,...", help="See these regions alone.")] = None,
     hide: Annotated[str | None, typer.Option(metavar="K,...", help="Hide regions; their opacity is kept.")] = None,
     show: Annotated[str | None, typer.Option(metavar="K,...|all", help="See hidden regions again.")] = None,
@@ -84,14 +88,16 @@ def edit(
     reflects = {"ambient": ambient, "diffuse": diffuse, "specular": specular, "shininess": shininess}
     own = (colour, opacity, lighting, *reflects.values())
     owned = any(change is not None for change in own)
-    changes = (strength, isolate, hide, show, reset, light, intensity)
+    changes = (strength, paint_light, isolate, hide, show, reset, light, intensity)
     edits = owned or any(change is not None for change in changes)
     if (undo or redo) and (edits or (undo and redo)):
         raise BadInput("Undo or redo alone: --undo, or --redo, or edits.")
     if region is None and owned:
         raise BadInput("Say which region with --region K; `svv info` lists them.")
-    if region is not None and not owned and strength is None:
-        raise BadInput("Nothing to change: give --colour, --opacity, --lighting or --strength for the region.")
+    if region is not None and not owned and strength is None and paint_light is None:
+        raise BadInput(
+            "Nothing to change: give --colour, --opacity, --lighting, --strength or --paint-light for the region."
+        )
     if not (edits or undo or redo or show_variant or drop_variant):
         raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
     rgb = None if colour is None else parse_colour(colour)
@@ -114,6 +120,8 @@ def edit(
         result = result.with_light(**(vars(result.lamp) if light is None else lamp) | {"intensity": intensity})
     if strength is not None:
         result = result.with_strength(strength, *(() if region is None else (region,)))
+    if paint_light is not None:
+        result = result.with_paint_light(paint_light, *(() if region is None else (region,)))
     result = result.as_one_step(before)
     for _ in range(undo):
         result = result.undone()

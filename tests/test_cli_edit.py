@@ -66,6 +66,22 @@ def test_a_picture_of_each_variant(svv: Run) -> None:
     np.testing.assert_allclose(faint, plain, atol=1)
 
 
+def test_light_on_paint_of_a_region_or_of_all(svv: Run) -> None:
+    svv("edit", "two.svv", "--paint-light", "0", "--out", "flat.svv")
+    flat = Scene.load("flat.svv")
+    assert [r.paint_light for r in flat.regions] == [0.0] * 3
+    assert [step.what for step in flat.history.past] == ["light on paint 0"]
+    svv("edit", "flat.svv", "--region", "1", "--paint-light", "1", "--strength", "0.5", "--out", "one.svv")
+    assert [r.paint_light for r in Scene.load("one.svv").regions] == [0.0, 1.0, 0.0]
+    svv("edit", "one.svv", "--undo", "--undo", "--out", "back.svv")
+    assert Scene.load("back.svv").regions == Scene.load("two.svv").regions
+    pictures = {}
+    for name in ("two", "flat"):
+        svv("render", f"{name}.svv", "--size", "32", "--out", f"{name}.png")
+        pictures[name] = np.asarray(Image.open(f"{name}.png"), int)
+    assert not np.array_equal(pictures["two"], pictures["flat"])
+
+
 def test_info_lists_variants_and_history(svv: Run, capsys: pytest.CaptureFixture[str]) -> None:
     svv("edit", "two.svv", "--isolate", "1", "--out", "a.svv")
     capsys.readouterr()

@@ -29,6 +29,7 @@ EDITS = st.one_of(
     st.builds(lambda k: lambda s: s.shown(*k), SOME),
     st.builds(lambda k: lambda s: s.reset(*k), SOME),
     st.builds(lambda f: lambda s: s.with_strength(f), st.floats(0.0, 1.0)),
+    st.builds(lambda f, k: lambda s: s.with_paint_light(f, *k), st.floats(0.0, 1.0), SOME),
 )
 """Functions from a scene of three regions to an edited one."""
 
@@ -139,11 +140,11 @@ def test_reset_is_as_trained_and_can_be_undone(cube: Scene) -> None:
 
 def test_every_field_is_an_edit_or_says_what_the_region_is() -> None:
     """So that undo, reset and files know the ones to come."""
-    plain = Region((1.0, 0.0, 0.0), 0.5, values=(1.0, 2.0), ranges=((1.0, 2.0),), style="ink")
+    plain = Region((1.0, 0.0, 0.0), 0.5, values=(1.0, 2.0), ranges=((1.0, 2.0),), style="ink", mean_light=(0.7, 0.1))
     assert edits_of(plain) == {}
     reflects = {"ambient": 0.1, "diffuse": 0.2, "specular": 0.3, "shininess": 9.0}
-    known = (1.0, 2.0), ((1.0, 2.0),)
-    edited = Region((1.0, 0.0, 0.0), 0.5, 0.5, 2.0, (0.0, 1.0, 0.0), "ink", 0.3, *known, True, **reflects)
+    known, paint = ((1.0, 2.0), ((1.0, 2.0),)), {"paint_light": 0.2, "mean_light": (0.7, 0.1)}
+    edited = Region((1.0, 0.0, 0.0), 0.5, 0.5, 2.0, (0.0, 1.0, 0.0), "ink", 0.3, *known, True, **reflects, **paint)
     edits = edits_of(edited)
     assert set(edits) == set(vars(edited)) - set(IDENTITY)
     assert with_edits(plain, edits) == edited

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from svv.fields.networks import FieldSettings
     from svv.fields.scene import Region
 
-IDENTITY = ("colour", "share", "style", "values", "ranges")
-"""Fields of a region that are no edits: they come from training."""
+IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light")
+"""Fields of a region that are no edits: they come from training and painting."""
 
 STEPS = 50
 """Edits that can be undone at most; older ones are forgotten."""
@@ -217,6 +217,26 @@ class Editing:
         changes = {region: {"strength": float(strength)} for region in regions or range(len(self.regions))}
         return self._changed(f"strength {strength:g}", changes)
 
+    def with_paint_light(self, amount: float, *regions: int) -> Self:
+        """A scene with more or less light on the paint of these regions, by default of all.
+
+        The mean brightness of paint stays, for what is seen is by how much the light differs from its mean; regions
+        that are not painted stay as they are.
+
+        Args:
+            amount: Part of the light's contrast: 0 shows unlit paint, 1 all of it.
+            regions: Which.
+
+        Raises:
+            BadInput: an amount outside of [0, 1], or a region that there is not.
+        """
+        if not 0.0 <= amount <= 1.0:
+            raise BadInput(f"The light on paint must lie between 0 and 1, not {amount}.")
+        if regions:
+            self._check(*regions)
+        changes = {region: {"paint_light": float(amount)} for region in regions or range(len(self.regions))}
+        return self._changed(f"light on paint {amount:g}", changes)
+
     def reset(self, *regions: int) -> Self:
         """A scene with these regions, by default all and the light, as trained and painted. It can be undone.
 
@@ -270,7 +290,7 @@ class Editing:
         Which regions are styled, and how strongly, stays.
         """
         regions = (
-            replace(theirs, style=own.style, strength=own.strength)
+            replace(theirs, style=own.style, strength=own.strength, mean_light=own.mean_light)
             for own, theirs in zip(self.regions, other.regions, strict=True)
         )
         return self._replaced(regions=tuple(regions), lamp=other.lamp, history=other.history)

@@ -16,6 +16,7 @@ from torch import Tensor
 from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
+from svv.fields.paint_light import lights_of
 from svv.fields.phong import SCALE, SOFT, Beams, PhongLight
 from svv.fields.rendering import Rays, Samples
 from svv.kernels import image as kernels
@@ -60,16 +61,16 @@ def shade(scene: Scene, samples: Samples, rays: Rays, network: str, beams: Beams
     if any(r.edited_colour is not None for r in scene.regions):
         diffuse = _recoloured(scene, material)
     diffuse = scene.with_style(diffuse, region, samples.position, network).contiguous()
-    factors = torch.tensor([r.lighting for r in scene.regions])
+    lights = lights_of(scene, network)
     if palette.phong is not None:
-        _light_by_phong(scene, palette.phong, samples, beams, material, factors, region, diffuse)
+        _light_by_phong(scene, palette.phong, samples, beams, material, lights, region, diffuse)
     elif light is not None:
-        kernels.light(*_arrays(light, factors, region), np.float32(SPECULAR_SHIFT), *_arrays(diffuse))
+        kernels.light(*_arrays(light, lights, region), np.float32(SPECULAR_SHIFT), *_arrays(diffuse))
     return diffuse, region
 
 
 def _light_by_phong(
-    scene: Scene, phong: PhongLight, samples: Samples, beams: Beams, material: Tensor, factors: Tensor, region: Tensor,
+    scene: Scene, phong: PhongLight, samples: Samples, beams: Beams, material: Tensor, lights: Tensor, region: Tensor,
     colour: Tensor,
 ) -> None:  # fmt: skip
     """Light ``colour`` (S, 3), in place."""
@@ -81,7 +82,7 @@ def _light_by_phong(
         np.float32(beams.intensity),
         *_arrays(layout.shapes, layout.scales, layout.bases, layout.index, phong.normals.table),
         np.float32(SCALE), np.float32(SOFT), *_arrays(material, coefficients), np.float32(WEIGHT_FLOOR),
-        *_arrays(factors, region, colour),
+        *_arrays(lights, region, colour),
     )  # fmt: skip
 
 

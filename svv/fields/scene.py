@@ -28,6 +28,7 @@ from svv.fields.networks import (
     encode_directions,
 )
 from svv.fields.occupancy import Occupancy
+from svv.fields.paint_light import PAINT_LIGHT, lights_of
 from svv.fields.phong import Beams
 from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
 from svv.fields.scene_arrays import NETWORKS, arrays_of, parts_of
@@ -75,6 +76,10 @@ class Region:
     """highlights' too,"""
     shininess: float | None = None
     """and the exponent of the highlight."""
+    paint_light: float = PAINT_LIGHT
+    """How much of the light is seen on its paint, in [0, 1]: 0 nothing, 1 all by which it differs from its mean,"""
+    mean_light: tuple[float, float] | None = None
+    """the shade and specular that it has in the mean, found when the scene was painted."""
 
     @property
     def seen_opacity(self) -> float:
@@ -238,7 +243,7 @@ class Scene(Editing, Variants):
         region = parts.region
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]
-        return self.light(parts, self.diffuse(parts, samples.position, network)), region, sigma
+        return self.light(parts, self.diffuse(parts, samples.position, network), network), region, sigma
 
     def coefficients(self) -> Tensor | None:
         """Ambient, diffuse, specular and shininess of each region as edited (P, 4); None without an explicit light."""
@@ -276,11 +281,11 @@ class Scene(Editing, Variants):
         share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
         return torch.lerp(diffuse, self.styled(position), share[:, None])
 
-    def light(self, parts: PaletteColours, diffuse: Tensor) -> Tensor:
-        """Diffuse colour (S, 3) under the scene's headlight, as bright as each region's edit says. (S, 3)"""
-        factor = diffuse.new_tensor([r.lighting for r in self.regions])[parts.region]
-        shade = (1.0 + factor * (parts.shade - 1.0)).clamp(min=0.0)
-        return diffuse * shade[:, None] + (factor * parts.specular)[:, None]
+    def light(self, parts: PaletteColours, diffuse: Tensor, network: str) -> Tensor:
+        """Diffuse colour (S, 3) under the scene's light, as bright as each region's edit says. (S, 3)"""
+        factor, scale, less = lights_of(self, network)[parts.region].unbind(1)
+        shade = (1.0 + factor * (scale * parts.shade - 1.0)).clamp(min=0.0)
+        return diffuse * shade[:, None] + (factor * (parts.specular - less))[:, None]
 
     @property
     def marching_for_images(self) -> Marching:

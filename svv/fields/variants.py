@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from svv.errors import BadInput
 from svv.fields.networks import UnrestrictedField
+from svv.fields.paint_light import mean_lights
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -85,6 +86,8 @@ class Variants:
     ) -> Self:
         """The scene with one more variant, which is shown; one of this name is replaced.
 
+        The regions get the mean light that light on paint counts from (:mod:`svv.fields.paint_light`).
+
         Args:
             network: Its diffuse colours.
             styles: Name of the style of each region that it paints; the palette holds the colours of the others.
@@ -94,7 +97,9 @@ class Variants:
         name = name or UNNAMED
         rest = tuple(other for other in self.every_variant if other.name != name)
         every = tuple(styles.get(region) for region in range(len(self.regions)))
-        return self._showing(Variant(name, network, every, made), rest)
+        shown = self._showing(Variant(name, network, every, made), rest)
+        lit = zip(shown.regions, mean_lights(cast(Any, self)), strict=True)
+        return shown._replaced_variants(regions=tuple(replace(region, mean_light=mean) for region, mean in lit))
 
     def free_name(self, name: str | None) -> str:
         """The name of a variant to be painted; without one it is :data:`UNNAMED`, which may be painted over.
@@ -131,8 +136,9 @@ class Variants:
         )  # fmt: skip
 
     def _styled(self, styles: tuple[str | None, ...] | None) -> tuple[Region, ...]:
-        names = styles or (None,) * len(self.regions)
-        return tuple(replace(region, style=name) for region, name in zip(self.regions, names, strict=True))
+        if styles is None:
+            return tuple(replace(region, style=None, mean_light=None) for region in self.regions)
+        return tuple(replace(region, style=name) for region, name in zip(self.regions, styles, strict=True))
 
     def _replaced_variants(self, **changes: Any) -> Self:
         return replace(cast(Any, self), **changes)

@@ -69,13 +69,17 @@ def material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-un
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def light(raw, factors, region, shift, colour):  # type: ignore[no-untyped-def]
-    """Light diffuse ``colour`` (S, 3), in place, as the lighting MLP says (S, 1 or 2) and each region's factor (P,)."""
+def light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
+    """Light diffuse ``colour`` (S, 3), in place, as the lighting MLP says (S, 1 or 2).
+
+    ``lights`` (P, 3): what each region makes of it (:func:`svv.fields.paint_light.lights_of`).
+    """
     for i in prange(raw.shape[0]):
-        factor, shade = factors[region[i]], ONE
+        shade, r = ONE, region[i]
         if raw.shape[1] > 1:
-            shade = max(ONE + factor * (np.float32(2.0) / (ONE + np.exp(-raw[i, 1])) - ONE), np.float32(0.0))
-        specular = factor * softplus(raw[i, 0] + shift)
+            shade = np.float32(2.0) / (ONE + np.exp(-raw[i, 1]))
+        shade = max(ONE + lights[r, 0] * (lights[r, 1] * shade - ONE), np.float32(0.0))
+        specular = lights[r, 0] * (softplus(raw[i, 0] + shift) - lights[r, 2])
         for c in range(3):
             colour[i, c] = colour[i, c] * shade + specular
 
@@ -83,13 +87,13 @@ def light(raw, factors, region, shift, colour):  # type: ignore[no-untyped-def]
 @njit(parallel=True, fastmath=True, cache=True)
 def phong(  # type: ignore[no-untyped-def]
     position, ray, facing, toward, half, intensity, shapes, scales, bases, index, normals, scale, soft, raw,
-    coefficients, floor, factors, region, colour,
+    coefficients, floor, lights, region, colour,
 ):  # fmt: skip
     """Light diffuse ``colour`` (S, 3), in place, as an explicit light does (:func:`svv.core.light.blinn_phong`).
 
     ``facing``, ``toward``, ``half`` (R, 3): unit vectors of rays towards viewer, light and between both. ``normals``
     (V, 3) times ``scale``: what the lattice holds, of which lengths above ``soft`` count. ``raw`` (S, 1 + 4 P): what
-    the palette MLP says, whose weights mix the ``coefficients`` (P, 4). ``factors`` (P,): of each region's lighting.
+    the palette MLP says, whose weights mix the ``coefficients`` (P, 4). ``lights`` (P, 3): see :func:`light`.
     """
     levels, count = shapes.shape[0], coefficients.shape[0]
     for i in prange(position.shape[0]):
@@ -121,10 +125,11 @@ def phong(  # type: ignore[no-untyped-def]
         if cosine > np.float32(0.0):
             across = max(long * (nx * half[r, 0] + ny * half[r, 1] + nz * half[r, 2]), SMALLEST)
             highlight = intensity * specular / total * np.exp(shininess / total * np.log(across))
-        factor = factors[region[i]]
-        shade = max(ONE + factor * ((ambient + intensity * diffuse * cosine) / total - ONE), np.float32(0.0))
+        factor, part, less = lights[region[i], 0], lights[region[i], 1], lights[region[i], 2]
+        shade = part * (ambient + intensity * diffuse * cosine) / total
+        shade = max(ONE + factor * (shade - ONE), np.float32(0.0))
         for c in range(3):
-            colour[i, c] = colour[i, c] * shade + factor * highlight
+            colour[i, c] = colour[i, c] * shade + factor * (highlight - less)
 
 
 @njit(parallel=True, fastmath=True, cache=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from svv.core.correction import Correction
 from svv.core.light import COEFFICIENTS
 from svv.errors import BadInput, Progress
-from svv.pv.panels import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, REGIONS
+from svv.pv.panels import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PAINT_LIGHT, REGIONS
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -53,6 +53,8 @@ def as_edited(scene: Scene, values: Values) -> Scene:
     scene = _lit(scene, values)
     if values["Strength"] != 1.0:
         scene = scene.with_strength(values["Strength"])
+    if values["PaintLight"] != PAINT_LIGHT:
+        scene = scene.with_paint_light(values["PaintLight"])
     return scene.as_one_step(before)
 
 

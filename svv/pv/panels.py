@@ -35,6 +35,9 @@ TAKE_HELP = (
 REGIONS = 8
 """Regions that the panel of StyleRF Edit shows, as many as a palette may have; those that a scene lacks do nothing."""
 
+PAINT_LIGHT = 0.6
+"""Light on paint of a scene that was not edited, as :mod:`svv.fields.paint_light` has it, which loads torch."""
+
 ROW = ("Style", "Positive", "Negative", "Mask", "Part")
 """What StyleRF Stylize asks about each region."""
 AUTOMATIC, AS_IT_IS, PICTURE, NO_GALLERY = "by mapping", "as it is", "picture ", "none"

@@ -22,6 +22,7 @@ from svv.pv.panels import (
     ADDED,
     GALLERY,
     NO_GALLERY,
+    PAINT_LIGHT,
     PICTURES,
     PRESETS,
     REGIONS,
@@ -103,6 +104,8 @@ class SceneOutput(Keeping):
     text("Isolate", "Numbers of the regions that alone are seen, such as 0, 2. Empty: all that are not hidden."),
     switch("ShowHidden", False, "Show regions again that were hidden before this filter."),
     number("Strength", 1.0, "How much of a painting is seen: 0 the palette's colours, 1 as it came.", 0.0, 1.0),
+    number("PaintLight", PAINT_LIGHT, f"How much light falls on a painting: 0 none, 1 all of it; {PAINT_LIGHT} as it "
+           "came.", 0.0, 1.0),
     text("Variant", "Which of the scene's paintings is shown; empty: the one that it came with."),
     integer("Undo", 0, "Take back so many of the edits that the scene came with, before those above.", 0, 50, True),
     switch("AsTrained", False, "Take back all edits that the scene came with, before those above.", True),

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.paint_light import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.atomic import make_folder
 from svv.io.images import read_style
@@ -185,7 +186,7 @@ def _style_ablation(
             made = replace(made, regions=tuple(replace(r, lighting=0.0) for r in made.regions))
         folder = out / name / label.replace(" ", "-")
         draw_frames(
-            folder, digest([key, asdict(job.protocol), variant.lit, FINE]), job.protocol.frames,
+            folder, digest([key, asdict(job.protocol), variant.lit and PAINT_LIGHT, FINE]), job.protocol.frames,
             partial(path.render, finely(made), "styled"), part(each, 0.7, 0.9),
         )  # fmt: skip
         folders[label] = folder

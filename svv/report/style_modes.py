@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from svv.core.metrics import ssim
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.paint_light import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.io.images import read_style
@@ -176,7 +177,7 @@ class _CaseWork:
         how, numbers = self.how, self.how.protocol.frames
         parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), "stylize": asdict(how.chosen.stylize),
                  "loss": asdict(how.loss_of(mode)), "seed": how.seed, "features": how.features,
-                 "sampling": FINE}  # fmt: skip
+                 "sampling": FINE, **({"paint_light": PAINT_LIGHT} if mode == "ours" else {})}  # fmt: skip
         key, folder = digest(parts), self.folder / mode
         drawing = part(progress, 0.7, 1.0)
         if mode == "frame-by-frame":

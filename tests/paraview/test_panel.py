@@ -11,6 +11,7 @@ from PIL import Image
 
 from svv.core.cameras import sphere_cameras
 from svv.core.light import Lamp
+from svv.fields.paint_light import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.output import to_bytes, write_png
 from svv.io.viewset import ViewSet
@@ -106,6 +107,12 @@ again.AsTrained, again.Undo = 0, 2
 said["too many"] = status(again)
 two = StyleRFEdit(Input=OpenDataFile(folder + "/two.svv"), Variant="ink", Strength=0.5)
 said["variant"] = [status(two), [sm.Fetch(two).GetColumnByName("Style").GetValue(k) for k in range(3)]]
+said["light on paint"] = [two.PaintLight]
+two.PaintLight, two.SaveFile = 0.25, folder + "/dim.svv"
+said["light on paint"].append(status(two))
+two.SaveScene()
+two.UndoEdit()
+said["light on paint"].append(two.PaintLight)
 two.Variant = "chalk"
 said["no variant"] = status(two)
 """)
@@ -117,6 +124,9 @@ said["no variant"] = status(two)
     assert said["again"][1] == [0.5, 1.0, 1.0] and "1 to undo" in said["again"][0]
     assert said["before"] == said["as trained"] == [[1.0, 1.0, 1.0]]
     assert "came with 1" in said["too many"] and "no variant 'chalk'" in said["no variant"]
+    default, told, undone = said["light on paint"]
+    assert default == undone == PAINT_LIGHT and "light on paint 0.25" in told
+    assert [r.paint_light for r in Scene.load(tmp_path / "dim.svv").regions] == [0.25] * 3
     assert said["variant"][1] == ["brush", "", ""] and "shown: ink" in said["variant"][0]
 
 

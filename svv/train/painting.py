@@ -35,6 +35,12 @@ MOST_CELLS = 256
 UP = np.array([0.0, 1.0, 0.0])
 """Of the world, as cameras have it."""
 
+LEAST_SEEN = 0.02
+"""Weight in a pixel from which on a point is a place for paint."""
+
+POINTS_A_VIEW = 20_000
+"""Points of a view that are looked at, at most."""
+
 POINTS_A_RADIUS = 8.0
 """Points of a surface along a piece's radius, by which pieces are chosen."""
 
@@ -99,7 +105,7 @@ def painted_start(
         visible = _near_what_is_seen(views, occupancy, place)
     for number, k in enumerate(painted):
         told = part(progress, number / len(painted), (number + 1) / len(painted))
-        points = _surface(views, k, RADIUS * pixel / POINTS_A_RADIUS)
+        points = _surface(views, k, RADIUS * pixel / POINTS_A_RADIUS, np.random.default_rng(seed + k))
         if not len(points):
             continue
         target, inside = targets[k], targets[k].inside
@@ -156,13 +162,17 @@ def _near_what_is_seen(
     return seen[tuple(np.minimum((place * occupancy.cells).astype(np.int64), top).T)]
 
 
-def _surface(views: Sequence[StyledView], region: int, spacing: float) -> NDArray[np.float32]:
+def _surface(
+    views: Sequence[StyledView], region: int, spacing: float, generator: np.random.Generator
+) -> NDArray[np.float32]:
     """Points that are seen of a region, about one in each cube of a side. (S, 3)"""
     parts = []
     for view in views:
-        own = (view.region == region) & (view.weight > 0.02)
-        parts.append(view.position[own].cpu().numpy())
+        own = torch.nonzero((view.region == region) & (view.weight > LEAST_SEEN))[:, 0].cpu().numpy()
+        if len(own) > POINTS_A_VIEW:
+            own = own[generator.integers(0, len(own), POINTS_A_VIEW)]
+        parts.append(view.position[torch.from_numpy(own).to(view.position.device)].cpu().numpy())
     points = np.concatenate(parts) if parts else np.zeros((0, 3), np.float32)
-    _, first = np.unique(np.floor(points / spacing).astype(np.int64), axis=0, return_index=True)
+    cube = (points / spacing).astype(np.int64)
+    _, first = np.unique((cube[:, 0] << 40) + (cube[:, 1] << 20) + cube[:, 2], return_index=True)
     return np.ascontiguousarray(points[first], np.float32)
-

@@ -28,10 +28,10 @@ SPACING = 0.62
 TURNING = 0.8
 """How far apart two normals count as a distance, in radii for each unit of difference: thin sheets have two sides."""
 
-CANDIDATES = 400
+CANDIDATES = 256
 """Places in the picture that are tried for each piece."""
 
-OVERLAP = 256
+OVERLAP = 160
 """Points of the overlap that are compared at most."""
 
 NEIGHBOURS = 14

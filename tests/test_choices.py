@@ -26,8 +26,10 @@ from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.report.stability_scenes import NESTED, SCENES, Array, KnownScene, Range, shells
 from svv.train.config import PRESETS, fitted_field
+from svv.train.distil import paint_pixel
 from svv.train.levels import with_fewest_levels, without_finer
 from svv.train.loop import Loop
+from svv.train.painting import paint_cells
 from svv.train.pipeline import stylize_scene, train_scene
 from svv.train.reconstruct import first_occupancy
 from svv.train.textures import style_picture
@@ -185,11 +187,14 @@ def test_features_that_follow_from_coarser_ones_go_without_a_trace() -> None:
     np.testing.assert_allclose(after, before, atol=1e-3)
 
 
-def test_paint_has_the_levels_that_colours_do_without() -> None:
+def test_paint_has_cells_of_its_own() -> None:
+    """Colours do without the finer levels that this scene could have; what is painted on it does not."""
     scene = trained("opaque, one region")[0]
     painted, _ = stylize_scene(scene, [style_picture("brush strokes", 48).astype(np.float32)], None, (), SHORT)
     assert painted.styled is not None and isinstance(painted.styled.encoding, SparseLattice)
-    assert painted.styled.encoding.resolutions == scene.settings.resolutions + scene.settings.finer
+    cells = paint_cells(scene.occupancy, paint_pixel(scene, SHORT.stylize))
+    assert painted.styled.direct and painted.styled.encoding.resolutions == (cells,)
+    assert cells > scene.settings.resolutions[-1]
     again, camera = Scene.from_bytes(painted.to_bytes()), views_of("opaque, one region").cameras[2].resized(48, 48)
     assert again.settings == painted.settings
     np.testing.assert_allclose(again.render(camera).rgba, painted.render(camera).rgba, atol=0.05)

@@ -16,7 +16,7 @@ from svv.errors import BadInput
 from svv.io.output import write_png
 from svv.train.features import VGG16_WIDTHS, PatchFeatures, load_features, read_features
 from svv.train.judge_features import figures, judge
-from svv.train.style_loss import OBLIQUE, StyleLossSettings, StyleTarget, resized, solid
+from svv.train.style_loss import StyleLossSettings, StyleTarget, resized, solid
 from svv.train.textures import style_picture
 from tests.tolerances import sums_apart
 
@@ -149,26 +149,6 @@ def test_the_background_is_the_luminance_of_the_style_s_mean_colour() -> None:
     rounding = sums_apart(64 * 64)  # of the mean over the pixels
     assert target.background == pytest.approx(float(luminance(torch.tensor([0.9, 0.2, 0.4]))), rel=rounding)
     assert 0 <= target.background <= 1
-
-
-def test_a_solid_texture_has_the_style_s_colours_and_a_pixel_of_it_is_a_pixel() -> None:
-    torch.manual_seed(0)
-    target = StyleTarget(PatchFeatures(), stripes(0), SMALL)
-    paint = target.solid_texture(torch.rand(20_000, 3) * 4 - 2, torch.randn(20_000, 3), pixel=1 / 128)
-    paint = paint + target.statistics[0]
-    assert paint.min() > -1e-5 and paint.max() < 1 + 1e-5
-    torch.testing.assert_close(paint.mean(0), target.statistics[0], rtol=0, atol=0.02)
-    # On a surface across an axis the picture lies flat: its stripes of 4 pixels change every 4/128 of the box along one
-    # direction and never along the other, nor along the axis itself.
-    line = torch.linspace(0, 32 / 128, 257)[:, None]
-    for facing in range(3):
-        normal = OBLIQUE[:, facing].expand(257, 3)
-        changes = []
-        for axis in ((facing + 1) % 3, (facing + 2) % 3, facing):
-            position = (2 * OBLIQUE.sum(1) + 0.5 * OBLIQUE[:, axis]) / 128 + line * OBLIQUE[:, axis]  # between stripes
-            red = target.solid_texture(position, -normal, 1 / 128)[:, 0] > 0
-            changes.append(int((red[1:] != red[:-1]).sum()))
-        assert changes[0] == changes[2] == 0 and changes[1] in (7, 8)
 
 
 def test_styles_that_are_flat_dark_or_tiny_give_a_finite_loss() -> None:

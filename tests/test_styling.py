@@ -14,17 +14,15 @@ from hypothesis import strategies as st
 from svv.core.nnfm import luminance
 from svv.errors import BadInput, Cancelled
 from svv.fields.networks import FieldSettings
-from svv.fields.rendering import march
 from svv.fields.scene import Scene
 from svv.train.config import paint_resolutions
-from svv.train.distil import DISTILLATION_SIZE, Distillation
 from svv.train.features import load_features
 from svv.train.pipeline import stylize_scene
-from svv.train.style_loss import StyleLossSettings, StyleTarget
+from svv.train.style_loss import PATCH_LOSS, StyleTarget
 from svv.train.stylize import StyledView, spread_along_rays, stylization_cameras, visible_from
 from tests.balls import SHORT
 
-SMALL = StyleLossSettings(style_size=96)
+SMALL = replace(PATCH_LOSS, style_size=96)
 RED, GREEN = np.array([0.85, 0.2, 0.1]), np.array([0.1, 0.7, 0.25])
 SIZE = 96
 
@@ -74,26 +72,6 @@ def test_a_cell_of_paint_is_no_coarser_than_asked(cell: float, coarsest: int, mo
     assert all(1 / (level // 2) > cell and level <= most for level in added)
     assert paint_resolutions(field, None, most) == own
     assert paint_resolutions(FieldSettings("hash", (16, 4096)), cell, most) == (16, 4096)
-
-
-def test_strokes_of_six_pixels_are_painted_as_they_are(scene: Scene) -> None:
-    """Coarser paint answers a style's detail with an alternation from cell to cell, which no style has.
-
-    With the levels of the scene's own colours alone, 0.22 of the variance is left.
-    """
-    stripes = torch.from_numpy(np.where(np.arange(SIZE) // 3 % 2, 0.8, 0.2).astype(np.float32)).expand(3, SIZE, SIZE)
-    wanted = StyleTarget(load_features("embedded"), stripes.contiguous(), SMALL)
-    assert scene.palette is not None
-    chosen = replace(SHORT.stylize, style_size=SIZE, distil_iterations=150)
-    painting = Distillation(scene, scene.palette.colours.detach().clone(), {0: wanted, 1: wanted}, chosen, 0)
-    for number in range(chosen.distil_iterations):
-        painting.step(number, number / chosen.distil_iterations)
-    rays = painting.caster.rays(torch.arange(0, chosen.distil_views * DISTILLATION_SIZE**2, 199))
-    samples = march(rays, scene.occupancy, scene.base.density, scene.marching, seed=1)
-    with torch.no_grad():
-        truth = painting.truth(samples, rays).clamp(0.0, 1.0)
-        left = (painting.field(samples.position) - truth).square().mean() / truth.var(0).mean()
-    assert left < 0.15
 
 
 # --- what a mask does to a target ------------------------------------------------------------------------------------
@@ -164,13 +142,13 @@ def test_one_picture_is_two_styles_and_one_goes_on(scene: Scene, picture: np.nda
     assert [(r.style, r.strength) for r in first.regions[:2]] == [("left", 0.8), ("right", 0.8)]
     red, green = shown(first, 0), shown(first, 1)
     assert red[0] > red[1] + 0.2 and green[1] > green[0] + 0.2
-    # A refined mask for region 0: distillation is left out, and region 1 keeps what it has.
+    # A refined mask for region 0: nothing is painted anew, and region 1 keeps what it has.
     steps: list[str] = []
     again, report = style(
         first, [picture], masks=[~LEFT], names=["refined"], mapping={0: 0}, go_on=True,
         progress=lambda fraction, label: steps.append(label),
     )  # fmt: skip
-    assert report["continued"] == [0] and report["seconds"]["distil"] == 0.0 and "distillation" not in steps
+    assert report["continued"] == [0] and "laying strokes" not in steps
     assert [r.style for r in again.regions[:2]] == ["refined", "right"]
     assert again.styled is not first.styled
     moved = shown(again, 0)
@@ -185,7 +163,7 @@ def test_one_picture_is_two_styles_and_one_goes_on(scene: Scene, picture: np.nda
 def test_a_new_region_joins_those_that_are_styled(scene: Scene, picture: np.ndarray) -> None:
     first, _ = style(scene, [picture], masks=[LEFT], mapping={0: 0})
     both, report = style(first, [picture], masks=[~LEFT], mapping={1: 0}, go_on=True)
-    assert report["continued"] == [] and report["seconds"]["distil"] > 0
+    assert report["continued"] == [] and report["seconds"]["paint"] > 0
     assert both.regions[0].style and both.regions[1].style
     np.testing.assert_allclose(shown(both, 0), shown(first, 0), atol=0.12)
     new = shown(both, 1)
@@ -207,11 +185,11 @@ def test_stopped_work_goes_on_only_with_the_same_masks(scene: Scene, picture: np
     with pytest.raises(Cancelled):
         style(scene, [picture], masks=[LEFT], checkpoint=path, progress=stop)
     style(scene, [picture], masks=[LEFT], checkpoint=path, progress=note)
-    assert "distillation" not in labels
+    assert "laying strokes" not in labels
     with pytest.raises(Cancelled):
         style(scene, [picture], masks=[LEFT], checkpoint=path, progress=stop, seed=1)
     style(scene, [picture], masks=[~LEFT], checkpoint=path, progress=note, seed=1)
-    assert "distillation" in labels
+    assert "laying strokes" in labels
 
 
 def test_spread_along_rays_is_the_variance_in_the_pixels() -> None:

@@ -346,7 +346,7 @@ def test_one_region_styled_the_other_kept(trained: tuple[Scene, dict[str, object
     with pytest.raises(BadInput, match="is styled"):
         styled.edited(red, colour=(1.0, 0.0, 0.0))
     assert styled.edited(red, opacity=0.0).render(front()).rgba[left][:, 3].mean() < 0.1
-    assert set(report["seconds"]) == {"distil", "stylize", "total"}
+    assert set(report["seconds"]) == {"paint", "stylize", "total"}
 
 
 def test_region_images_keep_their_occluders(trained: tuple[Scene, dict[str, object]]) -> None:

@@ -42,7 +42,7 @@ from svv.train.features import load_features
 from svv.train.judge_features import figures
 from svv.train.pipeline import stylize_scene
 from svv.train.rivals import arf_like, frame_alone, snerf_like, unseeded
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, resized
+from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for, resized
 
 MODES = {
     "unstyled": "the palette network's colours, with light",
@@ -69,6 +69,7 @@ class PaintedAsShown:
 
     protocol: Protocol
     preset: str
+    features: str
     paper_loss: bool
 
     @property
@@ -79,8 +80,10 @@ class PaintedAsShown:
 
     @property
     def loss(self) -> StyleLossSettings:
-        """The loss, with a style picture as large as the frames."""
-        return replace(PAPER_LOSS if self.paper_loss else StyleLossSettings(), style_size=self.protocol.size)
+        """The loss that suits the features, with strokes in proportion to the frames."""
+        own = PAPER_LOSS if self.paper_loss else loss_for(load_features(self.features))
+        scale = self.protocol.size / StylizeSettings().style_size
+        return replace(own, style_size=round(own.style_size * scale))
 
 
 @dataclass(frozen=True)

@@ -120,8 +120,6 @@ class StylizeSettings:
     """Side of their images in pixels."""
     style_feature_rate: float = 0.02
     """Learning rate of a network's features in the stylization."""
-    direct_rate: float = 0.006
-    """Learning rate in the stylization of colours that are stored as they are, in units of them."""
     style_network_rate: float = 0.002
     """Learning rate of the network in the stylization."""
     pixels_a_cell: float | None = 2.0

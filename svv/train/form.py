@@ -14,7 +14,6 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from svv.fields.encodings import HashGrid
 from svv.fields.networks import BaseField
 from svv.fields.occupancy import Occupancy
 
@@ -117,11 +116,19 @@ def opacity_grid(base: BaseField, occupancy: Occupancy, cells: int) -> Floats:
 def form_of(base: BaseField, occupancy: Occupancy, up: NDArray[np.float64] | tuple[float, float, float]) -> Form:
     """The form of a scene's extinction; ``up`` is the world's, in world units (box and world have the same axes)."""
     cells = occupancy.cells
-    while cells > CELLS and cells % 2 == 0 and not isinstance(base.encoding, HashGrid):
+    while cells > CELLS and cells % 2 == 0:
         cells //= 2
-    field = gaussian_filter(np.pad(opacity_grid(base, occupancy, cells), 1), BLUR * cells / CELLS)[1:-1, 1:-1, 1:-1]
+    return form_of_opacity(opacity_grid(base, occupancy, cells), cells, up)
+
+
+def form_of_opacity(
+    opacity: Floats, cells: int, up: NDArray[np.float64] | tuple[float, float, float]
+) -> Form:
+    """The form of what cells (X, Y, Z) hide, ``cells`` of them to a box unit."""
+    scale = cells / CELLS
+    field = gaussian_filter(np.pad(opacity, 1), BLUR * max(scale, 0.5))[1:-1, 1:-1, 1:-1]
     gradient = np.stack(np.gradient(field)).astype(np.float32)
-    return Form(cells, gradient, stroke_axes(gradient, SPREAD * cells / CELLS), np.asarray(up, np.float64))
+    return Form(cells, gradient, stroke_axes(gradient, SPREAD * max(scale, 0.5)), np.asarray(up, np.float64))
 
 
 def stroke_axes(gradient: Floats, spread: float) -> Floats:

@@ -25,11 +25,11 @@ from svv.io.atomic import atomic_path, make_folder
 from svv.io.output import write_png
 from svv.train.features import STRIDE, PatchFeatures, StyleFeatures, load_features
 from svv.train.gallery import open_style
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, resized
+from svv.train.style_loss import PAPER_LOSS, PATCH_LOSS, StyleLossSettings, StyleTarget, resized
 from svv.train.textures import STYLE_PICTURES, style_picture
 from svv.train.train_features import WIDTHS
 
-OURS = StyleLossSettings()
+OURS = PATCH_LOSS
 DIRECTIONS = 128
 """Random projections of a sliced Wasserstein distance."""
 

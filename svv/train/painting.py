@@ -102,7 +102,6 @@ def painted_start(
     region, colours = _flat(scene, transferred, place, painted, kept, before)
     if painted:
         form = form_of(scene.base, occupancy, UP)
-        visible = _near_what_is_seen(views, occupancy, place)
     for number, k in enumerate(painted):
         told = part(progress, number / len(painted), (number + 1) / len(painted))
         points = _surface(views, k, RADIUS * pixel / POINTS_A_RADIUS, np.random.default_rng(seed + k))
@@ -111,7 +110,7 @@ def painted_start(
         target, inside = targets[k], targets[k].inside
         manner = Manner(target.picture.permute(1, 2, 0).cpu().numpy(), inside)
         quilt = Quilt(manner, form, points, pixel, seed + k, part(told, 0.0, 0.6))
-        own = np.flatnonzero((region == k) & visible)
+        own = np.flatnonzero((region == k) & _near_what_is_seen(views, k, occupancy, place))
         for first in range(0, len(own), 1 << 17):
             part(told, 0.6, 1.0)(first / len(own), "painting")
             piece = own[first : first + (1 << 17)]
@@ -151,13 +150,14 @@ def _flat(
 
 
 def _near_what_is_seen(
-    views: Sequence[StyledView], occupancy: Occupancy, place: NDArray[np.float32]
+    views: Sequence[StyledView], region: int, occupancy: Occupancy, place: NDArray[np.float32]
 ) -> NDArray[np.bool_]:
-    """Whether a vertex is in a cell of the occupancy that some view saw something in, or in one beside it. (V,)"""
+    """Whether a vertex is in a cell of the occupancy that some view saw the region in, or in one beside it. (V,)"""
     seen = np.zeros(occupancy.occupied.shape, bool)
     top: NDArray[np.int64] = np.array(seen.shape) - 1
     for view in views:
-        seen[tuple(np.minimum((view.position.cpu().numpy() * occupancy.cells).astype(np.int64), top).T)] = True
+        own = view.region == region
+        seen[tuple(np.minimum((view.position[own].cpu().numpy() * occupancy.cells).astype(np.int64), top).T)] = True
     seen = binary_dilation(seen, np.ones((3, 3, 3), bool))
     return seen[tuple(np.minimum((place * occupancy.cells).astype(np.int64), top).T)]
 

@@ -330,8 +330,8 @@ def stylize_scene(
         stylization = Stylization(scene, field, targets, settings, part(progress, 0.3, 0.3), refined, views=views)
         watch = None if previews is None else partial(previews.look, field)
         # Patches know no shapes: what they make of strokes that are there already is specks (docs/painting.md).
-        known = field.direct and weights.seeded and isinstance(network, PatchFeatures)
-        steps = 0 if known else settings.style_iterations
+        done = field.direct and weights.seeded and not refined and isinstance(network, PatchFeatures)
+        steps = 0 if done else settings.style_iterations
         loop = Loop(steps, None, part(progress, 0.3, 1.0), "stylization", watch=watch)
         seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds

@@ -70,6 +70,8 @@ class StyleLossSettings:
     along_rays: float = 0.0
     """Weight of the spread of a region's colours along the rays, in a scene
     (:func:`svv.train.stylize.spread_along_rays`): frames agree better, and strokes that only speckle go first."""
+    rate: float = 0.006
+    """Learning rate of a painting's colours in the matching, in units of them."""
     background: float | None = None
     """Grey level in [0, 1] behind a region's render; None is the luminance of the style's mean colour."""
 
@@ -77,7 +79,7 @@ class StyleLossSettings:
 PAPER_LOSS = StyleLossSettings(style_size=400, colours=0.0, variation=0.0, seeded=False, anchor=0.0)
 """The loss as the paper has it."""
 
-PATCH_LOSS = StyleLossSettings(balance=0.05, energy=3.0, variation=0.0)
+PATCH_LOSS = StyleLossSettings(balance=0.05, energy=3.0, variation=0.0, along_rays=6.0, rate=0.02)
 """What suits patches in a cosine basis (:class:`svv.train.features.PatchFeatures`), which know no shapes: a smooth
 render would stay with the few smooth places of the style."""
 

@@ -116,6 +116,8 @@ class Stylization:
         networks = [] if field.colour_mlp is None else list(field.colour_mlp.parameters())
         self.networks = network_adam(networks, settings.style_network_rate) if networks else None
         self.tables = LatticeAdam([field.encoding])
+        rates = [target.settings.rate for target in targets.values()]
+        self.rate = min(rates) if field.direct else settings.style_feature_rate
 
     def step(self, number: int, fraction: float) -> Tensor:
         """One view: all its regions; returns the style loss. The rates are fixed, as in the paper."""
@@ -135,7 +137,7 @@ class Stylization:
             self.field(view.position[piece]).backward(gradient[piece])  # type: ignore[no-untyped-call]
         if self.networks is not None:
             self.networks.step()
-        self.tables.step([self.settings.direct_rate if self.field.direct else self.settings.style_feature_rate])
+        self.tables.step([self.rate])
         if self.field.direct:
             with torch.no_grad():  # only what was looked up has moved
                 self.field.encoding.table.clamp_(0.0, 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,11 @@ from svv.errors import BadInput
 from svv.io.output import write_png
 from svv.train.features import VGG16_WIDTHS, PatchFeatures, load_features, read_features
 from svv.train.judge_features import figures, judge
-from svv.train.style_loss import StyleLossSettings, StyleTarget, resized, solid
+from svv.train.style_loss import PATCH_LOSS, StyleTarget, resized, solid
 from svv.train.textures import style_picture
 from tests.tolerances import sums_apart
 
-SMALL = StyleLossSettings(style_size=64)
+SMALL = replace(PATCH_LOSS, style_size=64)
 
 
 def vgg16_state() -> dict[str, torch.Tensor]:
@@ -122,7 +123,7 @@ def stripes(along: int, size: int = 64) -> torch.Tensor:
 
 @pytest.mark.parametrize("balance", [None, 0.05])
 def test_the_style_loss_prefers_the_strokes_of_its_style(balance: float | None) -> None:
-    target = StyleTarget(PatchFeatures(), stripes(0), StyleLossSettings(style_size=64, balance=balance))
+    target = StyleTarget(PatchFeatures(), stripes(0), replace(PATCH_LOSS, style_size=64, balance=balance))
     mask = torch.ones(64, 64)
     own, other = target.loss(stripes(0), mask), target.loss(stripes(1), mask)
     flat = target.loss(torch.full((3, 64, 64), 0.5), mask)

@@ -277,12 +277,16 @@ class LatticeAdam:
                                     self.constants, pulls[k], self.finer[k])  # fmt: skip
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Moments and ages, for a checkpoint."""
-        state: dict[str, NDArray[Any]] = {f"{k}.moments": v.cpu().numpy() for k, v in enumerate(self.moments)}
+        """Moments, ages and constants, for a checkpoint."""
+        state: dict[str, NDArray[Any]] = {"constants": np.array(self.constants)}
+        state |= {f"{k}.moments": v.cpu().numpy() for k, v in enumerate(self.moments)}
         return state | {f"{k}.age": v.cpu().numpy() for k, v in enumerate(self.age)}
 
     def load(self, state: dict[str, NDArray[Any]]) -> None:
         """Take the state of an earlier :meth:`state`."""
+        if "constants" in state:
+            beta1, beta2, epsilon = state["constants"].tolist()
+            self.constants = beta1, beta2, epsilon
         for k in range(len(self.encodings)):
             self.moments[k].copy_(torch.from_numpy(state[f"{k}.moments"].copy()))
             self.age[k].copy_(torch.from_numpy(state[f"{k}.age"].copy()))

@@ -59,18 +59,18 @@ class StyleLossSettings:
     """Weight of mean and covariance of the region's colours against the style's."""
     energy: float = 0.0
     """Weight of the strength of each feature against the style's (:func:`svv.core.nnfm.energy_loss`)."""
-    variation: float = 4.0
+    variation: float = 8.0
     """Weight of total variation within the region: without it the detail that views disagree about is noise."""
     most_vectors: int = 3000
     """Style vectors kept for matching, drawn at random beyond that."""
     seeded: bool = True
     """Whether a scene is painted with pieces of the style before the matching (:mod:`svv.train.painting`)."""
-    anchor: float = 0.3
+    anchor: float = 0.5
     """Weight of the squared distance to the colours at the start, in a scene: all views share its strokes."""
     along_rays: float = 0.0
     """Weight of the spread of a region's colours along the rays, in a scene
     (:func:`svv.train.stylize.spread_along_rays`): frames agree better, and strokes that only speckle go first."""
-    rate: float = 0.006
+    rate: float = 0.02
     """Learning rate of a painting's colours in the matching, in units of them."""
     background: float | None = None
     """Grey level in [0, 1] behind a region's render; None is the luminance of the style's mean colour."""
@@ -79,7 +79,7 @@ class StyleLossSettings:
 PAPER_LOSS = StyleLossSettings(style_size=400, colours=0.0, variation=0.0, seeded=False, anchor=0.0)
 """The loss as the paper has it."""
 
-PATCH_LOSS = StyleLossSettings(balance=0.05, energy=3.0, variation=0.0, along_rays=6.0, rate=0.02)
+PATCH_LOSS = StyleLossSettings(balance=0.05, energy=3.0, variation=0.0, along_rays=6.0, rate=0.1)
 """What suits patches in a cosine basis (:class:`svv.train.features.PatchFeatures`), which know no shapes: a smooth
 render would stay with the few smooth places of the style."""
 

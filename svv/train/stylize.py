@@ -26,7 +26,7 @@ from svv.fields.rendering import RayCaster, composite, march
 from svv.fields.scene import Scene
 from svv.kernels.dispatch import kernels_of
 from svv.train.config import StylizeSettings
-from svv.train.loop import network_adam
+from svv.train.loop import falling, network_adam
 from svv.train.style_loss import StyleTarget
 
 LEAST_WEIGHT = 4e-3
@@ -41,6 +41,10 @@ LEAST_PIXELS = 64
 
 REFINED = 0.1
 """Part of the anchor's weight that regions keep which were styled before: what holds them is the style they had."""
+
+
+DAMPING = 2.0
+"""Of colours that are stored as they are: Adam's epsilon, in units of the first step's gradients."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ class Stylization:
         self.rate = min(rates) if field.direct else settings.style_feature_rate
 
     def step(self, number: int, fraction: float) -> Tensor:
-        """One view: all its regions; returns the style loss. The rates are fixed, as in the paper."""
+        """One view: all its regions; returns the style loss. A network's rates are fixed, as in the paper."""
         # A stride that shares no factor with the number of views jumps around the scene, so no side falls behind.
         index = number * _coprime(len(self.views)) % len(self.views)
         view = self.views[index]
@@ -137,11 +141,24 @@ class Stylization:
             self.field(view.position[piece]).backward(gradient[piece])  # type: ignore[no-untyped-call]
         if self.networks is not None:
             self.networks.step()
-        self.tables.step([self.rate])
+        if self.field.direct and number == 0:
+            self._damp()
+        self.tables.step([self.rate * falling(fraction, 0.1) if self.field.direct else self.rate])
         if self.field.direct:
             with torch.no_grad():  # only what was looked up has moved
                 self.field.encoding.table.clamp_(0.0, 1.0)
         return loss.detach() / len(losses)
+
+    def _damp(self) -> None:
+        """Let colours move as far as their gradients say.
+
+        Adam moves every number alike, however little is asked of it. Features under a network do not mind; colours
+        that are shown as they are get specks where the paint was right already.
+        """
+        gradient, used = self.field.encoding.buffers_for_gradient()
+        typical = float(gradient[used > 0].square().mean().sqrt())
+        beta1, beta2, _ = self.tables.constants
+        self.tables.constants = beta1, beta2, max(DAMPING * typical, 1e-12)
 
     def losses(self, index: int, colours: Tensor) -> list[Tensor]:
         """What is to fall in one view, a scalar a region that is seen in it, for its samples' colours (S, 3)."""

@@ -73,6 +73,11 @@ class Ridges:
         return max(FAINTEST, float(np.sqrt(np.square(self.strength[self.inside]).mean())))
 
 
+def interior(cover: Mask) -> Mask:
+    """A mask without the pixels at its border; the picture's own border is none. (H, W)"""
+    return np.asarray(binary_erosion(cover, np.ones((3, 3)), border_value=1))
+
+
 def find_ridges(picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None) -> Ridges:
     """Strength and direction of the lines at every pixel, by the structure tensor of all three channels.
 
@@ -92,7 +97,7 @@ def find_ridges(picture: NDArray[np.floating], mask: NDArray[np.floating | np.bo
     cover = np.ones(picture.shape[:2], bool) if mask is None else np.asarray(mask, np.float64) > 0.9
     if cover.shape != picture.shape[:2]:
         raise BadInput("The mask must have the picture's size.")
-    inside = binary_erosion(cover, np.ones((3, 3)), border_value=1)
+    inside = interior(cover)
     if inside.sum() < LEAST_INSIDE:
         raise BadInput(f"Less than {LEAST_INSIDE} pixels lie inside the mask: render the picture larger.")
     values = np.asarray(picture, np.float64)
@@ -123,7 +128,7 @@ def traced(ridges: Ridges, scale: float) -> NDArray[np.int64]:
     """Lines: thin ridges over the weak threshold, linked where they go on, of which one pixel at least is strong.
 
     Neighbours (of eight) are linked if their directions agree within :data:`STEADY` and one lies on from the other:
-    the hysteresis of Canny (1986), without leaping from line to line at a crossing.
+    the hysteresis of Canny (1986), along lines and not across them.
 
     Args:
         ridges: Of the picture.
@@ -164,8 +169,11 @@ def turned(a: Floats | float, b: Floats | float) -> Floats:
 
 
 def _strengths(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
-    """Strength of every pixel that lies on a line, 0 for all others: how much of the area lines take counts, too."""
-    values = np.where(lines >= 0, ridges.strength / scale, 0.0)[ridges.inside]
+    """log2(1 + strength) of every pixel that lies on a line, 0 for all others, so that the area of lines counts, too.
+
+    The eye sees ratios: twice a style's strength is about as far from it as half.
+    """
+    values = np.log2(1 + np.where(lines >= 0, ridges.strength / scale, 0.0)[ridges.inside])
     return Sample(values, np.ones(len(values)))
 
 
@@ -220,8 +228,8 @@ MEASURES: dict[str, tuple[Callable[[Ridges, NDArray[np.int64], float], Sample], 
     "turn": (_turns, 0.3),
     **{f"coherence {scale:g}": (_coherences(level), 0.3) for level, scale in enumerate(SCALES)},
 }
-"""Distribution, and the least distance that noise is taken to have in it: of a style that is like noise there,
-differences would count out of all proportion."""
+"""Distribution, and its least unit: where a style is much like noise, as all are in strength and mosaics in coherence,
+differences would count out of all proportion in units of noise."""
 
 
 def line_samples(ridges: Ridges, scale: float) -> dict[str, Sample]:
@@ -243,7 +251,7 @@ class StyleLines:
     scale: float
     samples: dict[str, Sample]
     noise: dict[str, float]
-    """Distance of white noise of the style's colours, the unit of each distribution."""
+    """The unit of each distribution: distance of white noise of the style's colours, or the least unit."""
 
     @classmethod
     def of(cls, style: NDArray[np.floating]) -> StyleLines:
@@ -264,9 +272,9 @@ class StyleLines:
             mask: Where it counts, see :func:`find_ridges`. (H, W)
 
         Returns:
-            For each of :data:`MEASURES` the 1-Wasserstein distance of the distributions, 0 for equal ones and 1 for
-            white noise of the style's colours; ``lines``, their mean, with equal parts for strength, length, turn
-            and coherence.
+            For each of :data:`MEASURES` the 1-Wasserstein distance of the distributions in its unit: 0 for equal ones
+            and 1 for white noise of the style's colours, where that is not nearer than the least unit; ``lines``,
+            their mean, with equal parts for strength, length, turn and coherence.
 
         Raises:
             BadInput: as :func:`find_ridges` does.

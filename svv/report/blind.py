@@ -8,6 +8,7 @@ figure of likeness agrees with the eye.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +68,7 @@ def find_cases(ways: Sequence[Path], styles: Path | None) -> list[Case]:
         if not way.is_dir():
             raise BadInput(f"There is no folder of pictures at {way}.")
     names = [{path.stem for path in way.glob("*.png")} for way in ways]
-    odd = sorted(set.union(*names) - set.intersection(*names))
+    odd = sorted({name for some in names for name in names[0] ^ some})
     if odd:
         raise BadInput(f"The picture {odd[0]}.png is not in every folder: give folders of pictures of equal names.")
     if not names[0]:
@@ -166,22 +167,24 @@ def _sheet(
     """The style and the ways, whole, then the same places enlarged; all crops of a row are of one place."""
     (shown,) = cropped([[over_white(picture) for picture in pictures]])
     height, width = shown[0].shape[:2]
-    like = fitted(style, max(pictures[0].shape[:2]))  # as large beside the picture as it was painted from
     rows = [[fitted(style, width, height), *shown]]
     high, wide = height // ENLARGED, width // ENLARGED
+    down, across = style.shape[:2]
+    scale = max(max(pictures[0].shape[:2]) / max(down, across), high / down, wide / across)  # strokes as painted
+    like = fitted(style, math.ceil(scale * across), math.ceil(scale * down))
     seen = np.argwhere(shown[0].min(axis=2) < 250)
     for _ in range(crops if min(high, wide) > 0 and len(seen) else 0):
         y, x = seen[random.integers(len(seen))]
         at = (min(max(0, y - high // 2), height - high), min(max(0, x - wide // 2), width - wide))
-        middle = [int(random.integers(max(1, n - m + 1))) for n, m in zip(like.shape[:2], (high, wide))]
-        rows.append([_enlarged(p, *place, high, wide, (width, height))
-                     for p, place in ((like, middle), *((p, at) for p in shown))])  # fmt: skip
+        there = [int(random.integers(max(1, n - m + 1))) for n, m in zip(like.shape[:2], (high, wide))]
+        parts = [_part(like, there, (high, wide)), *(_part(picture, at, (high, wide)) for picture in shown)]
+        rows.append([np.asarray(part.resize((width, height), Image.Resampling.BICUBIC)) for part in parts])
     return sheet(rows, ["style", *(str(column + 1) for column in range(len(pictures)))])
 
 
-def _enlarged(picture: Picture, y: int, x: int, high: int, wide: int, size: tuple[int, int]) -> Picture:
-    part = Image.fromarray(picture[y : y + high, x : x + wide])
-    return np.asarray(part.resize(size, Image.Resampling.BICUBIC))
+def _part(picture: Picture, at: Sequence[int], size: tuple[int, int]) -> Image.Image:
+    (y, x), (height, width) = at, size
+    return Image.fromarray(picture[y : y + height, x : x + width])
 
 
 def read_choices(path: Path, sheets: int, columns: int) -> list[int]:

@@ -1,8 +1,10 @@
-"""How near a painted picture comes to its style, by all figures that there are: old ones and those of the eye's kind."""
+"""How near a painted picture comes to its style, by all figures that there are."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,6 +19,9 @@ from svv.train.style_statistics import StyleJudge
 
 CAPTION = {"adain": "adain", "lines": "lines", "contrast": "contrast", "patches 1/1": "patches"}
 """Figures that stand under a picture's name on sheets, and what they are called there."""
+
+FIGURES = 2
+"""To be raised when a figure changes its meaning: those that were kept are then taken anew."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,6 @@ def painted_figures(colours: NDArray[np.floating], alpha: NDArray[np.floating], 
     return {**judge.lines.figures(colours, mask), **found}
 
 
-def caption(values: dict[str, float]) -> str:
+def caption(values: Mapping[str, Any]) -> str:
     """The figures of :data:`CAPTION` in one line."""
     return "  ".join(f"{title} {values[name]:.2f}" for name, title in CAPTION.items() if values.get(name) is not None)

@@ -199,3 +199,7 @@ def test_without_weights_lines_alone_are_judged() -> None:
     found = judge.figures(drawing())
     assert found["lines"] == 0 and "adain" not in found
     assert judge.figures(drawing(), np.zeros((128, 128))) == {}
+    small = StyleJudge(drawing()[:24, :60], Lpips())
+    assert "adain" not in small.figures(drawing()) and "adain" not in StyleJudge(drawing(), Lpips()).figures(
+        drawing()[:24]
+    )

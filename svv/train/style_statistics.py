@@ -80,14 +80,12 @@ class StyleJudge:
 
     Args:
         style: (h, w, 3) sRGB in [0, 1], at the scale at which it is compared: strokes as large as they should be.
-        network: :func:`svv.train.lpips.load_lpips`; None: lines alone are compared.
-
-    Raises:
-        BadInput: a style that is smaller than 31 x 31 pixels.
+        network: :func:`svv.train.lpips.load_lpips`; None, or a style under 31 x 31 pixels: lines alone are compared.
     """
 
     def __init__(self, style: NDArray[np.floating], network: Lpips | None) -> None:
-        self.network, self.lines = network, StyleLines.of(style)
+        self.network = network = network if min(style.shape[:2]) >= MIN_SIZE else None
+        self.lines = StyleLines.of(style)
         if network is not None:
             self.own = style_statistics(network, style)
             noise = statistics_distance(self.own, style_statistics(network, shuffled(style)))
@@ -108,10 +106,10 @@ class StyleJudge:
             of which too little lies inside the mask.
         """
         inside = np.ones(picture.shape[:2], bool) if mask is None else np.asarray(mask) > 0.9
-        if min(picture.shape[:2]) < MIN_SIZE or interior(inside).sum() < LEAST_INSIDE:
+        if interior(inside).sum() < LEAST_INSIDE:
             return {}
         found = self.lines.distances(picture, inside)
-        if self.network is None:
+        if self.network is None or min(picture.shape[:2]) < MIN_SIZE:
             return found
         distance = statistics_distance(self.own, style_statistics(self.network, picture, inside))
         return {"adain": distance / self.unit, **found}

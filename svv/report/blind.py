@@ -161,9 +161,7 @@ def _pictures(case: Case) -> list[Picture]:
     return found
 
 
-def _sheet(
-    pictures: Sequence[Picture], style: NDArray[np.float32], crops: int, random: np.random.Generator
-) -> Picture:
+def _sheet(pictures: Sequence[Picture], style: NDArray[np.float32], crops: int, random: np.random.Generator) -> Picture:
     """The style and the ways, whole, then the same places enlarged; all crops of a row are of one place."""
     (shown,) = cropped([[over_white(picture) for picture in pictures]])
     height, width = shown[0].shape[:2]

@@ -17,6 +17,7 @@ import typer
 
 from svv import (
     __version__,
+    cli_blind,
     cli_cache,
     cli_chart,
     cli_consistency,
@@ -369,6 +370,7 @@ app.command(epilog=examples(*cli_stability.STABILITY))(cli_stability.stability)
 app.command(epilog=examples(*cli_consistency.CONSISTENCY))(cli_consistency.consistency)
 app.command(epilog=examples(*cli_consistency.COMPARE))(cli_consistency.compare_styles)
 app.command(epilog=examples(*cli_consistency.ABLATE))(cli_consistency.ablate)
+app.command(epilog=examples(*cli_blind.BLIND))(cli_blind.blind)
 app.command(epilog=examples(*cli_profile.PROFILE))(cli_profile.profile)
 app.command(epilog=examples(*cli_cache.CACHE))(cli_cache.cache)
 cli_paraview.add_to(app)  # last, as in the help

@@ -23,7 +23,7 @@ from svv.options import parse_colour, parse_mapping, parse_numbers, parse_size
 COMMANDS = [
     "demo", "run", "views", "train", "edit", "palette", "stylize", "styles", "style-mask", "render", "evaluate", "info",
     "features", "judge-features", "sheet", "figures", "chart", "stability", "profile", "consistency",
-    "compare-styles", "ablate",
+    "compare-styles", "ablate", "blind",
 ]  # fmt: skip
 
 

@@ -255,6 +255,7 @@ def test_every_mode_paints_and_is_measured(compared: tuple[Path, list[dict[str, 
     for mode in (m for m in MODES if m != "unstyled"):
         assert found[mode]["changed"] > 0.1, mode
         assert found[mode]["seconds"] > 0
+        assert 0 < found[mode]["lines"] < 5 and "patches 1/1" in found[mode]
         for interval in SHORT.intervals:
             assert np.isfinite([found[mode][f"depth {interval} {name}"] for name in METRICS]).all()
     assert found["frame-by-frame"]["depth 1 rmse"] > found["ours"]["depth 1 rmse"]

@@ -51,7 +51,8 @@ def styles(tmp_path: Path) -> list[str]:
 
 def panel(path: Path, row: int, column: int, rows: int, columns: int) -> np.ndarray:
     """A picture of a sheet of rows x columns, levels. (h, w, 3)"""
-    whole = np.asarray(Image.open(path)).astype(float)[18:, :, :3]
+    head = 30 if path.name == "sheet.png" else 18  # it alone has captions
+    whole = np.asarray(Image.open(path)).astype(float)[head:, :, :3]
     height, width = ((side + 6) // number for side, number in zip(whole.shape, (rows, columns), strict=False))
     return whole[row * height : (row + 1) * height - 6, column * width : (column + 1) * width - 6]
 
@@ -69,6 +70,7 @@ def test_a_sheet_has_a_row_a_scene_and_a_column_a_style_and_is_not_painted_twice
     for row in (0, 1):
         assert [ink(panel(path, row, column, 2, 3)).argmin() for column in (1, 2)] == [0, 1]
     assert (panel(path, 0, 0, 2, 3) == 255).all() and (panel(path, 1, 0, 2, 3) < 255).any()
+    assert (np.asarray(Image.open(path))[18:30] < 200).any(), "figures stand under the names"
     made = {file: file.stat().st_mtime_ns for file in out.glob("*.svv")}
     assert sorted(file.name for file in made) == ["balls-green.svv", "balls-red.svv"]
     paint_sheet([scene], styles[:1], out, HOW)

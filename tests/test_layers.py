@@ -29,8 +29,9 @@ BELOW["report"] |= {"io", "dvr", "progress", "measure", "ending"}
 BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending", "measure"}
 BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "ending", "pv"}
 FACES = {
-    "cli", "cli_cache", "cli_chart", "cli_consistency", "cli_edit", "cli_features", "cli_job", "cli_paraview",
-    "cli_profile", "cli_sheet", "cli_stability", "cli_style", "cli_table", "option_group", "options", "__main__",
+    "cli", "cli_blind", "cli_cache", "cli_chart", "cli_consistency", "cli_edit", "cli_features", "cli_job",
+    "cli_paraview", "cli_profile", "cli_sheet", "cli_stability", "cli_style", "cli_table", "option_group",
+    "options", "__main__",
 }  # fmt: skip
 """Modules of the command line, one layer."""
 

@@ -22,9 +22,10 @@ from svv.io.images import read_style
 from svv.io.viewset import ViewSet
 from svv.report.ablation_palette import PALETTE_COLUMNS, PALETTE_NOTE, PALETTES, ablate_palette
 from svv.report.consistency import draw_frames, measure_frames
+from svv.report.likeness import caption
 from svv.report.orbit_path import FINE, OrbitPath, Protocol, digest, finely
 from svv.report.style_modes import PaintedAsShown, flat_means, kept_scene, likeness
-from svv.report.style_table import contact_sheet, markdown, write_tables
+from svv.report.style_table import JUDGED, contact_sheet, markdown, write_tables
 from svv.train.config import Preset, StylizeSettings
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import StyleLossSettings
@@ -66,7 +67,7 @@ STYLES: dict[str, dict[str, StyleVariant]] = {
 NAMES = (*STYLES, *PALETTES)
 """The ablations."""
 
-STYLE_COLUMNS = {name: name for name in ("patches 1/1", "colour", "contrast", "content", "changed", "seconds")}
+STYLE_COLUMNS = {name: name for name in (*JUDGED, "content", "seconds") if name != "patches 1/2"}
 """Figure -> its title in the table."""
 
 STYLE_NOTE = (
@@ -193,7 +194,8 @@ def _style_ablation(
         figures = flat_means(measure_frames(path, folder, part(each, 0.9, 1.0)))
         rows.append({"ablation": name, "variant": label, "seconds": seconds, **figures,
                      **likeness(path, folder, pictures[0])})  # fmt: skip
-    contact_sheet(out / f"{name}.png", path, {"unstyled": path.folder, **folders}, pictures[0])
+    captions = {str(row["variant"]): caption(row) for row in rows}
+    contact_sheet(out / f"{name}.png", path, {"unstyled": path.folder, **folders}, pictures[0], captions)
     return rows
 
 

@@ -18,10 +18,13 @@ from svv.errors import BadInput, Progress
 from svv.fields.scene import Scene
 from svv.io.atomic import check_writable
 from svv.io.output import write_png
+from svv.report.likeness import caption, judge_of, painted_figures
 from svv.report.pictures import Picture, cropped, fitted, over_white, sheet
 from svv.report.render import orbit, region_colours
 from svv.report.stages import Show, Stages, fingerprint, unseen
+from svv.report.style_table import averaged
 from svv.train.gallery import PREFIX, open_style
+from svv.train.lpips import load_lpips
 from svv.train.pipeline import stylize_scene
 from svv.train.segmenters import style_regions
 
@@ -87,7 +90,11 @@ class Studio:
 
     def picture(self, scene: Scene, network: str | None = None) -> Picture:
         """One view of it, over white."""
-        return over_white(scene.render(self.camera(scene), network).rgba)
+        return over_white(self.view(scene, network))
+
+    def view(self, scene: Scene, network: str | None = None) -> NDArray[np.float32]:
+        """One view of it, straight alpha, (size, size, 4) in [0, 1]."""
+        return np.asarray(scene.render(self.camera(scene), network).rgba, np.float32)
 
     def camera(self, scene: Scene) -> Camera:
         """Whence pictures are taken: as near as the sphere around the scene allows."""
@@ -99,7 +106,9 @@ class Studio:
             return camera
         return replace(camera, fov_x=2.0 * float(np.arcsin(radius / away)))
 
-    def write(self, name: str, rows: Sequence[Sequence[Cell]], labels: Sequence[str]) -> Path:
+    def write(
+        self, name: str, rows: Sequence[Sequence[Cell]], labels: Sequence[str], captions: Sequence[str] | None = None
+    ) -> Path:
         """Write a sheet as ``NAME.png``: pictures of scenes, all cut alike, and styles, fitted to them."""
         path = self.stages.folder / f"{name}.png"
         (pictures,) = cropped([[cell for row in rows for cell in row if _is_picture(cell)]])
@@ -109,7 +118,7 @@ class Studio:
             return next(left) if _is_picture(cell) else fitted(cast(Style, cell), across, down)
 
         cells = [[shown(cell) for cell in row] for row in rows]
-        write_png(path, sheet(cells, labels))
+        write_png(path, sheet(cells, labels, captions=captions))
         return path
 
 
@@ -119,6 +128,8 @@ def _is_picture(cell: Cell) -> TypeGuard[Picture]:
 
 def paint_sheet(scenes: Sequence[Path], styles: Sequence[str], out: Path, how: Exhibit, show: Show = unseen) -> Path:
     """Paint every scene in every style, and write ``sheet.png``: a row a scene, its own colours first.
+
+    Under each style's name stand the figures of :data:`svv.report.likeness.CAPTION`, means over the scenes as shown.
 
     Args:
         scenes: Scene files, each with a name of its own.
@@ -142,12 +153,19 @@ def paint_sheet(scenes: Sequence[Path], styles: Sequence[str], out: Path, how: E
     check_writable(out / "sheet.png")
     blank = np.ones((16, 16, 3), np.float32)
     rows: list[list[Cell]] = [[blank, *(picture for _, picture in opened)]]
+    network = load_lpips()
+    judges = [judge_of(picture, how.size, network) for _, picture in opened]
+    found: list[dict[str, float | str]] = []
     for path, scene in zip(scenes, loaded, strict=True):
         painted = [
             studio.paint(f"{path.stem}-{name}", path, [style]) for name, style in zip(names, styles, strict=True)
         ]
-        rows.append([studio.picture(scene, "pcn"), *map(studio.picture, painted)])
-    return studio.write("sheet", rows, ["", *names])
+        views = [studio.view(one) for one in painted]
+        rows.append([studio.picture(scene, "pcn"), *map(over_white, views)])
+        for name, view, judge in zip(names, views, judges, strict=True):
+            found.append({"style": name, **painted_figures(view[..., :3], view[..., 3], judge)})
+    captions = {row["style"]: caption(row) for row in averaged(found, "style")}
+    return studio.write("sheet", rows, ["", *names], ["", *(captions[name] for name in names)])
 
 
 def paint_figures(scene: Path, styles: Sequence[str], out: Path, how: Exhibit, show: Show = unseen) -> list[Path]:

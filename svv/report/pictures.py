@@ -20,16 +20,20 @@ Picture = NDArray[np.uint8]
 INK = (60, 60, 60)
 
 
-def sheet(rows: Sequence[Sequence[Picture]], labels: Sequence[str], gap: int = 6) -> Picture:
+def sheet(
+    rows: Sequence[Sequence[Picture]], labels: Sequence[str], gap: int = 6, captions: Sequence[str] | None = None
+) -> Picture:
     """A white contact sheet: one row of equally large pictures under the other, labels over the columns.
 
     Args:
         rows: Pictures of one size; every row has as many as there are labels.
         labels: One per column.
         gap: Pixels between pictures.
+        captions: Smaller, under each label.
     """
     height, width = rows[0][0].shape[:2]
-    head = max(18, width // 11)
+    line = max(18, width // 11)
+    head = line if captions is None else line + max(12, line * 2 // 3)
     canvas = Image.new(
         "RGB",
         (len(labels) * (width + gap) - gap, head + len(rows) * (height + gap) - gap),
@@ -38,7 +42,10 @@ def sheet(rows: Sequence[Sequence[Picture]], labels: Sequence[str], gap: int = 6
     draw = ImageDraw.Draw(canvas)
     for column, label in enumerate(labels):
         x = column * (width + gap)
-        draw.text((x + width / 2, head / 2), label, fill=INK, font=_font(label, width, head), anchor="mm")
+        draw.text((x + width / 2, line / 2), label, fill=INK, font=_font(label, width, line), anchor="mm")
+        if captions is not None:
+            below, text = head - line, captions[column]
+            draw.text((x + width / 2, line + below / 2), text, INK, _font(text, width, below), anchor="mm")
         for row, pictures in enumerate(rows):
             canvas.paste(Image.fromarray(pictures[column]), (x, head + row * (height + gap)))
     return np.asarray(canvas)

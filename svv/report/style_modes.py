@@ -26,6 +26,7 @@ from svv.io.atomic import write_json
 from svv.io.images import read_style
 from svv.io.output import on_background
 from svv.report.consistency import draw_frames, means, measure_frames
+from svv.report.likeness import FIGURES, caption, judge_of, painted_figures
 from svv.report.orbit_path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, digest, finely, kept
 from svv.report.pictures import read_png
 from svv.report.style_table import (
@@ -39,10 +40,10 @@ from svv.report.style_table import (
 )
 from svv.train.config import Preset, StylizeSettings, preset
 from svv.train.features import load_features
-from svv.train.judge_features import figures
+from svv.train.lpips import load_lpips
 from svv.train.pipeline import stylize_scene
 from svv.train.rivals import arf_like, frame_alone, snerf_like, unseeded
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for, resized
+from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for
 
 MODES = {
     "unstyled": "the palette network's colours, with light",
@@ -149,7 +150,8 @@ def compare_styles(
         for index, mode in enumerate(how.modes):
             each = part(progress, (begin + index) / count, (begin + index + 1) / count)
             rows.append(work.row(mode, _titled(each, f"{case.name}, {mode}")))
-        contact_sheet(out / f"{case.name}.png", work.path, work.folders, pictures[case.style])
+        captions = {row["mode"]: caption(row) for row in rows[begin:]}
+        contact_sheet(out / f"{case.name}.png", work.path, work.folders, pictures[case.style], captions)
     progress(1.0, f"{count} results")
     return rows
 
@@ -253,25 +255,23 @@ def likeness(path: OrbitPath, frames: Path, style: NDArray[np.float32]) -> dict[
         style: The picture, (h, w, 3) in [0, 1].
 
     Returns:
-        :func:`svv.train.judge_features.figures` without the background's; ``changed``: by how much a pixel's colour
-        changed, root mean square over what is visible; ``content``: SSIM of the grey frame and the unstyled one.
+        :func:`svv.report.likeness.painted_figures`; ``changed``: by how much a pixel's colour changed, root mean
+        square over what is visible; ``content``: SSIM of the grey frame and the unstyled one.
     """
-    file = frames / f"judged-{digest(style.tobytes())}.json"
+    network = load_lpips()
+    how = digest({"style": digest(style.tobytes()), "figures": FIGURES, "alexnet": network is not None})
+    file = frames / f"judged-{how}.json"
     if file.exists():
         return dict(json.loads(file.read_text(encoding="utf-8")))
     numbers = path.protocol.frames
-    wanted = resized(torch.from_numpy(style).permute(2, 0, 1), path.protocol.size)
+    judge = judge_of(style, path.protocol.size, network)
     found: list[dict[str, float]] = []
     for number in numbers[:: max(1, len(numbers) // LOOKED_AT)][:LOOKED_AT]:
         shown, before = (read_png(f / f"{number:04d}.png") / np.float32(255) for f in (frames, path.folder))
         seen = before[..., 3] >= LEAST_ALPHA
         if not seen.any():
             continue
-        # Of a translucent scene, its more opaque half is looked at.
-        least = min(0.9, float(np.median(before[..., 3][seen])))
-        mask = torch.from_numpy((before[..., 3] >= least).astype(np.float32))
-        values = figures(torch.from_numpy(shown[..., :3]).permute(2, 0, 1), mask, wanted, 0.0)
-        values.pop("background")
+        values = painted_figures(shown[..., :3], before[..., 3], judge)
         values["changed"] = float(np.sqrt(np.square(shown[..., :3] - before[..., :3])[seen].mean()))
         grey = [np.repeat(on_background(x).mean(axis=-1, keepdims=True), 3, axis=-1) for x in (shown, before)]
         values["content"] = ssim(*grey)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ Row = dict[str, Any]
 SHOWN = ("flip", "rmse", "flip_part", "rmse_part")
 """Consistency figures that the table shows."""
 
-JUDGED = ("patches 1/1", "patches 1/2", "colour", "contrast", "changed")
+JUDGED = ("adain", "lines", "patches 1/1", "patches 1/2", "colour", "contrast", "changed")
 """Figures against the style that the table shows; the CSV has all."""
 
 
@@ -81,7 +81,10 @@ def write_tables(out: Path, name: str, rows: Sequence[Row], text: str) -> list[P
     return files
 
 
-def contact_sheet(file: Path, path: OrbitPath, folders: dict[str, Path], style: NDArray[np.floating] | None) -> None:
+def contact_sheet(
+    file: Path, path: OrbitPath, folders: dict[str, Path], style: NDArray[np.floating] | None,
+    captions: Mapping[str, str] | None = None,
+) -> None:  # fmt: skip
     """Frames of several modes side by side.
 
     Two rows are frames of the pair with the largest interval in the middle of the path, the third shows where they
@@ -92,6 +95,7 @@ def contact_sheet(file: Path, path: OrbitPath, folders: dict[str, Path], style: 
         path: The orbit, for the warp by depth.
         folders: Frames of each mode, by its label.
         style: The style picture, shown in a column of its own.
+        captions: A line of figures for each label that has some.
     """
     interval = max(path.protocol.intervals)
     pairs = [(a, b) for n, a, b in path.protocol.pairs if n == interval]
@@ -108,7 +112,8 @@ def contact_sheet(file: Path, path: OrbitPath, folders: dict[str, Path], style: 
     if style is not None:
         rows = [[_inside(style if k == 0 else None, row[0]), *row] for k, row in enumerate(rows)]
         labels = ["style", *labels]
-    write_png(file, sheet(rows, labels))
+    lines = None if captions is None else [captions.get(label, "") for label in labels]
+    write_png(file, sheet(rows, labels, captions=lines))
 
 
 def _inside(style: NDArray[np.floating] | None, like: NDArray[np.uint8]) -> NDArray[np.uint8]:

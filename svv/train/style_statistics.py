@@ -1,6 +1,6 @@
-"""How alike two pictures are in manner, by AlexNet's activations: the statistics that AdaIN transfers.
+"""How alike two pictures are in manner: by AlexNet's activations, in the statistics that AdaIN transfers, and by lines.
 
-No style is trained on these features here, so the distance can judge what was painted with others.
+No style is trained on either here, so both can judge what was painted with other features.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core.lines import LEAST_INSIDE, StyleLines, interior, shuffled
 from svv.errors import BadInput
 from svv.train.lpips import MIN_SIZE, Lpips
 
@@ -72,3 +73,43 @@ def statistics_distance(a: Statistics, b: Statistics) -> float:
     """
     pairs = [*zip(a.means, b.means, strict=True), *zip(a.deviations, b.deviations, strict=True)]
     return float(sum((x - y).norm() for x, y in pairs))
+
+
+class StyleJudge:
+    """Compares pictures with one style, in what nothing here is trained on.
+
+    Args:
+        style: (h, w, 3) sRGB in [0, 1], at the scale at which it is compared: strokes as large as they should be.
+        network: :func:`svv.train.lpips.load_lpips`; None, or a style under 31 x 31 pixels: lines alone are compared.
+    """
+
+    def __init__(self, style: NDArray[np.floating], network: Lpips | None) -> None:
+        self.network = network = network if min(style.shape[:2]) >= MIN_SIZE else None
+        self.lines = StyleLines.of(style)
+        if network is not None:
+            self.own = style_statistics(network, style)
+            noise = statistics_distance(self.own, style_statistics(network, shuffled(style)))
+            self.unit = max(noise, 1e-6)  # a style of one colour is its own noise
+
+    def figures(
+        self, picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None
+    ) -> dict[str, float]:
+        """How far a picture is from the style; 0 is equal, about 1 white noise of the style's colours.
+
+        Args:
+            picture: (h, w, 3) sRGB in [0, 1].
+            mask: (h, w), bool or opacity: where the picture counts; all of it by default.
+
+        Returns:
+            ``adain``: distance of the statistics of AlexNet's layers, in units of noise's (without a network it is
+            left out); ``lines`` and its parts, see :meth:`svv.core.lines.StyleLines.distances`. Nothing for a picture
+            of which too little lies inside the mask.
+        """
+        inside = np.ones(picture.shape[:2], bool) if mask is None else np.asarray(mask) > 0.9
+        if interior(inside).sum() < LEAST_INSIDE:
+            return {}
+        found = self.lines.distances(picture, inside)
+        if self.network is None or min(picture.shape[:2]) < MIN_SIZE:
+            return found
+        distance = statistics_distance(self.own, style_statistics(self.network, picture, inside))
+        return {"adain": distance / self.unit, **found}

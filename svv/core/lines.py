@@ -1,0 +1,291 @@
+"""The lines of a picture, and how far those of two pictures are apart: no network, nothing that is trained.
+
+A smoothed structure tensor gives every pixel a strength and a direction; its ridges, thinned and linked, are lines.
+What is compared are distributions over all pixels: how strong lines are and how much of the area they take, how long,
+how straight and unbroken, and how far one direction rules around a pixel.
+
+Letters: H, W a picture's height and width; L its pixels on lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, distance_transform_edt, gaussian_filter, map_coordinates
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.stats import wasserstein_distance
+
+from svv.errors import BadInput
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SMOOTHING = 1.0
+"""Standard deviation of the derivatives and of the tensor in which lines are found, pixels."""
+SCALES = (2.0, 4.0, 8.0)
+"""Standard deviations at which coherence is measured, pixels."""
+STRONG, WEAK = 1.0, 0.5
+"""Thresholds of the hysteresis, as parts of the style's root mean square strength."""
+FAINTEST = 0.01
+"""Strength that counts as one, where the style has less: a few levels of 8 bits over a line."""
+STEADY = np.radians(30)
+"""Two neighbours whose directions differ by more are not on one line."""
+LONGEST = 48
+"""Pixels: a line that is longer counts as one of this length, since regions cut theirs."""
+STEPS = (3, 6, 12)
+"""How far along a line its turning is looked at, pixels."""
+LEAST_INSIDE = 64
+"""Pixels that must be left of a mask."""
+
+
+class Sample(NamedTuple):
+    """Values with weights, none of them negative."""
+
+    values: Floats
+    weights: Floats
+
+
+@dataclass(frozen=True)
+class Ridges:
+    """What is found at every pixel of a picture before lines are traced."""
+
+    strength: Floats
+    """Square root of the tensor's larger eigenvalue: change of colour over a pixel. (H, W)"""
+    angle: Floats
+    """Direction of the line, across the steepest change; radians in (-pi/2, pi/2], x to y (downwards). (H, W)"""
+    thin: Mask
+    """No neighbour across the line is stronger. (H, W)"""
+    coherence: tuple[Floats, ...]
+    """(l1 - l2) / (l1 + l2) of the tensor at each of :data:`SCALES`, 0 to 1. (H, W) each"""
+    energy: Floats
+    """Squared length of the gradient. (H, W)"""
+    inside: Mask
+    """Where the picture counts. (H, W)"""
+
+    @property
+    def scale(self) -> float:
+        """Root mean square strength, or :data:`FAINTEST`."""
+        return max(FAINTEST, float(np.sqrt(np.square(self.strength[self.inside]).mean())))
+
+
+def interior(cover: Mask) -> Mask:
+    """A mask without the pixels at its border; the picture's own border is none. (H, W)"""
+    return np.asarray(binary_erosion(cover, np.ones((3, 3)), border_value=1))
+
+
+def find_ridges(picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None) -> Ridges:
+    """Strength and direction of the lines at every pixel, by the structure tensor of all three channels.
+
+    J = G * sum_c grad(I_c) grad(I_c)^T  (Di Zenzo 1986; Bigun and Granlund 1987)
+
+    Outside the mask the picture is continued by the nearest pixel within, so that its border is no line.
+
+    Args:
+        picture: sRGB in [0, 1]. (H, W, 3)
+        mask: Where the picture counts: bool, or opacity of which more than 0.9 does; everywhere by default. (H, W)
+
+    Raises:
+        BadInput: a picture without three channels, a mask of another size, or one with less than 64 pixels inside.
+    """
+    if picture.ndim != 3 or picture.shape[2] != 3:
+        raise BadInput("Lines are looked for in pictures in colour: give (height, width, 3).")
+    cover = np.ones(picture.shape[:2], bool) if mask is None else np.asarray(mask, np.float64) > 0.9
+    if cover.shape != picture.shape[:2]:
+        raise BadInput("The mask must have the picture's size.")
+    inside = interior(cover)
+    if inside.sum() < LEAST_INSIDE:
+        raise BadInput(f"Less than {LEAST_INSIDE} pixels lie inside the mask: render the picture larger.")
+    values = np.asarray(picture, np.float64)
+    if not cover.all():
+        values = values[tuple(distance_transform_edt(~cover, return_distances=False, return_indices=True))]
+    dy, dx = (gaussian_filter(values, SMOOTHING, order=o, axes=(0, 1), mode="nearest") for o in ((1, 0), (0, 1)))
+    products = [(a * b).sum(2) for a, b in ((dx, dx), (dx, dy), (dy, dy))]  # xx, xy, yy
+    weight = inside.astype(np.float64)
+    xx, xy, yy = (gaussian_filter(p, SMOOTHING, mode="nearest") for p in products)
+    apart = np.hypot(xx - yy, 2 * xy)
+    strength = np.sqrt(np.maximum(xx + yy + apart, 0) / 2)
+    across = np.arctan2(2 * xy, xx - yy) / 2
+    rows, columns = np.indices(strength.shape)
+    beside = [
+        map_coordinates(strength, (rows + s * np.sin(across), columns + s * np.cos(across)), order=1, mode="nearest")
+        for s in (-1, 1)
+    ]
+    coherence = []
+    for scale in SCALES:
+        xx, xy, yy = (gaussian_filter(p * weight, scale, mode="nearest") for p in products)
+        coherence.append(np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, 1e-12))
+    angle = np.where(across > 0, across - np.pi / 2, across + np.pi / 2)
+    thin = (strength >= beside[0]) & (strength > beside[1]) & inside
+    return Ridges(strength, angle, thin, tuple(coherence), (products[0] + products[2]) * weight, inside)
+
+
+def traced(ridges: Ridges, scale: float) -> NDArray[np.int64]:
+    """Lines: thin ridges over the weak threshold, linked where they go on, of which one pixel at least is strong.
+
+    Neighbours (of eight) are linked if their directions agree within :data:`STEADY` and one lies on from the other:
+    the hysteresis of Canny (1986), along lines and not across them.
+
+    Args:
+        ridges: Of the picture.
+        scale: Strength of which the thresholds are parts.
+
+    Returns:
+        Number of the line, 0 and up, or -1 where there is none. (H, W)
+    """
+    there = ridges.thin & (ridges.strength >= WEAK * scale)
+    number = np.full(there.shape, -1)
+    number[there] = np.arange(there.sum())
+    padded = np.pad(number, 1, constant_values=-1)
+    angles = ridges.angle[there]
+    height, width = there.shape
+    pairs = []
+    for down, right in ((0, 1), (1, 1), (1, 0), (1, -1)):
+        other = padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
+        both = there & (other >= 0)
+        a, b = number[both], other[both]
+        on = np.arctan2(down, right)
+        fits = (turned(angles[a], angles[b]) <= STEADY) & (turned(angles[a], on) <= np.pi / 3)
+        pairs.append((a[fits], b[fits]))
+    first, second = (np.concatenate(p) for p in zip(*pairs))
+    count = len(angles)
+    graph = coo_array((np.ones(len(first), bool), (first, second)), shape=(count, count))
+    found, line = connected_components(graph, directed=False) if count else (0, np.zeros(0, int))
+    strong = np.zeros(found, bool)
+    strong[line[ridges.strength[there] >= STRONG * scale]] = True
+    result = np.full(there.shape, -1)
+    result[there] = np.where(strong[line], line, -1)
+    return result
+
+
+def turned(a: Floats | float, b: Floats | float) -> Floats:
+    """Angle between directions of lines, 0 to pi/2."""
+    apart = np.abs(np.asarray(a) - b) % np.pi
+    return np.minimum(apart, np.pi - apart)
+
+
+def _strengths(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
+    """log2(1 + strength) of every pixel that lies on a line, 0 for all others, so that the area of lines counts, too.
+
+    The eye sees ratios: twice a style's strength is about as far from it as half.
+    """
+    values = np.log2(1 + np.where(lines >= 0, ridges.strength / scale, 0.0)[ridges.inside])
+    return Sample(values, np.ones(len(values)))
+
+
+def _lengths(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
+    """log2 of the length of the line that each pixel on one lies on; a picture without lines has one of a pixel."""
+    number = lines[lines >= 0]
+    if not len(number):
+        return Sample(np.zeros(1), np.ones(1))
+    pixels = np.bincount(number)[number]
+    return Sample(np.log2(np.minimum(pixels, LONGEST)), np.ones(len(number)))
+
+
+def _turns(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
+    """How far a line's direction turns over a few pixels straight on; a line that is not met there any more, pi/2.
+
+    Steps out of the mask do not count, for what lies there is not known.
+    """
+    rows, columns = np.nonzero(lines >= 0)
+    here, found = ridges.angle[rows, columns], [np.zeros(0)]
+    height, width = lines.shape
+    for step in (*STEPS, *(-s for s in STEPS)):
+        y, x = np.rint(rows + step * np.sin(here)).astype(int), np.rint(columns + step * np.cos(here)).astype(int)
+        known = (y >= 1) & (x >= 1) & (y < height - 1) & (x < width - 1)
+        known[known] = ridges.inside[y[known], x[known]]
+        y, x, own = y[known], x[known], here[known]
+        least = np.full(len(y), np.pi / 2)
+        for down in (-1, 0, 1):
+            for right in (-1, 0, 1):
+                there = y + down, x + right
+                met = lines[there] >= 0
+                least = np.where(met, np.minimum(least, turned(ridges.angle[there], own)), least)
+        found.append(least)
+    turns = np.concatenate(found)
+    return Sample(turns, np.ones(len(turns))) if len(turns) else Sample(np.full(1, np.pi / 2), np.ones(1))
+
+
+def _coherences(level: int) -> Callable[[Ridges, NDArray[np.int64], float], Sample]:
+    """Coherence at a scale, each pixel weighted by its energy: what is flat has no direction and does not count."""
+
+    def sample(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
+        weights = ridges.energy[ridges.inside]
+        if weights.sum() <= 1e-12:
+            return Sample(np.zeros(1), np.ones(1))
+        return Sample(ridges.coherence[level][ridges.inside], weights)
+
+    return sample
+
+
+MEASURES: dict[str, tuple[Callable[[Ridges, NDArray[np.int64], float], Sample], float]] = {
+    "strength": (_strengths, 0.25),
+    "length": (_lengths, 1.5),
+    "turn": (_turns, 0.3),
+    **{f"coherence {scale:g}": (_coherences(level), 0.3) for level, scale in enumerate(SCALES)},
+}
+"""Distribution, and its least unit: where a style is much like noise, as all are in strength and mosaics in coherence,
+differences would count out of all proportion in units of noise."""
+
+
+def line_samples(ridges: Ridges, scale: float) -> dict[str, Sample]:
+    """The distributions of :data:`MEASURES` for a picture."""
+    lines = traced(ridges, scale)
+    return {name: measure(ridges, lines, scale) for name, (measure, _) in MEASURES.items()}
+
+
+def shuffled(picture: NDArray[np.floating]) -> NDArray[np.floating]:
+    """White noise of a picture's colours: its pixels in a random order, the same at every call."""
+    pixels = picture.reshape(-1, picture.shape[-1])
+    return np.random.default_rng(0).permutation(pixels).reshape(picture.shape)
+
+
+@dataclass(frozen=True)
+class StyleLines:
+    """The lines of a style picture, to which those of others are compared."""
+
+    scale: float
+    samples: dict[str, Sample]
+    noise: dict[str, float]
+    """The unit of each distribution: distance of white noise of the style's colours, or the least unit."""
+
+    @classmethod
+    def of(cls, style: NDArray[np.floating]) -> StyleLines:
+        """Of a picture, sRGB in [0, 1], (H, W, 3); raises BadInput as :func:`find_ridges` does."""
+        ridges = find_ridges(style)
+        scale = ridges.scale
+        own, other = line_samples(ridges, scale), line_samples(find_ridges(shuffled(style)), scale)
+        noise = {name: max(least, apart(own[name], other[name])) for name, (_, least) in MEASURES.items()}
+        return cls(scale, own, noise)
+
+    def distances(
+        self, picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None
+    ) -> dict[str, float]:
+        """How far the lines of a picture are from the style's, both at the same scale.
+
+        Args:
+            picture: sRGB in [0, 1]. (H, W, 3)
+            mask: Where it counts, see :func:`find_ridges`. (H, W)
+
+        Returns:
+            For each of :data:`MEASURES` the 1-Wasserstein distance of the distributions in its unit: 0 for equal ones
+            and 1 for white noise of the style's colours, where that is not nearer than the least unit; ``lines``,
+            their mean, with equal parts for strength, length, turn and coherence.
+
+        Raises:
+            BadInput: as :func:`find_ridges` does.
+        """
+        found = line_samples(find_ridges(picture, mask), self.scale)
+        parts = {name: apart(found[name], wanted) / self.noise[name] for name, wanted in self.samples.items()}
+        coherence = [value for name, value in parts.items() if name.startswith("coherence")]
+        kinds = [parts["strength"], parts["length"], parts["turn"], float(np.mean(coherence))]
+        return {"lines": float(np.mean(kinds)), **{f"lines: {name}": value for name, value in parts.items()}}
+
+
+def apart(a: Sample, b: Sample) -> float:
+    """1-Wasserstein distance of two distributions, in units of their values."""
+    return float(wasserstein_distance(a.values, b.values, a.weights, b.weights))

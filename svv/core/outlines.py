@@ -1,10 +1,10 @@
 """Outlines: silhouettes and creases of an image drawn as ink, found in its depth, alpha and regions.
 
-Not edges of colours but of what colours are of (Saito and Takahashi 1990): where alpha ends, the region changes, depth
-jumps, and the surface turns sharply. An edge is a ridge of a measure of such change, found to a fraction of a pixel as
-Steger (1998) finds lines; along the ridge its strength is averaged, so that lines are even and what is too short for one
-is none; and then it is drawn as a stroke of the width asked for, however much it is that changes. All of it is a smooth
-function of the images, so lines move as what they outline.
+Not edges of colours but of what is seen (Saito and Takahashi 1990): where alpha ends, the region changes, depth jumps,
+and the surface turns sharply. An edge is a ridge of a measure of such change, found to a fraction of a pixel as
+Steger (1998) finds lines. Along the ridge its strength is averaged, so that lines are even and what is too short for
+one is none. Then it is drawn as a stroke of the width asked for, whatever the amount of change. Nothing is random, and
+strengths and places go smoothly with the images, so lines move as what they outline.
 
 Letters: H, W rows and columns of an image, E points of edges.
 """
@@ -43,10 +43,10 @@ LEAST = 0.6
 STEP = 0.16
 """Jump in depth, in sides of the box, that counts as much as the end of what is opaque,"""
 STEP_PIXELS = 8.0
-"""but at least so many pixels (of the large image) at that depth. Where fields are rendered, depth is noisy by about one."""
+"""but at least so many pixels at that depth; of rendered fields, depth is noisy by about one."""
 
 WEAK, STRONG = 0.1, 0.3
-"""Between these measures of change (the logarithm of 1 + the jump, see :func:`_silhouettes`) strength goes from 0 to 1."""
+"""Between these measures of change, see :func:`_silhouettes`, a line's strength goes from 0 to 1."""
 
 FOLD = (1.0, 1.5)
 """Likewise of a crease: the length by which the unit normal changes across it, 1 for 60 degrees, 1.4 for 90."""
@@ -101,19 +101,21 @@ class Pen:
 
 @dataclass(frozen=True)
 class Edges:
-    """Points of edges, each with a piece of its tangent: ``x`` and ``y`` (E,) in pixels, column and row; the unit normal
-    ``nx``, ``ny`` (E,); ``change`` (E,), the measure's height there."""
+    """Points of edges, (E,) each: ``x`` and ``y`` in pixels from the middle of the first, right and down; the unit
+    normal ``nx``, ``ny``; ``change``, the measure's height there."""
 
     x: Floats
     y: Floats
     nx: Floats
     ny: Floats
     change: Floats
+    spacing: int = 1
+    """Distance of neighbours in pixels, or a little more."""
 
     def scaled(self, factor: int) -> Edges:
         """The edges of an image ``factor`` times as large."""
         centre = 0.5 * (factor - 1)
-        return Edges(self.x * factor + centre, self.y * factor + centre, self.nx, self.ny, self.change)
+        return Edges(self.x * factor + centre, self.y * factor + centre, self.nx, self.ny, self.change, factor)
 
 
 def outlined(
@@ -121,8 +123,8 @@ def outlined(
 ) -> tuple[Floats, Floats, NDArray[np.int16]]:
     """An image with ink over it.
 
-    A line is drawn where one of the two sides of an edge has a pen, with the stronger of both, or that in front. Half of
-    a silhouette stands beyond what it outlines: such pixels get that one's depth and region.
+    A line is drawn where one of the two sides of an edge has a pen, with the stronger one, or of equals with that in
+    front. Half of a silhouette stands beyond what it outlines: such pixels get that one's depth and region.
 
     Args:
         rgba: Straight alpha, in [0, 1]. (H, W, 4)
@@ -153,7 +155,7 @@ def _draw(
 ) -> None:  # fmt: skip
     """Draw into the images, in place."""
     alpha = np.ascontiguousarray(rgba[..., 3])
-    sigma = _at_least(LEAST, SIGMA * scale)
+    sigma = max(LEAST, SIGMA * scale)
     share = _gauss(alpha, sigma)
     seen = np.where(np.isnan(depth), 0.0, depth).astype(np.float32)
     smooth = _gauss(alpha * seen, sigma) / np.maximum(share, 1e-4)
@@ -185,7 +187,7 @@ def _draw(
     region[rows[beyond], columns[beyond]] = new_region[beyond]
 
 
-# --- where edges are ---------------------------------------------------------------------------------------------------
+# --- where edges are --------------------------------------------------------------------------------------------------
 
 
 def _silhouettes(
@@ -196,21 +198,21 @@ def _silhouettes(
     The measure is log(1 + s), s the length of the gradient that a jump of 1 from one region's alpha to another's, or of
     :data:`STEP` in depth, has at its middle. A logarithm, for a high jump would hide the lower ones beside it.
     """
-    sigma = _at_least(LEAST, SIGMA * scale)
+    sigma = max(LEAST, SIGMA * scale)
     square = np.zeros_like(alpha)
     for number in np.unique(region[region >= 0]):
         square += _square(_gauss(np.where(region == number, alpha, np.float32(0.0)), sigma))
     step = np.maximum(STEP * box, STEP_PIXELS * footprint * scale * depth)
     square += _square(depth) * (_ramp(share, *OPAQUE) / np.maximum(step, 1e-30)) ** 2
     change = np.log1p(np.sqrt(square) * (sigma * np.sqrt(2.0 * np.pi)))
-    return _ridges(change.astype(np.float32), sigma, _at_least(LEAST, AGAIN * scale), 0.5 * WEAK)
+    return _ridges(change.astype(np.float32), sigma, max(LEAST, AGAIN * scale), 0.5 * WEAK)
 
 
 def _creases(
     silhouettes: Edges, ink: Floats, depth: Floats, share: Floats, footprint: float, scale: float
 ) -> tuple[Edges, Floats]:
     """Edges of the surface's normal, and how much ink each point of them gets. (E,)"""
-    sigma = _at_least(2.0 * LEAST, FOLD_SIGMA * scale)
+    sigma = max(2.0 * LEAST, FOLD_SIGMA * scale)
     factor = max(1, int(sigma / 1.5))  # so smooth an image loses nothing by being smaller
     right, down = _gradient(depth)
     toward = footprint * depth
@@ -237,7 +239,7 @@ def _creases(
 
 
 def _ridges(change: Floats, sigma: float, again: float, least: float) -> Edges:
-    """Points where the measure, smoothed by ``again``, has its largest value across the direction in which it bends most.
+    """Points where the measure, smoothed by ``again``, is largest along the direction in which it bends most.
 
     ``change`` of the edges is the height of a Gaussian ridge of standard deviation ``sigma`` that bends as much.
     """
@@ -290,7 +292,7 @@ def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) 
     return strength.astype(np.float32)
 
 
-# --- strokes -----------------------------------------------------------------------------------------------------------
+# --- strokes ----------------------------------------------------------------------------------------------------------
 
 
 def _sides(
@@ -299,12 +301,13 @@ def _sides(
     """The pixel (flat index, -1 where nothing is visible) whose region's pen draws each point, and that region. (E,)"""
     strength = np.append([pen.strength for pen in pens], 0.0)
     best, pixel = np.full(len(edges.x), -1.0), np.full(len(edges.x), -1, np.intp)
+    nearest = float(np.nanmin(depth))
     for way in (-1.0, 1.0, 0.0):  # what is thinner than the reach is found at the point itself
         reach = way * max(1.0, REACH * scale)
         at = np.ravel_multi_index(_pixels(edges, region.shape, reach), region.shape)
         distance = np.nan_to_num(depth.reshape(-1)[at], nan=np.inf)
         # Strength first, and of two the same the nearer: a summand below any difference of strengths that is seen.
-        worth = strength[region.reshape(-1)[at]] + 1e-3 / (1.0 + distance / max(np.nanmin(depth), 1e-30))
+        worth = strength[region.reshape(-1)[at]] + 1e-3 * nearest / np.maximum(distance, 1e-30)
         better = (region.reshape(-1)[at] >= 0) & (worth > best) & ((way != 0.0) | (pixel < 0))
         best, pixel = np.where(better, worth, best), np.where(better, at, pixel)
     return pixel, np.where(pixel >= 0, region.reshape(-1)[pixel], 0).astype(np.intp)
@@ -314,20 +317,21 @@ def _strokes(
     edges: Edges, ink: Floats, strength: Floats, width: Floats, side: Indices, shape: tuple[int, ...],
     coverage: Floats, source: Indices,
 ) -> None:  # fmt: skip
-    """Draw a short piece of each edge's tangent, of its ``width`` in pixels, into the flat images; the most ink counts."""
+    """Draw a piece of each edge's tangent, ``width`` pixels wide, into the flat images; the most ink counts."""
     if not len(edges.x):
         return
     width = width * (1.0 - PRESSURE + PRESSURE * ink)
     row, column = _pixels(edges, shape)
     fx, fy = column - edges.x, row - edges.y
-    reach = int(np.ceil(0.5 * float(width.max()) + 1.5))
+    reach = int(np.ceil(0.5 * float(width.max()) + 1.0)) + edges.spacing
     dense, most = ink * strength, np.minimum(width, 1.0)
+    end = 0.75 * edges.spacing + 1.0  # whole as far as half way to a neighbour on the diagonal
     for i in range(-reach, reach + 1):
         for j in range(-reach, reach + 1):
             across = np.abs((fx + j) * edges.nx + (fy + i) * edges.ny)
             along = np.abs((fy + i) * edges.nx - (fx + j) * edges.ny)
-            cover = np.minimum(0.5 * width + 0.5 - across, most) * np.minimum(2.1 - along, 1.0)
-            inside = (cover > 0.0) & (along < 2.1) & (across < 0.5 * width + 0.5)
+            cover = np.minimum(0.5 * width + 0.5 - across, most) * np.minimum(end - along, 1.0)
+            inside = (cover > 0.0) & (along < end) & (across < 0.5 * width + 0.5)
             inside &= (row + i >= 0) & (row + i < shape[0]) & (column + j >= 0) & (column + j < shape[1])
             at = (row + i)[inside] * shape[1] + (column + j)[inside]
             amount = dense[inside] * cover[inside]
@@ -335,16 +339,12 @@ def _strokes(
             coverage[at[more]], source[at[more]] = amount[more], side[inside][more]
 
 
-# --- helpers -----------------------------------------------------------------------------------------------------------
+# --- helpers ----------------------------------------------------------------------------------------------------------
 
 
-def _extent(taken: NDArray[np.bool_], margin: int) -> slice:
+def _extent(taken: Any, margin: int) -> slice:
     places = np.flatnonzero(taken)
     return slice(max(0, int(places[0]) - margin), int(places[-1]) + 1 + margin)
-
-
-def _at_least(least: float, value: float) -> float:
-    return max(least, value)
 
 
 def _ramp(values: Any, low: float, high: float) -> Any:
@@ -380,15 +380,17 @@ def _pooled(image: Floats, factor: int) -> Floats:
         return image
     height, width = image.shape
     image = np.pad(image, ((0, -height % factor), (0, -width % factor)), "edge")
-    image = sum(image[i::factor] for i in range(factor))  # type: ignore[assignment]
-    return sum(image[:, j::factor] for j in range(factor)) * np.float32(1.0 / factor**2)  # type: ignore[no-any-return]
+    rows, columns = (size // factor for size in image.shape)
+    return image.reshape(rows, factor, columns, factor).mean(axis=(1, 3))
 
 
 def _pixels(edges: Edges, shape: tuple[int, ...], reach: float = 0.0) -> tuple[Indices, Indices]:
     """Row and column of the pixels in which the points lie, or ``reach`` beside them along the normal."""
-    y, x = edges.y + reach * edges.ny, edges.x + reach * edges.nx
-    return tuple(np.clip(np.rint(v).astype(np.intp), 0, size - 1) for v, size in zip((y, x), shape, strict=True))  # type: ignore[return-value]
+    row, column = (np.rint(at + reach * n).astype(np.intp) for at, n in ((edges.y, edges.ny), (edges.x, edges.nx)))
+    return np.clip(row, 0, shape[0] - 1), np.clip(column, 0, shape[1] - 1)
 
 
 def _chosen(edges: Edges, chosen: NDArray[np.bool_]) -> Edges:
-    return Edges(*(getattr(edges, name)[chosen] for name in ("x", "y", "nx", "ny", "change")))
+    return Edges(
+        edges.x[chosen], edges.y[chosen], edges.nx[chosen], edges.ny[chosen], edges.change[chosen], edges.spacing
+    )

@@ -42,14 +42,14 @@ STEP_PIXELS = 8.0
 WEAK, STRONG = 0.14, 0.4
 """Between these measures of change, see :func:`_silhouettes`, a line's strength goes from 0 to 1."""
 
-FOLD = (1.1, 1.5)
+FOLD = (1.2, 1.5)
 """Likewise of a crease: the length by which the unit normal changes across it, 1 for 60 degrees, 1.4 for 90."""
-FOLD_SIGMA = 3.5
+FOLD_SIGMA = 4.5
 """Standard deviation over which normals are averaged."""
 BAND = 2.0
 """Standard deviation of the band beside silhouettes in which normals are not used: depth mixes two surfaces there."""
 
-OPAQUE = (0.88, 0.985)
+OPAQUE = (0.93, 0.995)
 """Between these alphas depth begins to count; in fog it is the depth of nothing in particular."""
 
 EVEN = 4.0
@@ -129,7 +129,7 @@ def _silhouettes(
     """
     sigma = max(LEAST, SIGMA * scale)
     square = np.zeros_like(alpha)
-    for number in np.unique(region[region >= 0]):
+    for number in np.flatnonzero(np.bincount(region[region >= 0])):
         square += _square(_gauss(np.where(region == number, alpha, np.float32(0.0)), sigma))
     step = np.maximum(STEP * box, STEP_PIXELS * footprint * scale * depth)
     square += _square(depth) * (_ramp(share, *OPAQUE) / np.maximum(step, 1e-30)) ** 2

@@ -45,7 +45,9 @@ WEAK, STRONG = 0.14, 0.4
 FOLD = (1.2, 1.5)
 """Likewise of a crease: the length by which the unit normal changes across it, 1 for 60 degrees, 1.4 for 90."""
 FOLD_SIGMA = 4.5
-"""Standard deviation over which normals are averaged."""
+"""Standard deviation over which normals are averaged,"""
+FOLD_BOX = 0.011
+"""and at least so much of the box: the noise of depth is a part of the sampling distance, however near one looks."""
 BAND = 2.0
 """Standard deviation of the band beside silhouettes in which normals are not used: depth mixes two surfaces there."""
 
@@ -53,7 +55,7 @@ OPAQUE = (0.93, 0.995)
 """Between these alphas depth begins to count; in fog it is the depth of nothing in particular."""
 
 EVEN = 4.0
-"""Standard deviation along a line over which its strength is averaged; twice this along creases."""
+"""Standard deviation along a line over which its strength is averaged; along creases 1.8 times that of normals."""
 WHOLE = (0.3, 0.55)
 """Between these parts of a line's surroundings along itself that are there, ink goes from 0 to 1; at an end half is."""
 STRIDE = 1.5
@@ -110,7 +112,7 @@ def lines_of(
     strength = _along(edges, _ramp(edges.change, WEAK, STRONG), alpha.shape, EVEN * scale)
     # A translucent shell has as faint a line as it is itself.
     strength *= maximum_filter(alpha, 2 * int(np.ceil(REACH * scale)) + 1)[pixels_of(edges, alpha.shape)]
-    return (edges, strength), _creases(edges, strength, smooth, share, footprint, scale)
+    return (edges, strength), _creases(edges, strength, smooth, share, footprint, box, scale)
 
 
 def pixels_of(edges: Edges, shape: tuple[int, ...], reach: float = 0.0) -> tuple[Indices, Indices]:
@@ -138,11 +140,12 @@ def _silhouettes(
 
 
 def _creases(
-    silhouettes: Edges, ink: Floats, depth: Floats, share: Floats, footprint: float, scale: float
+    silhouettes: Edges, ink: Floats, depth: Floats, share: Floats, footprint: float, box: float, scale: float
 ) -> tuple[Edges, Floats]:
     """Edges of the surface's normal, and how much ink each point of them gets. (E,)"""
-    sigma = max(2.0 * LEAST, FOLD_SIGMA * scale)
-    factor = max(1, int(sigma / 1.5))  # so smooth an image loses nothing by being smaller
+    away = float((share * depth).sum() / max(float(share.sum()), 1e-30))
+    sigma = max(2.0 * LEAST, FOLD_SIGMA * scale, min(FOLD_BOX * box / max(footprint * away, 1e-30), 32.0 * scale))
+    factor = min(max(1, int(sigma / 1.5)), 3)  # so smooth an image loses nothing by being smaller
     right, down = _gradient(depth)
     toward = footprint * depth
     length = np.sqrt(right**2 + down**2 + toward**2)
@@ -163,7 +166,7 @@ def _creases(
     change = np.sqrt(square) * (_spread(sigma) * np.sqrt(2.0 * np.pi)) * free
     edges = _ridges(change.astype(np.float32), sigma, 0.7 * sigma, 0.6 * FOLD[0])
     there = _ramp(edges.change, *FOLD) * _ramp(known[pixels_of(edges, known.shape)], 0.5, 0.8)
-    strength = _along(edges, there, known.shape, 2.0 * EVEN * scale / factor)
+    strength = _along(edges, there, known.shape, 1.8 * sigma)
     return edges.scaled(factor), strength
 
 

@@ -34,7 +34,7 @@ LEAST = 0.8
 SAMPLED = 5.0 / 12.0
 """Variance, in pixels squared, by which a pixel and a difference between its neighbours widen an edge."""
 
-STEP = 0.16
+STEP = 0.2
 """Jump in depth, in sides of the box, that counts as much as the end of what is opaque,"""
 STEP_PIXELS = 8.0
 """but at least so many pixels at that depth; of rendered fields, depth is noisy by about one."""
@@ -55,7 +55,8 @@ OPAQUE = (0.93, 0.995)
 """Between these alphas depth begins to count; in fog it is the depth of nothing in particular."""
 
 EVEN = 4.0
-"""Standard deviation along a line over which its strength is averaged; along creases 1.8 times that of normals."""
+"""Standard deviation along a line over which its strength is averaged, in pixels of the image itself at least that;
+along creases 1.8 times that of normals."""
 WHOLE = (0.3, 0.55)
 """Between these parts of a line's surroundings along itself that are there, ink goes from 0 to 1; at an end half is."""
 STRIDE = 1.5
@@ -109,7 +110,7 @@ def lines_of(
     seen = np.where(np.isnan(depth), 0.0, depth).astype(np.float32)
     smooth = _gauss(alpha * seen, sigma) / np.maximum(share, 1e-4)
     edges = _silhouettes(alpha, smooth, share, region, footprint, box, scale)
-    strength = _along(edges, _ramp(edges.change, WEAK, STRONG), alpha.shape, EVEN * scale)
+    strength = _along(edges, _ramp(edges.change, WEAK, STRONG), alpha.shape, EVEN * max(scale, 1.0))
     # A translucent shell has as faint a line as it is itself.
     strength *= maximum_filter(alpha, 2 * int(np.ceil(REACH * scale)) + 1)[pixels_of(edges, alpha.shape)]
     return (edges, strength), _creases(edges, strength, smooth, share, footprint, box, scale)

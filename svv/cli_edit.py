@@ -35,6 +35,7 @@ EDIT = (
     "svv edit phong.svv --region 0 --specular 0.4 --shininess 30 --out shiny.svv",
     "svv edit painted.svv --show-variant ink --strength 0.5 --out faint.svv",
     "svv edit painted.svv --paint-light 1 --out lit.svv",
+    "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
 PALETTE = (
     "svv palette scene.svv --views views --add '#f2a319' --out two.svv",
@@ -68,6 +69,14 @@ def edit(
     paint_light: Annotated[
         float | None, typer.Option(min=0, max=1, help="How much light paint shows, of the region or of all; 0 is flat.")
     ] = None,
+    outline: Annotated[
+        float | None,
+        typer.Option(min=0, max=1, help="Silhouettes and creases as ink, of the region or of all; 0 is none."),
+    ] = None,
+    outline_width: Annotated[
+        float | None, typer.Option(metavar="PX", help="How wide silhouettes are, in pixels of an image of 800 x 800.")
+    ] = None,
+    outline_colour: Annotated[str | None, typer.Option(metavar="'#rrggbb'", help="The ink.")] = None,
     isolate: Annotated[str | None, typer.Option(metavar="K,...", help="See these regions alone.")] = None,
     hide: Annotated[str | None, typer.Option(metavar="K,...", help="Hide regions; their opacity is kept.")] = None,
     show: Annotated[str | None, typer.Option(metavar="K,...|all", help="See hidden regions again.")] = None,
@@ -88,19 +97,22 @@ def edit(
     reflects = {"ambient": ambient, "diffuse": diffuse, "specular": specular, "shininess": shininess}
     own = (colour, opacity, lighting, *reflects.values())
     owned = any(change is not None for change in own)
+    drawn = any(change is not None for change in (outline, outline_width, outline_colour))
     changes = (strength, paint_light, isolate, hide, show, reset, light, intensity)
-    edits = owned or any(change is not None for change in changes)
+    edits = owned or drawn or any(change is not None for change in changes)
     if (undo or redo) and (edits or (undo and redo)):
         raise BadInput("Undo or redo alone: --undo, or --redo, or edits.")
     if region is None and owned:
         raise BadInput("Say which region with --region K; `svv info` lists them.")
-    if region is not None and not owned and strength is None and paint_light is None:
+    if region is not None and not owned and not drawn and strength is None and paint_light is None:
         raise BadInput(
-            "Nothing to change: give --colour, --opacity, --lighting, --strength or --paint-light for the region."
+            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light or --outline for the "
+            "region."
         )
     if not (edits or undo or redo or show_variant or drop_variant):
         raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
     rgb = None if colour is None else parse_colour(colour)
+    ink = None if outline_colour is None else parse_colour(outline_colour)
     named = {name: regions_in(text, name) for name, text in
              (("--isolate", isolate), ("--hide", hide), ("--show", show), ("--reset", reset)) if text}  # fmt: skip
     lamp = {} if light is None else parse_light(light)
@@ -122,6 +134,9 @@ def edit(
         result = result.with_strength(strength, *(() if region is None else (region,)))
     if paint_light is not None:
         result = result.with_paint_light(paint_light, *(() if region is None else (region,)))
+    if drawn:
+        chosen = () if region is None else (region,)
+        result = result.with_outline(outline, *chosen, width=outline_width, colour=ink)
     result = result.as_one_step(before)
     for _ in range(undo):
         result = result.undone()

@@ -82,6 +82,25 @@ def test_light_on_paint_of_a_region_or_of_all(svv: Run) -> None:
     assert not np.array_equal(pictures["two"], pictures["flat"])
 
 
+def test_outlines_of_a_region_or_of_all(svv: Run) -> None:
+    svv("edit", "two.svv", "--outline", "0.8", "--outline-width", "4", "--out", "inked.svv")
+    inked = Scene.load("inked.svv")
+    assert [(r.outline, r.outline_width) for r in inked.regions] == [(0.8, 4.0)] * 3
+    assert [step.what for step in inked.history.past] == ["outline 0.8, 4 px wide"]
+    svv("edit", "inked.svv", "--region", "1", "--outline", "0", "--outline-colour", "#ff0000", "--out", "one.svv")
+    one = Scene.load("one.svv")
+    assert [(r.outline, r.outline_colour == (1.0, 0.0, 0.0)) for r in one.regions] == [(0.8, False), (0.0, True),
+                                                                                   (0.8, False)]  # fmt: skip
+    svv("edit", "one.svv", "--undo", "--undo", "--out", "back.svv")
+    assert Scene.load("back.svv").regions == Scene.load("two.svv").regions
+    pictures = {}
+    for name in ("two", "inked", "back"):
+        svv("render", f"{name}.svv", "--size", "96", "--out", f"{name}.png")
+        pictures[name] = np.asarray(Image.open(f"{name}.png"), int)
+    np.testing.assert_array_equal(pictures["back"], pictures["two"])
+    assert not np.array_equal(pictures["inked"], pictures["two"])
+
+
 def test_info_lists_variants_and_history(svv: Run, capsys: pytest.CaptureFixture[str]) -> None:
     svv("edit", "two.svv", "--isolate", "1", "--out", "a.svv")
     capsys.readouterr()
@@ -97,6 +116,9 @@ def test_info_lists_variants_and_history(svv: Run, capsys: pytest.CaptureFixture
     [
         (["edit", "cube.svv"], "Nothing to change"),
         (["edit", "cube.svv", "--region", "0"], "Nothing to change"),
+        (["edit", "cube.svv", "--outline-width", "99"], "at most 16 pixels wide"),
+        (["edit", "cube.svv", "--outline-width", "0"], "wider than 0"),
+        (["edit", "cube.svv", "--outline", "1", "--region", "7"], "no region 7"),
         (["edit", "cube.svv", "--opacity", "0.5"], "--region K"),
         (["edit", "cube.svv", "--region", "9", "--opacity", "0.5"], "no region 9"),
         (["edit", "cube.svv", "--isolate", "9"], "no region 9"),

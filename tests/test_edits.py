@@ -30,6 +30,8 @@ EDITS = st.one_of(
     st.builds(lambda k: lambda s: s.reset(*k), SOME),
     st.builds(lambda f: lambda s: s.with_strength(f), st.floats(0.0, 1.0)),
     st.builds(lambda f, k: lambda s: s.with_paint_light(f, *k), st.floats(0.0, 1.0), SOME),
+    st.builds(lambda f, k, w: lambda s: s.with_outline(f, *k, width=w), st.floats(0.0, 1.0), SOME, st.floats(0.5, 9.0)),
+    st.builds(lambda c: lambda s: s.with_outline(colour=c), COLOUR),
 )
 """Functions from a scene of three regions to an edited one."""
 
@@ -144,7 +146,9 @@ def test_every_field_is_an_edit_or_says_what_the_region_is() -> None:
     assert edits_of(plain) == {}
     reflects = {"ambient": 0.1, "diffuse": 0.2, "specular": 0.3, "shininess": 9.0}
     known, paint = ((1.0, 2.0), ((1.0, 2.0),)), {"paint_light": 0.2, "mean_light": (0.7, 0.1)}
-    edited = Region((1.0, 0.0, 0.0), 0.5, 0.5, 2.0, (0.0, 1.0, 0.0), "ink", 0.3, *known, True, **reflects, **paint)
+    lines = {"outline": 0.5, "outline_width": 3.0, "outline_colour": (0.2, 0.0, 0.0)}
+    edited = Region((1.0, 0.0, 0.0), 0.5, 0.5, 2.0, (0.0, 1.0, 0.0), "ink", 0.3, *known, True,
+                    **reflects, **paint, **lines)  # fmt: skip
     edits = edits_of(edited)
     assert set(edits) == set(vars(edited)) - set(IDENTITY)
     assert with_edits(plain, edits) == edited

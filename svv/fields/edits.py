@@ -14,6 +14,7 @@ import numpy as np
 
 from svv.core.colour import to_hex
 from svv.core.light import COEFFICIENTS, Lamp
+from svv.core.outlines import INK, WIDTH, Pen
 from svv.errors import BadInput
 
 if TYPE_CHECKING:
@@ -236,6 +237,38 @@ class Editing:
             self._check(*regions)
         changes = {region: {"paint_light": float(amount)} for region in regions or range(len(self.regions))}
         return self._changed(f"light on paint {amount:g}", changes)
+
+    def with_outline(
+        self,
+        strength: float | None = None,
+        *regions: int,
+        width: float | None = None,
+        colour: Sequence[float] | None = None,
+    ) -> Self:
+        """A scene whose silhouettes and creases are drawn as ink, of these regions, by default of all.
+
+        Args:
+            strength: How much of the ink is seen: 0 none, 1 all. By default as it is, or 1 where it is 0.
+            regions: Which.
+            width: Of silhouettes, in pixels of an image whose shorter side has 800, in (0, 16]; it scales with the
+                image, and creases are thinner. By default as it is.
+            colour: RGB in [0, 1]. By default as it is, at first nearly black.
+
+        Raises:
+            BadInput: a strength, a width or a colour out of range, or a region that there is not.
+        """
+        ink = None if colour is None else tuple(float(c) for c in colour)
+        Pen(1.0 if strength is None else strength, WIDTH if width is None else width, cast(Any, ink or INK))
+        self._check(*regions or range(len(self.regions)))
+        told = {"outline_width": width if width is None else float(width), "outline_colour": ink}
+        changes: dict[int, Edits] = {}
+        for k in regions or range(len(self.regions)):
+            seen = (self.regions[k].outline or 1.0) if strength is None else float(strength)
+            changes[k] = {"outline": seen, **{name: value for name, value in told.items() if value is not None}}
+        said = [f"outline{'' if strength is None else f' {strength:g}'}"]
+        said += [] if width is None else [f"{width:g} px wide"]
+        said += [] if ink is None else [f"of {to_hex(cast(Any, ink))}"]
+        return self._changed(", ".join(said), changes)
 
     def reset(self, *regions: int) -> Self:
         """A scene with these regions, by default all and the light, as trained and painted. It can be undone.

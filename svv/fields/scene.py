@@ -16,6 +16,7 @@ from torch import Tensor
 from svv.core.cameras import Camera
 from svv.core.colour import shift_colours
 from svv.core.light import COEFFICIENTS, Lamp
+from svv.core.outlines import INK, WIDTH, Pen, outlined
 from svv.errors import BadInput, Progress, silent
 from svv.fields import image as fused
 from svv.fields.edits import Editing, History
@@ -80,6 +81,13 @@ class Region:
     """How much of the light is seen on its paint, in [0, 1]: 0 nothing, 1 all by which it differs from its mean,"""
     mean_light: tuple[float, float] | None = None
     """the shade and specular that it has in the mean, found when the scene was painted."""
+
+    outline: float = 0.0
+    """How much ink its outlines have, in [0, 1]: 0 none,"""
+    outline_width: float = WIDTH
+    """how wide they are, in pixels of an image of 800 x 800,"""
+    outline_colour: tuple[float, float, float] = INK
+    """and their colour, RGB in [0, 1]."""
 
     @property
     def seen_opacity(self) -> float:
@@ -191,14 +199,18 @@ class Scene(Editing, Variants):
             if not in_order:
                 for image, part in zip(images, parts, strict=True):
                     image[own] = part
-        rgba, depth, region = (image.cpu().numpy() for image in images)
-        if background is not None:
-            alpha = rgba[:, 3:]
-            rgba = np.concatenate([rgba[:, :3] * alpha + np.asarray(background, np.float32) * (1 - alpha),
-                                   np.ones_like(alpha)], axis=1)  # fmt: skip
-        progress(1.0, "rendering")
         shape = camera.height, camera.width
-        return Rendering(rgba.reshape(*shape, 4), depth.reshape(shape), region.reshape(shape))
+        rgba, depth, region = (image.cpu().numpy().reshape(*shape, *image.shape[1:]) for image in images)
+        if network != "base" and any(r.outline for r in self.regions):
+            pens = [Pen(r.outline, r.outline_width, r.outline_colour) for r in self.regions]
+            size = self.occupancy.box.size
+            rgba, depth, region = outlined(rgba, depth, region, pens, 1.0 / camera.focal, size)
+        if background is not None:
+            alpha = rgba[..., 3:]
+            rgba = np.concatenate([rgba[..., :3] * alpha + np.asarray(background, np.float32) * (1 - alpha),
+                                   np.ones_like(alpha)], axis=2)  # fmt: skip
+        progress(1.0, "rendering")
+        return Rendering(rgba, depth, region)
 
     @torch.no_grad()
     def _render_rays(

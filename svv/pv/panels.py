@@ -38,6 +38,9 @@ REGIONS = 8
 PAINT_LIGHT = 0.6
 """Light on paint of a scene that was not edited, as :mod:`svv.fields.paint_light` has it, which loads torch."""
 
+OUTLINE_WIDTH, INK = 2.0, (0.06, 0.05, 0.05)
+"""Width and colour of outlines unless an edit says otherwise, as in :mod:`svv.core.outlines`, which loads SciPy."""
+
 ROW = ("Style", "Positive", "Negative", "Mask", "Part")
 """What StyleRF Stylize asks about each region."""
 AUTOMATIC, AS_IT_IS, PICTURE, NO_GALLERY = "by mapping", "as it is", "picture ", "none"
@@ -189,6 +192,18 @@ def light_properties() -> Sequence[Property]:
             numbers("LightDirection", (0.0, 0.0, 1.0), "Where it comes from, x, y and z, whatever the camera does."),
         ]),
         number("LightIntensity", 1.0, "Factor on its brightness; 1 leaves it as it came.", 0.0, 4.0),
+    ])  # fmt: skip
+
+
+def outline_properties() -> Sequence[Property]:
+    """Silhouettes and creases as ink."""
+    return group("Outline", [
+        number("Outline", 0.0, "How much ink silhouettes and creases have: 1 is all; 0 leaves them as they came.",
+               0.0, 1.0),
+        number("OutlineWidth", OUTLINE_WIDTH, "How wide silhouettes are, in pixels where the view's shorter side has "
+               "800.", 0.5, 16.0),
+        numbers("OutlineColour", INK, "The ink.", "color_selector", True),
+        text("OutlineRegions", "Numbers of the regions that are outlined so, such as 0, 2. Empty: all.", "", True),
     ])  # fmt: skip
 
 

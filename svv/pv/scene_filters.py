@@ -31,6 +31,7 @@ from svv.pv.panels import (
     device,
     light_properties,
     menu,
+    outline_properties,
     point_properties,
     preview_file,
     region_properties,
@@ -106,6 +107,7 @@ class SceneOutput(Keeping):
     number("Strength", 1.0, "How much of a painting is seen: 0 the palette's colours, 1 as it came.", 0.0, 1.0),
     number("PaintLight", PAINT_LIGHT, f"How much light falls on a painting: 0 none, 1 all of it; {PAINT_LIGHT} as it "
            "came.", 0.0, 1.0),
+    *outline_properties(),
     text("Variant", "Which of the scene's paintings is shown; empty: the one that it came with."),
     integer("Undo", 0, "Take back so many of the edits that the scene came with, before those above.", 0, 50, True),
     switch("AsTrained", False, "Take back all edits that the scene came with, before those above.", True),
@@ -114,8 +116,8 @@ class SceneOutput(Keeping):
 )
 @takes_scene
 class StyleRFEdit(SceneOutput):
-    """Change colour, opacity and lighting of a scene's regions, hide and isolate them, and move a light that can be
-    moved, at once and without training. The rows of the input's table are the regions."""
+    """Change colour, opacity and lighting of a scene's regions, hide, isolate and outline them, and move a light that
+    can be moved, at once and without training. The rows of the input's table are the regions."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")

@@ -11,6 +11,7 @@ from PIL import Image
 
 from svv.core.cameras import sphere_cameras
 from svv.core.light import Lamp
+from svv.core.outlines import INK, WIDTH
 from svv.fields.paint_light import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.output import to_bytes, write_png
@@ -113,6 +114,16 @@ said["light on paint"].append(status(two))
 two.SaveScene()
 two.UndoEdit()
 said["light on paint"].append(two.PaintLight)
+drawn = StyleRFRender(Input=two, ImageSize=[200, 200])
+said["ink"] = [float((arrays(drawn)["RGBA"][..., 3] > 128).mean())]
+two.Outline, two.OutlineWidth, two.OutlineRegions, two.SaveFile = 0.9, 8.0, "0, 2", folder + "/inked.svv"
+said["ink"] += [status(two), float((arrays(drawn)["RGBA"][..., :3].max(axis=2) < 60).mean())]
+two.SaveScene()
+two.OutlineRegions = "0, x"
+said["no regions"] = status(two)
+two.UndoEdit()
+two.UndoEdit()
+said["ink"] += [two.Outline, two.OutlineWidth, list(two.OutlineColour)]
 two.Variant = "chalk"
 said["no variant"] = status(two)
 """)
@@ -127,6 +138,10 @@ said["no variant"] = status(two)
     default, told, undone = said["light on paint"]
     assert default == undone == PAINT_LIGHT and "light on paint 0.25" in told
     assert [r.paint_light for r in Scene.load(tmp_path / "dim.svv").regions] == [0.25] * 3
+    lines = [(r.outline, r.outline_width) for r in Scene.load(tmp_path / "inked.svv").regions]
+    assert lines == [(0.9, 8.0), (0.0, WIDTH), (0.9, 8.0)] and said["ink"][3:] == [0.0, WIDTH, list(INK)]
+    assert "outline 0.9, 8 px wide" in said["ink"][1] and said["ink"][2] > 0.01
+    assert "whole numbers" in said["no regions"]
     assert said["variant"][1] == ["brush", "", ""] and "shown: ink" in said["variant"][0]
 
 

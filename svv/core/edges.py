@@ -1,0 +1,277 @@
+"""Edges of an image of a scene, in its depth, alpha and regions: what a draughtsman would draw.
+
+Not edges of colours but of what is seen (Saito and Takahashi 1990): where alpha ends, the region changes, depth jumps,
+and the surface turns sharply. An edge is a ridge of a measure of such change, found to a fraction of a pixel as
+Steger (1998) finds lines. Along the ridge its strength is averaged, so that lines are even and what is too short for
+one is none. Nothing is random, and strengths and places go smoothly with the images, so lines move as what they
+outline.
+
+Lengths that are constants here are in pixels of an image whose shorter side has :data:`VIEW`; ``scale`` is the shorter
+side of the image at hand in that. Letters: H, W rows and columns of an image, E points of edges.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d, maximum_filter
+
+Floats = NDArray[np.float32]
+Indices = NDArray[np.intp]
+
+VIEW = 800
+"""Shorter side of the image in whose pixels lengths are given."""
+
+SIGMA = 1.6
+"""Standard deviation over which change is measured,"""
+AGAIN = 1.2
+"""and of what smooths the measure, so that its ridges are continuous;"""
+LEAST = 0.8
+"""in pixels of the image itself, neither is less."""
+SAMPLED = 5.0 / 12.0
+"""Variance, in pixels squared, by which a pixel and a difference between its neighbours widen an edge."""
+
+STEP = 0.2
+"""Jump in depth, in sides of the box, that counts as much as the end of what is opaque,"""
+STEP_PIXELS = 8.0
+"""but at least so many pixels at that depth; of rendered fields, depth is noisy by about one."""
+
+WEAK, STRONG = 0.14, 0.4
+"""Between these measures of change, see :func:`_silhouettes`, a line's strength goes from 0 to 1."""
+
+FOLD = (1.2, 1.5)
+"""Likewise of a crease: the length by which the unit normal changes across it, 1 for 60 degrees, 1.4 for 90."""
+FOLD_SIGMA = 4.5
+"""Standard deviation over which normals are averaged,"""
+FOLD_BOX = 0.011
+"""and at least so much of the box: the noise of depth is a part of the sampling distance, however near one looks."""
+BAND = 2.0
+"""Standard deviation of the band beside silhouettes in which normals are not used: depth mixes two surfaces there."""
+
+OPAQUE = (0.93, 0.995)
+"""Between these alphas depth begins to count; in fog it is the depth of nothing in particular."""
+
+EVEN = 4.0
+"""Standard deviation along a line over which its strength is averaged, in pixels of the image itself at least that;
+along creases 1.8 times that of normals."""
+WHOLE = (0.3, 0.55)
+"""Between these parts of a line's surroundings along itself that are there, ink goes from 0 to 1; at an end half is."""
+STRIDE = 1.5
+"""Distance in pixels of the image between places that are averaged."""
+TURN = (0.4, 0.8)
+"""Cosines of the angle between two neighbours of an edge from which on they are of one line."""
+
+REACH = 2.0
+"""How far from an edge one looks for what it parts."""
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Points of edges, (E,) each: ``x`` and ``y`` in pixels from the middle of the first, right and down; the unit
+    normal ``nx``, ``ny``; ``change``, the measure's height there."""
+
+    x: Floats
+    y: Floats
+    nx: Floats
+    ny: Floats
+    change: Floats
+    spacing: int = 1
+    """Distance of neighbours in pixels, or a little more."""
+
+    def chosen(self, which: NDArray[np.bool_]) -> Edges:
+        """Some of the points."""
+        x, y, nx, ny, change = (v[which] for v in (self.x, self.y, self.nx, self.ny, self.change))
+        return Edges(x, y, nx, ny, change, self.spacing)
+
+    def scaled(self, factor: int) -> Edges:
+        """The edges of an image ``factor`` times as large."""
+        centre = 0.5 * (factor - 1)
+        return Edges(self.x * factor + centre, self.y * factor + centre, self.nx, self.ny, self.change, factor)
+
+
+def lines_of(
+    alpha: Floats, depth: Floats, region: NDArray[np.int16], footprint: float, box: float, scale: float
+) -> tuple[tuple[Edges, Floats], tuple[Edges, Floats]]:
+    """Silhouettes and creases, each with the strength in [0, 1] of its points (E,).
+
+    Args:
+        alpha: In [0, 1]. (H, W)
+        depth: Distance from the camera in world units, nan where nothing is visible. (H, W)
+        region: -1 where nothing is visible. (H, W)
+        footprint: Size of a pixel at distance 1, in world units.
+        box: Longest side of the scene's box in world units.
+        scale: Shorter side of the whole image in :data:`VIEW`; the images may be a part of it.
+    """
+    sigma = max(LEAST, SIGMA * scale)
+    share = _gauss(alpha, sigma)
+    seen = np.where(np.isnan(depth), 0.0, depth).astype(np.float32)
+    smooth = _gauss(alpha * seen, sigma) / np.maximum(share, 1e-4)
+    edges = _silhouettes(alpha, smooth, share, region, footprint, box, scale)
+    strength = _along(edges, _ramp(edges.change, WEAK, STRONG), alpha.shape, EVEN * max(scale, 1.0))
+    # A translucent shell has as faint a line as it is itself.
+    strength *= maximum_filter(alpha, 2 * int(np.ceil(REACH * scale)) + 1)[pixels_of(edges, alpha.shape)]
+    return (edges, strength), _creases(edges, strength, smooth, share, footprint, box, scale)
+
+
+def pixels_of(edges: Edges, shape: tuple[int, ...], reach: float = 0.0) -> tuple[Indices, Indices]:
+    """Row and column of the pixels in which the points lie, or ``reach`` beside them along the normal."""
+    row, column = (np.rint(at + reach * n).astype(np.intp) for at, n in ((edges.y, edges.ny), (edges.x, edges.nx)))
+    return np.clip(row, 0, shape[0] - 1), np.clip(column, 0, shape[1] - 1)
+
+
+def _silhouettes(
+    alpha: Floats, depth: Floats, share: Floats, region: NDArray[np.int16], footprint: float, box: float, scale: float
+) -> Edges:
+    """Edges of alpha, regions and depth together, so that where several change there is one line.
+
+    The measure is log(1 + s), s the length of the gradient that a jump of 1 from one region's alpha to another's, or of
+    :data:`STEP` in depth, has at its middle. A logarithm, for a high jump would hide the lower ones beside it.
+    """
+    sigma = max(LEAST, SIGMA * scale)
+    square = np.zeros_like(alpha)
+    for number in np.flatnonzero(np.bincount(region[region >= 0])):
+        square += _square(_gauss(np.where(region == number, alpha, np.float32(0.0)), sigma))
+    step = np.maximum(STEP * box, STEP_PIXELS * footprint * scale * depth)
+    square += _square(depth) * (_ramp(share, *OPAQUE) / np.maximum(step, 1e-30)) ** 2
+    change = np.log1p(np.sqrt(square) * _spread(sigma) * np.sqrt(2.0 * np.pi))
+    return _ridges(change.astype(np.float32), sigma, max(LEAST, AGAIN * scale), 0.5 * WEAK)
+
+
+def _creases(
+    silhouettes: Edges, ink: Floats, depth: Floats, share: Floats, footprint: float, box: float, scale: float
+) -> tuple[Edges, Floats]:
+    """Edges of the surface's normal, and how much ink each point of them gets. (E,)"""
+    away = float((share * depth).sum() / max(float(share.sum()), 1e-30))
+    sigma = max(2.0 * LEAST, FOLD_SIGMA * scale, min(FOLD_BOX * box / max(footprint * away, 1e-30), 32.0 * scale))
+    factor = min(max(1, int(sigma / 1.5)), 3)  # so smooth an image loses nothing by being smaller
+    right, down = _gradient(depth)
+    toward = footprint * depth
+    length = np.sqrt(right**2 + down**2 + toward**2)
+    beside = np.zeros_like(depth)
+    beside[pixels_of(silhouettes, depth.shape)] = ink
+    small = [_pooled(image, factor) for image in
+             (right / np.maximum(length, 1e-30), down / np.maximum(length, 1e-30), toward / np.maximum(length, 1e-30),
+              _ramp(share, *OPAQUE), beside)]  # fmt: skip
+    band = BAND * scale / factor
+    free = small[3] * np.clip(1.0 - _gauss(small[4], band) * (factor * band * 4.0 * np.sqrt(2.0 * np.pi)), 0.0, 1.0)
+    sigma /= factor
+    known = _gauss(free, sigma)
+    normal = [_gauss(component * free, sigma) / np.maximum(known, 1e-3) for component in small[:3]]
+    length = np.maximum(np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), 1e-3)
+    square = np.zeros_like(known)
+    for component in normal:
+        square += _square(component / length)
+    change = np.sqrt(square) * (_spread(sigma) * np.sqrt(2.0 * np.pi)) * free
+    edges = _ridges(change.astype(np.float32), sigma, 0.7 * sigma, 0.6 * FOLD[0])
+    there = _ramp(edges.change, *FOLD) * _ramp(known[pixels_of(edges, known.shape)], 0.5, 0.8)
+    strength = _along(edges, there, known.shape, 1.8 * sigma)
+    return edges.scaled(factor), strength
+
+
+def _ridges(change: Floats, sigma: float, again: float, least: float) -> Edges:
+    """Points where the measure, smoothed by ``again``, is largest along the direction in which it bends most.
+
+    ``change`` of the edges is the height that a Gaussian ridge which bends as much has where it was made of a jump by
+    differences over ``sigma``.
+    """
+    spread = _spread(sigma)
+    image = _gauss(change, again)
+    rows, columns = (axis + 1 for axis in np.nonzero(image[1:-1, 1:-1] > 0.5 * least))
+    around = [[image[rows + i, columns + j] for j in (-1, 0, 1)] for i in (-1, 0, 1)]
+    gx, gy = 0.5 * (around[1][2] - around[1][0]), 0.5 * (around[2][1] - around[0][1])
+    xx = around[1][2] - 2.0 * around[1][1] + around[1][0]
+    yy = around[2][1] - 2.0 * around[1][1] + around[0][1]
+    xy = 0.25 * (around[2][2] - around[2][0] - around[0][2] + around[0][0])
+    bend = 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)  # the smaller eigenvalue of the Hessian
+    height = -bend * (spread**2 + again**2 + 1.0 / 6.0) ** 1.5 / spread  # 1/6: of the second difference
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi
+    nx, ny = np.cos(angle), np.sin(angle)
+    along = -(gx * nx + gy * ny) / np.minimum(bend, -1e-12)
+    # A little more than half a pixel: a point found twice does no harm, one that is missed is a gap.
+    kept = (height > least) & (np.abs(along * nx) <= 0.6) & (np.abs(along * ny) <= 0.6)
+    return Edges(columns + along * nx, rows + along * ny, nx, ny, height).chosen(kept)
+
+
+def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) -> Floats:
+    """Strength averaged along the lines, whose points follow one another, twice; see :data:`EVEN`. (E,)"""
+    count, (height, width) = len(edges.x), shape
+    at = np.full((height + 2, width + 2), count, np.intp)
+    row, column = pixels_of(edges, shape)
+    for i, j in ((0, 0), (0, 2), (2, 0), (2, 2), (0, 1), (2, 1), (1, 0), (1, 2), (1, 1)):  # its own pixel last
+        at[row + i, column + j] = np.arange(count)
+    # One more, which stands for no edge: a line goes straight on there.
+    x, y, tx, ty = (np.append(v, 0.0) for v in (edges.x, edges.y, -edges.ny, edges.nx))
+    steps = int(np.ceil(2.0 * even / STRIDE))
+    weights = np.exp(-0.5 * (np.arange(1, steps + 1) * STRIDE / max(even, 1e-3)) ** 2)
+    path: list[tuple[Indices, Any]] = [(np.arange(count), np.ones(count))]
+    for sign in (1.0, -1.0):
+        px, py, dx, dy, one = x[:-1], y[:-1], sign * tx[:-1], sign * ty[:-1], np.ones(count)
+        for weight in weights:
+            px, py = px + STRIDE * dx, py + STRIDE * dy
+            j = at[np.clip(np.rint(py).astype(np.intp), -1, height) + 1,
+                   np.clip(np.rint(px).astype(np.intp), -1, width) + 1]  # fmt: skip
+            cosine, hit = tx[j] * dx + ty[j] * dy, j < count
+            one = one * np.where(hit, _ramp(np.abs(cosine), *TURN), 1.0)
+            turned = np.where(cosine < 0.0, -1.0, 1.0)
+            foot = (px - x[j]) * tx[j] + (py - y[j]) * ty[j]
+            dx, dy = np.where(hit, turned * tx[j], dx), np.where(hit, turned * ty[j], dy)
+            px, py = np.where(hit, x[j] + foot * tx[j], px), np.where(hit, y[j] + foot * ty[j], py)
+            path.append((j, weight * one))
+    total = 1.0 + 2.0 * weights.sum()
+    for _ in range(2):
+        known = np.append(strength, 0.0)
+        strength = _ramp(sum(known[j] * weight for j, weight in path) / total, *WHOLE)
+    return strength.astype(np.float32)
+
+
+# --- helpers ----------------------------------------------------------------------------------------------------------
+
+
+def _spread(sigma: float) -> float:
+    """Standard deviation, in pixels, of the gradient across a jump in an image that was smoothed by ``sigma``."""
+    return float(np.sqrt(sigma**2 + SAMPLED))
+
+
+def _ramp(values: Any, low: float, high: float) -> Any:
+    """0 below ``low``, 1 above ``high``, smooth between."""
+    t = np.clip((values - low) * (1.0 / (high - low)), 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+def _gauss(image: Floats, sigma: float) -> Floats:
+    """Smoothed; beyond its edges the image goes on as steep as it comes, or a slope would seem to end there."""
+    radius = int(np.ceil(2.7 * sigma))
+    kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
+    kernel /= kernel.sum()
+    for axis in (0, 1):
+        width = [(0, 0), (0, 0)]
+        width[axis] = radius, radius
+        padded = np.pad(image, width, "reflect", reflect_type="odd")
+        inside = (slice(radius, -radius), slice(None))
+        image = correlate1d(padded, kernel, axis=axis)[inside if axis == 0 else inside[::-1]]
+    return image
+
+
+def _gradient(image: Floats) -> tuple[Floats, Floats]:
+    """Change to the right and down by a pixel. (H, W) each"""
+    down, right = (np.gradient(image, axis=axis) if image.shape[axis] > 1 else np.zeros_like(image) for axis in (0, 1))
+    return right, down
+
+
+def _square(image: Floats) -> Floats:
+    """Squared length of the gradient."""
+    right, down = _gradient(image)
+    return right * right + down * down
+
+
+def _pooled(image: Floats, factor: int) -> Floats:
+    """Means of ``factor`` x ``factor`` pixels, the last row and column repeated where they lack some."""
+    if factor == 1:
+        return image
+    height, width = image.shape
+    image = np.pad(image, ((0, -height % factor), (0, -width % factor)), "edge")
+    rows, columns = (size // factor for size in image.shape)
+    return image.reshape(rows, factor, columns, factor).mean(axis=(1, 3))

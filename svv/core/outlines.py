@@ -1,0 +1,161 @@
+"""Outlines: silhouettes and creases of an image of a scene, drawn as ink over it.
+
+:mod:`svv.core.edges` says where they are. Each point of an edge is drawn as a short stroke of the width asked for,
+whatever it is that changes there, and how much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.edges import REACH, VIEW, Edges, Floats, Indices, lines_of, pixels_of
+from svv.errors import BadInput
+
+WIDTH = 2.0
+"""Width of a silhouette unless an edit says otherwise, and"""
+INK = (0.06, 0.05, 0.05)
+"""its colour."""
+WIDEST = 16.0
+
+THIN = 0.6
+"""Width of creases in that of silhouettes."""
+
+PRESSURE = 0.45
+"""Part of a line's width that goes with its strength, as with a pen that is pressed."""
+
+FAINT = 1.0 / 512.0
+"""Less ink than half a step of 8 bits is none."""
+
+
+@dataclass(frozen=True)
+class Pen:
+    """What a region is outlined with."""
+
+    strength: float
+    """How much of the ink is seen, in [0, 1]."""
+    width: float
+    """Of silhouettes, in pixels of an image whose shorter side has :data:`VIEW`, in (0, :data:`WIDEST`]."""
+    colour: tuple[float, float, float]
+    """RGB in [0, 1]."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.strength <= 1.0:
+            raise BadInput(f"The strength of an outline must lie between 0 and 1, not {self.strength}.")
+        if not 0.0 < self.width <= WIDEST:
+            raise BadInput(f"An outline must be wider than 0 and at most {WIDEST:g} pixels wide, not {self.width}.")
+        if len(self.colour) != 3 or not all(0.0 <= c <= 1.0 for c in self.colour):
+            raise BadInput(f"The colour {tuple(self.colour)} is none: give red, green and blue between 0 and 1.")
+
+
+def outlined(
+    rgba: Floats, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], footprint: float, box: float
+) -> tuple[Floats, Floats, NDArray[np.int16]]:
+    """An image with ink over it.
+
+    A line is drawn where one of the two sides of an edge has a pen, with the stronger one, or of equals with that in
+    front. Half of a silhouette stands beyond what it outlines: such pixels get that one's depth and region.
+
+    Args:
+        rgba: Straight alpha, in [0, 1]. (H, W, 4)
+        depth: Distance from the camera in world units, nan where nothing is visible. (H, W)
+        region: -1 where nothing is visible. (H, W)
+        pens: One for each region.
+        footprint: Size of a pixel at distance 1, in world units (1 / focal length in pixels).
+        box: Longest side of the scene's box in world units.
+
+    Returns:
+        The three images; those that were given where no ink is drawn at all.
+    """
+    strength = np.array([pen.strength for pen in pens], np.float32)
+    visible = region >= 0
+    if not strength.any() or not visible.any():
+        return rgba, depth, region
+    scale = min(region.shape) / VIEW
+    reach = scale * (WIDEST + 8.0) + 4.0  # as far as ink and smoothing go
+    part = tuple(_extent(visible.any(axis=1 - axis), int(np.ceil(reach))) for axis in (0, 1))
+    rgba, depth, region = rgba.copy(), depth.copy(), region.copy()
+    _draw(rgba[part], depth[part], region[part], pens, footprint, box, scale)
+    return rgba, depth, region
+
+
+def _draw(
+    rgba: Floats, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], footprint: float, box: float,
+    scale: float,
+) -> None:  # fmt: skip
+    """Draw into the images, in place."""
+    alpha = np.ascontiguousarray(rgba[..., 3])
+    silhouettes, creases = lines_of(alpha, depth, region, footprint, box, scale)
+    coverage, source = np.zeros(alpha.size, np.float32), np.full(alpha.size, -1, np.intp)
+    for found, strokes, thin in ((*silhouettes, 1.0), (*creases, THIN)):
+        side, owner = _sides(found, depth, region, pens, scale)
+        strength, width = (np.array([getattr(pen, name) for pen in pens], np.float32)[owner]
+                           for name in ("strength", "width"))  # fmt: skip
+        drawn = (side >= 0) & (strokes * strength > FAINT)
+        _strokes(found.chosen(drawn), strokes[drawn], strength[drawn], thin * scale * width[drawn], side[drawn],
+                 alpha.shape, coverage, source)  # fmt: skip
+    at = np.flatnonzero(coverage > FAINT)
+    rows, columns = np.unravel_index(at, alpha.shape)
+    of = source[at]
+    colours = np.array([pen.colour for pen in pens], np.float32)[region.reshape(-1)[of]]
+    amount, below = coverage[at], alpha.reshape(-1)[at]
+    above = amount + (1.0 - amount) * below
+    mixed = amount[:, None] * colours + ((1.0 - amount) * below)[:, None] * rgba[rows, columns, :3]
+    new_depth, new_region = depth.reshape(-1)[of], region.reshape(-1)[of]
+    rgba[rows, columns, :3], rgba[rows, columns, 3] = mixed / above[:, None], above
+    beyond = region[rows, columns] < 0
+    depth[rows[beyond], columns[beyond]] = new_depth[beyond]
+    region[rows[beyond], columns[beyond]] = new_region[beyond]
+
+
+def _sides(
+    edges: Edges, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], scale: float
+) -> tuple[Indices, Indices]:
+    """The pixel (flat index, -1 where nothing is visible) whose region's pen draws each point, and that region. (E,)"""
+    strength = np.append([pen.strength for pen in pens], 0.0)
+    best, pixel = np.full(len(edges.x), -1.0), np.full(len(edges.x), -1, np.intp)
+    nearest = float(np.nanmin(depth))
+    for way in (-1.0, 1.0, 0.0):  # what is thinner than the reach is found at the point itself
+        reach = way * max(1.0, REACH * scale)
+        at = np.ravel_multi_index(pixels_of(edges, region.shape, reach), region.shape)
+        distance = np.nan_to_num(depth.reshape(-1)[at], nan=np.inf)
+        # Strength first, and of two the same the nearer: a summand below any difference of strengths that is seen.
+        worth = strength[region.reshape(-1)[at]] + 1e-3 * nearest / np.maximum(distance, 1e-30)
+        better = (region.reshape(-1)[at] >= 0) & (worth > best) & ((way != 0.0) | (pixel < 0))
+        best, pixel = np.where(better, worth, best), np.where(better, at, pixel)
+    return pixel, np.where(pixel >= 0, region.reshape(-1)[pixel], 0).astype(np.intp)
+
+
+def _strokes(
+    edges: Edges, ink: Floats, strength: Floats, width: Floats, side: Indices, shape: tuple[int, ...],
+    coverage: Floats, source: Indices,
+) -> None:  # fmt: skip
+    """Draw a piece of each edge's tangent, ``width`` pixels wide, into the flat images; the most ink counts."""
+    if not len(edges.x):
+        return
+    width = width * (1.0 - PRESSURE + PRESSURE * ink)
+    row, column = pixels_of(edges, shape)
+    fx, fy = column - edges.x, row - edges.y
+    reach = int(np.ceil(0.5 * float(width.max()) + 1.0)) + edges.spacing
+    dense, most = ink * strength, np.minimum(width, 1.0)
+    end = 0.75 * edges.spacing + 1.0  # whole as far as half way to a neighbour on the diagonal
+    for i in range(-reach, reach + 1):
+        for j in range(-reach, reach + 1):
+            across = np.abs((fx + j) * edges.nx + (fy + i) * edges.ny)
+            along = np.abs((fy + i) * edges.nx - (fx + j) * edges.ny)
+            cover = np.minimum(0.5 * width + 0.5 - across, most) * np.minimum(end - along, 1.0)
+            inside = (cover > 0.0) & (along < end) & (across < 0.5 * width + 0.5)
+            inside &= (row + i >= 0) & (row + i < shape[0]) & (column + j >= 0) & (column + j < shape[1])
+            at = (row + i)[inside] * shape[1] + (column + j)[inside]
+            amount = dense[inside] * cover[inside]
+            more = amount > coverage[at]
+            coverage[at[more]], source[at[more]] = amount[more], side[inside][more]
+
+
+def _extent(taken: Any, margin: int) -> slice:
+    places = np.flatnonzero(taken)
+    return slice(max(0, int(places[0]) - margin), int(places[-1]) + 1 + margin)

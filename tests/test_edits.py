@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -145,10 +146,11 @@ def test_every_field_is_an_edit_or_says_what_the_region_is() -> None:
     plain = Region((1.0, 0.0, 0.0), 0.5, values=(1.0, 2.0), ranges=((1.0, 2.0),), style="ink", mean_light=(0.7, 0.1))
     assert edits_of(plain) == {}
     reflects = {"ambient": 0.1, "diffuse": 0.2, "specular": 0.3, "shininess": 9.0}
-    known, paint = ((1.0, 2.0), ((1.0, 2.0),)), {"paint_light": 0.2, "mean_light": (0.7, 0.1)}
-    lines = {"outline": 0.5, "outline_width": 3.0, "outline_colour": (0.2, 0.0, 0.0)}
-    edited = Region((1.0, 0.0, 0.0), 0.5, 0.5, 2.0, (0.0, 1.0, 0.0), "ink", 0.3, *known, True,
-                    **reflects, **paint, **lines)  # fmt: skip
+    edited = replace(
+        Region((1.0, 0.0, 0.0), 0.5, 0.5, 2.0, (0.0, 1.0, 0.0), "ink", 0.3, (1.0, 2.0), ((1.0, 2.0),), True),
+        **reflects, paint_light=0.2, mean_light=(0.7, 0.1), outline=0.5, outline_width=3.0,
+        outline_colour=(0.2, 0.0, 0.0),
+    )  # fmt: skip
     edits = edits_of(edited)
     assert set(edits) == set(vars(edited)) - set(IDENTITY)
     assert with_edits(plain, edits) == edited

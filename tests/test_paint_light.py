@@ -27,7 +27,7 @@ def dark_cube() -> Scene:
     """The cube under a learned light that takes away most of what it falls on."""
     cube = cube_scene()
     assert cube.palette is not None and cube.palette.lighting_mlp is not None
-    last = list(cube.palette.lighting_mlp)[-1].weight
+    last = dict(cube.palette.lighting_mlp.named_parameters())["4.weight"]
     with torch.no_grad():  # what comes in is not negative, so the shade is below 1
         last.copy_(-last.abs() * torch.tensor([[1.0], [12.0]]))
     return Scene.from_bytes(cube.to_bytes())

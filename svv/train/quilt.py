@@ -117,70 +117,80 @@ class Quilt:
             guides: What pieces are chosen by.
         """
         self.manner, self.form, self.radius = manner, form, RADIUS * pixel
-        guides = guides or Guides()
-        generator = np.random.default_rng(seed)
-        surface = surface[generator.permutation(len(surface))]
+        self.guides = guides or Guides()
+        self._generator = np.random.default_rng(seed)
+        surface = surface[self._generator.permutation(len(surface))]
         normal, tangent, decided = form.frames(surface)
         seeds = spread(np.concatenate([surface, normal * (TURNING * self.radius)], 1), SPACING * self.radius)
         self.middle, self.outward = surface[seeds], normal[seeds]
         right, upward = tangents(self.outward.astype(np.float64), form.up)
         self.right, self.upward = right.astype(np.float32), upward.astype(np.float32)
-        along = np.arctan2((tangent[seeds] * upward).sum(1), (tangent[seeds] * right).sum(1))
-        decided = decided[seeds]
-        light = LIGHT / np.linalg.norm(LIGHT)
-        shade = self.outward @ light
-        wanted = np.argsort(np.argsort(shade)) / max(len(shade) - 1, 1)
+        self._along = np.arctan2((tangent[seeds] * upward).sum(1), (tangent[seeds] * right).sum(1))
+        self._decided = decided[seeds]
+        lit = self.outward @ (LIGHT / np.linalg.norm(LIGHT))
+        self._wanted = np.argsort(np.argsort(lit)) / max(len(lit) - 1, 1)
+        """Share of the pieces that the form turns less to the light. (K,)"""
         self.centre = np.zeros((len(seeds), 2), np.float32)
+        """Where in the picture each piece has its middle, across and down. (K, 2)"""
         self.turn = np.zeros(len(seeds), np.float32)
-        tree = cKDTree(surface)
+        """Radians that each is turned by, anticlockwise. (K,)"""
         self._tree = cKDTree(self.middle)
+        self._lay(surface, normal, progress)
+
+    def _lay(self, surface: Floats, normal: Floats, progress: Progress) -> None:
+        """Choose all pieces, each with those before it on the surface already."""
+        size = np.array(self.manner.picture.shape[:2])
+        uses = np.zeros(np.maximum(size // max(int(RADIUS // 2), 1), 1))
+        tree = cKDTree(surface)
         colours, score = np.zeros((len(surface), 3), np.float32), np.full(len(surface), -1.0, np.float32)
-        manner_size = np.array(manner.picture.shape[:2])
-        blocks = np.maximum(manner_size // max(int(RADIUS // 2), 1), 1)
-        uses = np.zeros(blocks)
-        cost = np.empty(CANDIDATES, np.float32)
-        for number, k in enumerate(self._order(generator)):
+        for number, k in enumerate(self._order()):
             if number % 16 == 0:
-                progress(number / len(seeds), "laying strokes")
+                progress(number / len(self.middle), "laying strokes")
             own = np.array(tree.query_ball_point(self.middle[k], 1.6 * self.radius), np.int64)
             at, suits = np.empty((len(own), 2), np.float32), np.empty(len(own), np.float32)
             frame = self.right[k], self.upward[k], self.outward[k], np.float32(self.radius)
             places(surface[own], normal[own], self.middle[k], *frame, at, suits)
             own, at, suits = own[suits >= 0], at[suits >= 0], suits[suits >= 0]
-            chosen = manner.places[generator.integers(0, len(manner.places), CANDIDATES)]
-            row, column = chosen.T
-            turns = along[k] - manner.angle[row, column]
-            turns = (turns + 0.5 * np.pi) % np.pi - 0.5 * np.pi
-            turns[manner.coherence[row, column] * decided[k] < DECIDED] = 0.0
-            taken = (score[own] >= 0).nonzero()[0]
-            if len(taken) > OVERLAP:
-                taken = generator.choice(taken, OVERLAP, replace=False)
-            cost[:] = 0.0
-            if len(taken):
-                there, weight = np.float32(RADIUS) * at[taken], np.float32(0.05) + suits[taken]
-                misfits(manner.picture, there, weight, colours[own[taken]], chosen[:, ::-1].astype(np.float32),
-                        turns.astype(np.float32), cost)  # fmt: skip
-            block = tuple((chosen * blocks // manner_size).T)
-            extra = guides.tone * np.square(manner.rank[row, column] - wanted[k]) + guides.turned * np.square(turns)
-            extra += guides.used * uses[block] / max(uses.mean(), 0.2)
-            best = int((cost / manner.variance + extra).argmin())
-            uses[block[0][best], block[1][best]] += 1
-            self.centre[k], self.turn[k] = chosen[best][::-1], turns[best]
+            there = (score[own] >= 0).nonzero()[0]
+            if len(there) > OVERLAP:
+                there = self._generator.choice(there, OVERLAP, replace=False)
+            self._choose(k, at[there], suits[there], colours[own[there]], uses)
             if len(own):
-                found = np.empty((len(own), 3), np.float32)
-                better = np.empty(len(own), np.float32)
+                found, better = np.empty((len(own), 3), np.float32), np.empty(len(own), np.float32)
                 self._paint(surface[own], normal[own], np.full((len(own), 1), k), found, better)
                 wins = better > score[own]
                 colours[own[wins]], score[own[wins]] = found[wins], better[wins]
         progress(1.0, "laying strokes")
 
-    def _order(self, generator: np.random.Generator) -> NDArray[np.int64]:
+    def _choose(self, k: int, at: Floats, suits: Floats, colours: Floats, uses: NDArray[np.float64]) -> None:
+        """Choose piece k's place in the picture, and note it in ``uses``, counts of blocks of the picture.
+
+        ``at`` (N, 2), in radii, ``suits`` (N,) and ``colours`` (N, 3) are of points that are painted already.
+        """
+        manner, guides = self.manner, self.guides
+        chosen = manner.places[self._generator.integers(0, len(manner.places), CANDIDATES)]
+        row, column = chosen.T
+        turns = (self._along[k] - manner.angle[row, column] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+        turns[manner.coherence[row, column] * self._decided[k] < DECIDED] = 0.0
+        cost = np.zeros(CANDIDATES, np.float32)
+        if len(at):
+            centres = np.ascontiguousarray(chosen[:, ::-1], np.float32)
+            weights = np.float32(0.05) + suits
+            misfits(manner.picture, np.float32(RADIUS) * at, weights, colours, centres, turns.astype(np.float32), cost)
+        block = tuple((chosen * uses.shape // np.array(manner.picture.shape[:2])).T)
+        cost = cost / manner.variance + guides.tone * np.square(manner.rank[row, column] - self._wanted[k])
+        cost += guides.turned * np.square(turns) + guides.used * uses[block] / max(uses.mean(), 0.2)
+        best = int(cost.argmin())
+        uses[block[0][best], block[1][best]] += 1
+        self.centre[k], self.turn[k] = chosen[best][::-1], turns[best]
+
+    def _order(self) -> NDArray[np.int64]:
         """Pieces, each beside one that was laid before wherever there is one."""
         count = len(self.middle)
         _, near = self._tree.query(self.middle, min(9, count))
         near = np.reshape(near, (count, -1))
         left, order, stack = np.ones(count, bool), [], []
-        for first in generator.permutation(count):
+        for first in self._generator.permutation(count):
             stack.append(int(first))
             while stack:
                 k = stack.pop(0)

@@ -230,7 +230,7 @@ def started(scene: Scene, targets: dict[int, StyleTarget], seed: int = 0, before
     for region, wanted in targets.items():
         colours[region] = wanted.statistics[0]
     pixel = paint_pixel(scene, SHORT.stylize)
-    return views, painted_start(scene, colours, targets, views, pixel, seed, silent, before)
+    return views, painted_start(scene, colours, targets, pixel, seed, silent, before)
 
 
 def seen(field, views, region: int) -> np.ndarray:  # type: ignore[no-untyped-def]

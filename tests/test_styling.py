@@ -18,7 +18,7 @@ from svv.fields.scene import Scene
 from svv.train.config import paint_resolutions
 from svv.train.features import load_features
 from svv.train.pipeline import stylize_scene
-from svv.train.style_loss import PATCH_LOSS, StyleTarget
+from svv.train.style_loss import PATCH_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import StyledView, spread_along_rays, stylization_cameras, visible_from
 from tests.balls import SHORT
 
@@ -45,7 +45,7 @@ LEFT = np.arange(SIZE)[None].repeat(SIZE, 0) < SIZE // 2
 
 
 def style(scene: Scene, styles: list[np.ndarray], **options) -> tuple[Scene, dict]:
-    return stylize_scene(scene, styles, preset_name=SHORT, features="embedded", loss=SMALL, **options)
+    return stylize_scene(scene, styles, preset_name=SHORT, **{"features": "embedded", "loss": SMALL, **options})
 
 
 def shown(scene: Scene, region: int) -> np.ndarray:
@@ -172,6 +172,7 @@ def test_a_new_region_joins_those_that_are_styled(scene: Scene, picture: np.ndar
 
 def test_stopped_work_goes_on_only_with_the_same_masks(scene: Scene, picture: np.ndarray, tmp_path: Path) -> None:
     path = tmp_path / "x.checkpoint"
+    matched = {"features": "network", "loss": replace(StyleLossSettings(), style_size=96), "checkpoint": path}
 
     def stop(fraction: float, label: str) -> None:
         if label == "stylization":
@@ -183,12 +184,12 @@ def test_stopped_work_goes_on_only_with_the_same_masks(scene: Scene, picture: np
         labels.append(label)
 
     with pytest.raises(Cancelled):
-        style(scene, [picture], masks=[LEFT], checkpoint=path, progress=stop)
-    style(scene, [picture], masks=[LEFT], checkpoint=path, progress=note)
+        style(scene, [picture], masks=[LEFT], **matched, progress=stop)
+    style(scene, [picture], masks=[LEFT], **matched, progress=note)
     assert "laying strokes" not in labels
     with pytest.raises(Cancelled):
-        style(scene, [picture], masks=[LEFT], checkpoint=path, progress=stop, seed=1)
-    style(scene, [picture], masks=[~LEFT], checkpoint=path, progress=note, seed=1)
+        style(scene, [picture], masks=[LEFT], **matched, progress=stop, seed=1)
+    style(scene, [picture], masks=[~LEFT], **matched, progress=note, seed=1)
     assert "laying strokes" in labels
 
 

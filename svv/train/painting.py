@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from torch import Tensor
 
-from svv.errors import Progress, part
+from svv.core.cameras import sphere_cameras
+from svv.errors import BadInput, Progress, part
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import UnrestrictedField
 from svv.fields.occupancy import Occupancy
@@ -24,7 +25,7 @@ from svv.fields.scene import Scene
 from svv.train.form import form_of
 from svv.train.quilt import RADIUS, Manner, Quilt
 from svv.train.style_loss import StyleTarget
-from svv.train.stylize import StyledView
+from svv.train.stylize import UNSEEN, StyledView, visible_from
 
 MOST_VERTICES = 3_000_000
 """Vertices of a painting at most, about: three bytes each in the scene's file."""
@@ -34,6 +35,9 @@ MOST_CELLS = 256
 
 UP = np.array([0.0, 1.0, 0.0])
 """Of the world, as cameras have it."""
+
+VIEWS, VIEW_SIZE = 20, 256
+"""Views of the scene that tell where paint is seen, and their side in pixels."""
 
 LEAST_SEEN = 0.02
 """Weight in a pixel from which on a point is a place for paint."""
@@ -69,7 +73,6 @@ def painted_start(
     scene: Scene,
     transferred: Tensor,
     targets: dict[int, StyleTarget],
-    views: Sequence[StyledView],
     pixel: float,
     seed: int,
     progress: Progress,
@@ -81,7 +84,6 @@ def painted_start(
         scene: With a palette colour network.
         transferred: The palette after colour transfer, RGB. (P, 3)
         targets: Style of each region that gets one.
-        views: What is seen of the scene.
         pixel: Side of a pixel of the styles on the surface, in box units.
         seed: Another one is another layout.
         progress: Called several times a second.
@@ -90,6 +92,9 @@ def painted_start(
 
     Returns:
         A direct colour field.
+
+    Raises:
+        BadInput: none of the regions to be painted is visible.
     """
     assert scene.palette is not None
     occupancy = scene.occupancy
@@ -100,8 +105,14 @@ def painted_start(
     kept = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
     painted = [k for k, t in targets.items() if t.settings.seeded and k not in kept]
     region, colours = _flat(scene, transferred, place, painted, kept, before)
+    views: list[StyledView] = []
     if painted:
-        form = form_of(scene.base, occupancy, UP)
+        rig = scene.camera_rig
+        cameras = sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], VIEW_SIZE)
+        views = visible_from(scene, cameras, part(progress, 0.0, 0.1))
+        form, progress = form_of(scene.base, occupancy, UP), part(progress, 0.15, 1.0)
+        if not any(bool((view.region == k).any()) for view in views for k in painted):
+            raise BadInput(UNSEEN)
     for number, k in enumerate(painted):
         told = part(progress, number / len(painted), (number + 1) / len(painted))
         points = _surface(views, k, RADIUS * pixel / POINTS_A_RADIUS, np.random.default_rng(seed + k))

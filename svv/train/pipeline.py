@@ -39,7 +39,7 @@ from svv.train.sampling import with_fewest_samples
 from svv.train.start import run_stage, started
 from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for
-from svv.train.stylize import Stylization, stylization_cameras, visible_from
+from svv.train.stylize import Stylization
 from svv.train.unmix import Unmixing
 
 INDEPENDENT = 3
@@ -226,7 +226,7 @@ def stylize_scene(
     variant: str | None = None,
     preview: Show | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
-    """Stage 3: colour transfer, distillation and stylization.
+    """Stage 3: colour transfer, painting and stylization.
 
     Args:
         scene: With a palette colour network; its device is where the work is done.
@@ -250,8 +250,8 @@ def stylize_scene(
             instead of being painted anew, and those that are not named keep their style.
         variant: What to call the painting, a name that no variant of the scene has; without one it is ``styled``, and
             replaces a variant of that name; going on without one replaces the variant that is shown.
-        preview: Called with the painted scene as it is so far, for the first time some seconds after the distillation
-            has begun, then every ten seconds or so, and with the result. What it is given is its own.
+        preview: Called with the painted scene as it is so far, for the first time when the
+            style is laid, then every ten seconds or so, and with the result. What it is given is its own.
 
     Returns:
         The scene with one more variant, which is shown, its edits as they were, and a report as of :func:`train_scene`;
@@ -305,7 +305,7 @@ def stylize_scene(
         return replace(scene, regions=regions).painted(colours, styles_of, {}, name)
 
     previews = None if preview is None else Previews(preview, painting)
-    seconds: dict[str, float] = {}
+    seconds: dict[str, float] = {"stylize": 0.0}
     forget_gpu_peak(scene.device)
     with measured() as cost:
         network = network.to(scene.device)
@@ -322,18 +322,15 @@ def stylize_scene(
             transferred[region] = target.statistics[0]
         before = scene.styled if go_on else None
         refined = [k for k in pairs if go_on and scene.regions[k].style is not None]
-        views = visible_from(scene, stylization_cameras(scene, settings), part(progress, 0.0, 0.1))
         field = started(
-            scene, transferred, targets, views, settings, seed, before, saved, seconds, part(progress, 0.1, 0.3),
-            previews,
-        )  # fmt: skip
-        stylization = Stylization(scene, field, targets, settings, part(progress, 0.3, 0.3), refined, views=views)
-        watch = None if previews is None else partial(previews.look, field)
+            scene, transferred, targets, settings, seed, before, saved, seconds, part(progress, 0.0, 0.3), previews
+        )
         # Patches know no shapes: what they make of strokes that are there already is specks (docs/painting.md).
-        done = field.direct and weights.seeded and not refined and isinstance(network, PatchFeatures)
-        steps = 0 if done else settings.style_iterations
-        loop = Loop(steps, None, part(progress, 0.3, 1.0), "stylization", watch=watch)
-        seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
+        if not (field.direct and weights.seeded and not refined and isinstance(network, PatchFeatures)):
+            stylization = Stylization(scene, field, targets, settings, part(progress, 0.3, 0.35), refined)
+            watch = None if previews is None else partial(previews.look, field)
+            loop = Loop(settings.style_iterations, None, part(progress, 0.35, 1.0), "stylization", watch=watch)
+            seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
     seconds["total"] = cost.seconds
     field.requires_grad_(False)
     styled = painting(field)

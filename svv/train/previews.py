@@ -14,7 +14,7 @@ Show = Callable[[Scene], None]
 """Takes the painted scene as it is at this moment: a copy that stays as it is while the training goes on."""
 
 FIRST = 4.0
-"""Seconds of steps before the first preview: less of the distillation shows a fog, more keeps people waiting."""
+"""Seconds of steps before the first preview: less of a distillation shows a fog, more keeps people waiting."""
 
 EVERY = 10.0
 """Seconds between two previews at least."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from functools import partial
 
 import torch
@@ -20,7 +19,7 @@ from svv.train.loop import Loop
 from svv.train.painting import painted_field, painted_start
 from svv.train.previews import Previews
 from svv.train.style_loss import StyleTarget
-from svv.train.stylize import StyledView, Stylization
+from svv.train.stylize import Stylization
 
 PREFIX = "table_and_network."
 
@@ -29,7 +28,6 @@ def started(
     scene: Scene,
     transferred: Tensor,
     targets: dict[int, StyleTarget],
-    views: Sequence[StyledView],
     settings: StylizeSettings,
     seed: int,
     before: UnrestrictedField | None,
@@ -44,14 +42,16 @@ def started(
         scene: With a palette colour network.
         transferred: The palette after colour transfer, RGB. (P, 3)
         targets: Style of each region that gets one.
-        views: What is seen of the scene.
         settings: Of stage 3.
         seed: Of networks, rays and layout.
         before: Colours to begin with, for the regions that the scene says are styled.
         saved: Where a finished start is kept, and taken from.
         seconds: How long it took is noted here.
-        progress: Called several times a second.
+        progress: Called several times a second; stops the work when it raises.
         previews: Shown the start as soon as it is there.
+
+    Raises:
+        BadInput: none of the regions is visible.
     """
     if not settings.direct or not isinstance(scene.base.encoding, SparseLattice):
         distillation = Distillation(scene, transferred, settings, seed, before)
@@ -68,7 +68,7 @@ def started(
         seconds["paint"] = float(saved.finished["paint"]["seconds"])
         return field
     begin = time.monotonic()
-    field = painted_start(scene, transferred, targets, views, pixel, seed, progress, before)
+    field = painted_start(scene, transferred, targets, pixel, seed, progress, before)
     seconds["paint"] = time.monotonic() - begin
     if saved is not None:
         saved.finish("paint", {"seconds": seconds["paint"]}, _arrays(field))

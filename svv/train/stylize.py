@@ -39,6 +39,8 @@ LEAST_PIXELS = 64
 """A region that covers fewer pixels of a view has no place for a stroke in it and is passed over there."""
 
 
+UNSEEN = "None of the regions to be styled is visible; choose other regions with --map."
+
 REFINED = 0.1
 """Part of the anchor's weight that regions keep which were styled before: what holds them is the style they had."""
 
@@ -88,19 +90,17 @@ class Stylization:
         progress: Progress,
         refined: Collection[int] = (),
         whole: bool = False,
-        views: Sequence[StyledView] | None = None,
     ) -> None:
         """Prepare the views.
 
         Args:
             scene: With a palette colour network.
-            field: The UCN after distillation.
+            field: The colours to begin with, painted or distilled.
             targets: Style of each region that gets one.
             settings: Of stage 3.
             progress: Called after every view.
             refined: Regions that were styled before and go on: they are less bound to where they begin.
             whole: Whether the scene counts as one region, number 0, whatever its palette says.
-            views: What is seen (:func:`visible_from`), if it is known already.
 
         Raises:
             BadInput: the regions to be styled are hardly seen from anywhere.
@@ -108,11 +108,10 @@ class Stylization:
         self.field, self.targets, self.settings = field, targets, settings
         self.anchors = {k: t.settings.anchor * (REFINED if k in refined else 1.0) for k, t in targets.items()}
         self.piece = kernels_of(scene.device.type).SAMPLES
-        if views is None:
-            views = visible_from(scene, stylization_cameras(scene, settings), progress, whole)
-        self.views = [v for v in views if any(self._covers(v, r) for r in targets)]
+        self.views = visible_from(scene, stylization_cameras(scene, settings), progress, whole)
+        self.views = [v for v in self.views if any(self._covers(v, r) for r in targets)]
         if not self.views:
-            raise BadInput("None of the regions to be styled is visible; choose other regions with --map.")
+            raise BadInput(UNSEEN)
         with torch.no_grad():  # half precision: these are as many numbers as the samples' positions
             self.starts = [
                 torch.cat([field(p).half() for p in v.position.split(self.piece)]) for v in self.views

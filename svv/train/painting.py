@@ -8,7 +8,7 @@ put their strokes elsewhere, no stroke ever appears. So the regions get the styl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
@@ -77,6 +77,7 @@ def painted_start(
     seed: int,
     progress: Progress,
     before: UnrestrictedField | None = None,
+    show: Callable[[UnrestrictedField], None] = lambda field: None,
 ) -> UnrestrictedField:
     """Paint the regions.
 
@@ -89,6 +90,7 @@ def painted_start(
         progress: Called several times a second.
         before: A field to begin with: the regions that the scene says are styled keep its colours, and only those
             that are new in ``targets`` are painted.
+        show: Given the field with every region in one colour, and again after each region that is painted.
 
     Returns:
         A direct colour field.
@@ -105,6 +107,8 @@ def painted_start(
     kept = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
     painted = [k for k, t in targets.items() if t.settings.seeded and k not in kept]
     region, colours = _flat(scene, transferred, place, painted, kept, before)
+    lattice.table.copy_(torch.from_numpy(colours))
+    show(field)
     views: list[StyledView] = []
     if painted:
         rig = scene.camera_rig
@@ -125,8 +129,9 @@ def painted_start(
         for first in range(0, len(own), 1 << 17):
             part(told, 0.6, 1.0)(first / len(own), "painting")
             piece = own[first : first + (1 << 17)]
-            colours[piece] = quilt(place[piece])
-    lattice.table.copy_(torch.from_numpy(np.clip(colours, 0.0, 1.0)))
+            colours[piece] = quilt(place[piece]).clip(0.0, 1.0)
+        lattice.table.copy_(torch.from_numpy(colours))
+        show(field)
     progress(1.0, "painting")
     return field
 

@@ -48,7 +48,7 @@ def started(
         saved: Where a finished start is kept, and taken from.
         seconds: How long it took is noted here.
         progress: Called several times a second; stops the work when it raises.
-        previews: Shown the start as soon as it is there.
+        previews: Shown the start as it comes, region by region.
 
     Raises:
         BadInput: none of the regions is visible.
@@ -68,12 +68,11 @@ def started(
         seconds["paint"] = float(saved.finished["paint"]["seconds"])
         return field
     begin = time.monotonic()
-    field = painted_start(scene, transferred, targets, pixel, seed, progress, before)
+    show = (lambda field: None) if previews is None else partial(previews.look, at_once=True)
+    field = painted_start(scene, transferred, targets, pixel, seed, progress, before, show)
     seconds["paint"] = time.monotonic() - begin
     if saved is not None:
         saved.finish("paint", {"seconds": seconds["paint"]}, _arrays(field))
-    if previews is not None:
-        previews.look(field, at_once=True)
     return field
 
 

@@ -20,7 +20,7 @@ from svv.train.distil import paint_pixel
 from svv.train.features import PatchFeatures
 from svv.train.form import Form, form_of_opacity, tangents
 from svv.train.painting import MOST_CELLS, MOST_VERTICES, paint_cells, painted_start
-from svv.train.quilt import RADIUS, Manner, Quilt, spread
+from svv.train.quilt import Manner, Quilt, spread
 from svv.train.style_loss import PATCH_LOSS, StyleTarget
 from svv.train.stylize import stylization_cameras, visible_from
 from tests.balls import SHORT
@@ -262,7 +262,3 @@ def test_a_painting_that_goes_on_keeps_what_was_painted(balls: Scene, target: St
     both = started(painted, {1: target}, before=first)[1]
     np.testing.assert_allclose(seen(both, views, 0), seen(first, views, 0), atol=0.02)
     assert seen(both, views, 1).std(0).mean() > 1.5 * seen(first, views, 1).std(0).mean()
-
-
-def test_a_radius_is_given_in_pixels_of_the_picture() -> None:
-    assert RADIUS * 2 < 280 / 4  # a fourth of a style at its usual size

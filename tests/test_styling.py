@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -259,3 +260,11 @@ def test_likeness_of_colour_pairs_regions_and_styles(scene: Scene) -> None:
     styles = [np.full((32, 32, 3), r.colour, np.float32) for r in scene.regions]
     _, report = style(scene, styles[::-1], mapping="colour")
     assert report["styles"] == {str(k): f"style {len(styles) - 1 - k}" for k in range(len(styles))}
+
+
+def test_progress_ends_where_the_work_does(scene: Scene, picture: np.ndarray) -> None:
+    """Without a matching, too: laying is all of it then."""
+    for features in ("embedded", "network"):
+        told: list[float] = []
+        style(scene, [picture], features=features, progress=lambda fraction, label, told=told: told.append(fraction))
+        assert told[-1] == pytest.approx(1.0) and all(b >= a - 1e-9 for a, b in itertools.pairwise(told))

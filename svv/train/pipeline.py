@@ -36,7 +36,7 @@ from svv.train.ranges import hull_of, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
-from svv.train.start import run_stage, started
+from svv.train.start import is_laid, run_stage, started
 from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for
 from svv.train.stylize import Stylization
@@ -322,11 +322,11 @@ def stylize_scene(
             transferred[region] = target.statistics[0]
         before = scene.styled if go_on else None
         refined = [k for k in pairs if go_on and scene.regions[k].style is not None]
-        field = started(
-            scene, transferred, targets, settings, seed, before, saved, seconds, part(progress, 0.0, 0.3), previews
-        )
         # Patches know no shapes: what they make of strokes that are there already is specks (docs/painting.md).
-        if not (field.direct and weights.seeded and not refined and isinstance(network, PatchFeatures)):
+        laid = is_laid(scene, settings) and weights.seeded and not refined and isinstance(network, PatchFeatures)
+        told = part(progress, 0.0, 1.0 if laid else 0.3)
+        field = started(scene, transferred, targets, settings, seed, before, saved, seconds, told, previews)
+        if not laid:
             stylization = Stylization(scene, field, targets, settings, part(progress, 0.3, 0.35), refined)
             watch = None if previews is None else partial(previews.look, field)
             loop = Loop(settings.style_iterations, None, part(progress, 0.35, 1.0), "stylization", watch=watch)

@@ -24,6 +24,11 @@ from svv.train.stylize import Stylization
 PREFIX = "table_and_network."
 
 
+def is_laid(scene: Scene, settings: StylizeSettings) -> bool:
+    """Whether paint is laid as a lattice of colours; else the paper's network is distilled."""
+    return settings.direct and isinstance(scene.base.encoding, SparseLattice)
+
+
 def started(
     scene: Scene,
     transferred: Tensor,
@@ -53,7 +58,7 @@ def started(
     Raises:
         BadInput: none of the regions is visible.
     """
-    if not settings.direct or not isinstance(scene.base.encoding, SparseLattice):
+    if not is_laid(scene, settings):
         distillation = Distillation(scene, transferred, settings, seed, before)
         watch = None if previews is None else partial(previews.look, distillation.field)
         known = before is not None and all(scene.regions[k].style is not None for k in targets)

@@ -117,7 +117,7 @@ def test_on_a_plane_a_pixel_is_a_pixel_and_on_a_tube_the_arc_counts() -> None:
     middle, radius = np.zeros(3, np.float32), np.float32(0.5)
     position = np.array([[0.1, 0.2, 0.0], [0.1, 0.2, 0.05], [0.0, 0.45, 0.0]], np.float32)
     at, suits = np.empty((3, 2), np.float32), np.empty(3, np.float32)
-    places(position, np.tile(outward, (3, 1)), middle, right, up, outward, radius, at, suits)
+    places(position, np.tile(outward, (3, 1)), middle, right, up, outward, radius, False, at, suits)
     np.testing.assert_allclose(at, position[:, :2] / radius, atol=1e-6)  # the depth does not count
     assert suits[0] > suits[2] > 0
     angle = np.linspace(0.1, 1.2, 8)

@@ -58,19 +58,22 @@ def misfits(picture, places, weights, colours, centres, turns, out):  # type: ig
 
 
 @njit(cache=True)
-def place_on(dx, dy, dz, n, right, upward, normal, radius, out):  # type: ignore[no-untyped-def]
+def place_on(dx, dy, dz, n, right, upward, normal, radius, through, out):  # type: ignore[no-untyped-def]
     """Where on a piece a point lies that is (dx, dy, dz) from its middle and has the normal n.
 
     Coordinates are thrown along the piece's own normal, and stretched where the surface turns away: on a tube the arc
-    counts, not the chord. Returns how well the piece suits the point, at most 1; under 0 it is not for it.
+    counts, not the chord. ``through``: a normal and its opposite are the same, so a piece goes on through a shell, whose
+    inner half turns the other way. Returns how well the piece suits the point, at most 1; under 0 it is not for it.
     """
     facing = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]
+    side = -1.0 if through and facing < 0.0 else 1.0
+    facing *= side
     if facing < 0.15:
         return -1.0
     x = dx * right[0] + dy * right[1] + dz * right[2]
     y = dx * upward[0] + dy * upward[1] + dz * upward[2]
-    tx = n[0] * right[0] + n[1] * right[1] + n[2] * right[2]
-    ty = n[0] * upward[0] + n[1] * upward[1] + n[2] * upward[2]
+    tx = side * (n[0] * right[0] + n[1] * right[1] + n[2] * right[2])
+    ty = side * (n[0] * upward[0] + n[1] * upward[1] + n[2] * upward[2])
     sine = np.sqrt(tx * tx + ty * ty)
     if sine > 0.05:
         more = (np.arcsin(min(sine, 1.0)) / sine - 1.0) * (tx * x + ty * y) / (sine * sine)
@@ -84,17 +87,17 @@ def place_on(dx, dy, dz, n, right, upward, normal, radius, out):  # type: ignore
 
 
 @njit(cache=True)
-def places(position, normal, middle, right, upward, outward, radius, at, suits):  # type: ignore[no-untyped-def]
+def places(position, normal, middle, right, upward, outward, radius, through, at, suits):  # type: ignore[no-untyped-def]
     """:func:`place_on` of points (P, 3) with normals (P, 3) and one piece: ``at`` (P, 2) and ``suits`` (P,)."""
     for i in range(len(position)):
         dx, dy, dz = position[i, 0] - middle[0], position[i, 1] - middle[1], position[i, 2] - middle[2]
-        suits[i] = place_on(dx, dy, dz, normal[i], right, upward, outward, radius, at[i])
+        suits[i] = place_on(dx, dy, dz, normal[i], right, upward, outward, radius, through, at[i])
 
 
 @njit(parallel=True, cache=True)
 def paint(  # type: ignore[no-untyped-def]
     position, normal, near, middle, right, upward, outward, centre, turn, picture, mean, spread, radius, pixels, ink,
-    colours, suits,
+    through, colours, suits,
 ):  # fmt: skip
     """Colour of points by the piece that suits each best, strokes reaching over the borders of pieces.
 
@@ -111,7 +114,7 @@ def paint(  # type: ignore[no-untyped-def]
             if k < 0:
                 continue
             dx, dy, dz = position[i, 0] - middle[k, 0], position[i, 1] - middle[k, 1], position[i, 2] - middle[k, 2]
-            score = place_on(dx, dy, dz, normal[i], right[k], upward[k], outward[k], radius, at)
+            score = place_on(dx, dy, dz, normal[i], right[k], upward[k], outward[k], radius, through, at)
             if score < 0.0:
                 continue
             c, s = np.cos(turn[k]), np.sin(turn[k])

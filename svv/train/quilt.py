@@ -103,7 +103,7 @@ class Quilt:
 
     def __init__(
         self, manner: Manner, form: Form, surface: Floats, pixel: float, seed: int, progress: Progress,
-        guides: Guides | None = None,
+        guides: Guides | None = None, through: bool = False,
     ) -> None:  # fmt: skip
         """Lay it.
 
@@ -115,13 +115,14 @@ class Quilt:
             seed: Another one is another layout.
             progress: Called after every few pieces.
             guides: What pieces are chosen by.
+            through: Whether a piece goes on through a shell, both of whose sides are seen at once.
         """
-        self.manner, self.form, self.radius = manner, form, RADIUS * pixel
+        self.manner, self.form, self.radius, self.through = manner, form, RADIUS * pixel, through
         self.guides = guides or Guides()
         self._generator = np.random.default_rng(seed)
         surface = surface[self._generator.permutation(len(surface))]
         normal, tangent, decided = form.frames(surface)
-        seeds = spread(np.concatenate([surface, normal * (TURNING * self.radius)], 1), SPACING * self.radius)
+        seeds = spread(np.concatenate([surface, normal * (0.0 if through else TURNING * self.radius)], 1), SPACING * self.radius)
         self.middle, self.outward = surface[seeds], normal[seeds]
         right, upward = tangents(self.outward.astype(np.float64), form.up)
         self.right, self.upward = right.astype(np.float32), upward.astype(np.float32)
@@ -149,7 +150,7 @@ class Quilt:
             own = np.array(tree.query_ball_point(self.middle[k], 1.6 * self.radius), np.int64)
             at, suits = np.empty((len(own), 2), np.float32), np.empty(len(own), np.float32)
             frame = self.right[k], self.upward[k], self.outward[k], np.float32(self.radius)
-            places(surface[own], normal[own], self.middle[k], *frame, at, suits)
+            places(surface[own], normal[own], self.middle[k], *frame, self.through, at, suits)
             own, at, suits = own[suits >= 0], at[suits >= 0], suits[suits >= 0]
             there = (score[own] >= 0).nonzero()[0]
             if len(there) > OVERLAP:
@@ -205,7 +206,8 @@ class Quilt:
     ) -> None:
         paint(position, normal, near, self.middle, self.right, self.upward, self.outward, self.centre, self.turn,
               self.manner.picture, self.manner.mean.astype(np.float32), np.float32(self.manner.spread),
-              np.float32(self.radius), np.float32(RADIUS), np.float32(INK), colours, suits)  # fmt: skip
+              np.float32(self.radius), np.float32(RADIUS), np.float32(INK), self.through,
+              colours, suits)  # fmt: skip
 
     def __call__(self, position: Floats) -> Floats:
         """Colours of box coordinates (S, 3) -> (S, 3); the nearest piece's mean where no piece reaches."""

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 PAINT_LIGHT = 0.6
 """Part of the light's contrast that is seen on paint unless an edit says otherwise."""
 
+DRAWN = "ink:"
+"""Begins the names of styles that are drawn in ink without a picture (:mod:`svv.train.ink`)."""
+
 VIEWS, SIZE = 12, 64
 """Views all around, and their side in pixels, over which a region's light is averaged: the mean over 42 views of
 twice the size is the same within 1 %."""

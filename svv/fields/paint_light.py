@@ -40,6 +40,11 @@ DARKEST = 0.05
 _known: WeakKeyDictionary[PaletteField, tuple[tuple[float, float], ...]] = WeakKeyDictionary()
 
 
+def paint_light_of(style: str | None) -> float:
+    """Light on the paint of a region of this style unless an edit says otherwise: in ink, the strokes are the shade."""
+    return 0.0 if style is not None and style.startswith(DRAWN) else PAINT_LIGHT
+
+
 def lights_of(scene: Scene, network: str) -> Tensor:
     """What each region makes of the light: a factor f, a scale a of the shade, and what the specular is less by, b.
 

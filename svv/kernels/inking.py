@@ -19,9 +19,9 @@ FACING = 0.3
 def look(p, n, t, side, slot, points, normals, tangents, tones, out):  # type: ignore[no-untyped-def]
     """The surface around p, where its normal is about n and strokes run about along t, up to their sign.
 
-    ``slot`` (X, Y, Z) holds the point in each cube of the side, -1 for none. ``out`` (10,) gets p moved along the normal
-    onto the surface, normal, tangent and tone, all averaged over two sides around. Returns the sum of the weights,
-    0 where there is no surface.
+    ``slot`` (X, Y, Z) holds the point in each cube of the side, -1 for none. ``out`` (10,) gets p moved along the
+    normal onto the surface, normal, tangent and tone, all averaged over two sides around. Returns the sum of the
+    weights, 0 where there is no surface.
     """
     a, b, c = int(p[0] / side), int(p[1] / side), int(p[2] / side)
     reach, total = 4.0 * side * side, 0.0
@@ -119,8 +119,10 @@ def is_free(p, n, distance, thin, bin_side, head, following, where, normal):  # 
 
 
 @njit(cache=True)
-def walk(first, step, steps, near, thin, least, skip, side, slot, points, normals, tangents, tones,
-         bin_side, head, following, where, normal, own, done):  # type: ignore[no-untyped-def]  # fmt: skip
+def walk(  # type: ignore[no-untyped-def]
+    first, step, steps, near, thin, least, skip, side, slot, points, normals, tangents, tones,
+    bin_side, head, following, where, normal, own, done,
+):  # fmt: skip
     """Follow the tangents from a place (10,), as :func:`look` gives it, until something is in the way.
 
     That is light (a tone under ``least``), a rim, a sharp turn, another line nearer than ``near``, or the line itself
@@ -156,23 +158,23 @@ def walk(first, step, steps, near, thin, least, skip, side, slot, points, normal
 
 
 @njit(cache=True)
-def draw(order, least, longest, apart, near, thin, step, shortest, side, slot, points, normals, tangents, tones,
-         bin_side, head, following, where, normal, tangent, tone, start, lines, queue):  # type: ignore[no-untyped-def]  # fmt: skip
+def draw(  # type: ignore[no-untyped-def]
+    order, least, longest, apart, near, thin, step, shortest, side, slot, points, normals, tangents, tones,
+    bin_side, head, following, where, normal, tangent, tone, start, lines,
+):  # fmt: skip
     """Evenly spaced lines along the tangents (Jobard & Lefer 1997), beside those that are there already.
 
     A line begins ``apart`` from another one, or at a point of the surface in the ``order`` given where none is near,
     and ends where it would come nearer than ``near`` to one; see :func:`walk`. ``least`` (N,) and ``longest`` (N,) are
-    tones and numbers of points for one line after the other, in turn. Points of line l are rows start[l] to
-    start[l + 1] of ``where``, ``normal``, ``tangent`` (K, 3) and ``tone`` (K,); ``lines`` are there, and those from
-    ``queue`` on are looked at for places beside them. Returns how many lines there are; when the arrays are full, it
-    ends.
+    tones and numbers of points for one line after the other, in turn; lines of fewer points than ``shortest`` are left
+    out. Points of line l are rows start[l] to start[l + 1] of ``where``, ``normal``, ``tangent`` (K, 3) and ``tone``
+    (K,); ``lines`` are there already. Returns how many there are then; when the arrays are full, it ends.
     """
-    own, back, seed, place, n, t = np.empty((4096, 10)), np.empty((4096, 10)), np.empty(10), np.empty(3), np.empty(3), np.empty(3)
+    own, back, seed = np.empty((4096, 10)), np.empty((4096, 10)), np.empty(10)
+    place, n, t = np.empty(3), np.empty(3), np.empty(3)
     stride = max(1, int(apart / step))
     skip = int(2.0 * apart / step) + 2
-    at, which, hand = 0, 0, 0
-    if queue < lines:
-        at = start[queue]
+    at, which, hand, queue = start[0], 0, 0, 0
     while True:
         if queue < lines:
             for f in range(3):
@@ -196,8 +198,10 @@ def draw(order, least, longest, apart, near, thin, step, shortest, side, slot, p
             return lines
         if look(place, n, t, side, slot, points, normals, tangents, tones, seed) < 0.6:
             continue
-        low = least[lines % len(least)]
-        if seed[9] < low or not is_free(seed[:3], seed[3:6], 0.95 * apart, thin, bin_side, head, following, where, normal):
+        low, room = least[lines % len(least)], 0.95 * apart
+        if seed[9] < low:
+            continue
+        if not is_free(seed[:3], seed[3:6], room, thin, bin_side, head, following, where, normal):
             continue
         most = longest[lines % len(longest)]
         own[0] = seed
@@ -256,7 +260,9 @@ def scatter(place, normal, distance, thin, bin_side, head, following, kept):  # 
 
 
 @njit(parallel=True, cache=True)
-def cover(place, facing, depth, thin, soft, bin_side, head, following, where, normal, radius, out):  # type: ignore[no-untyped-def]
+def cover(  # type: ignore[no-untyped-def]
+    place, facing, depth, thin, soft, bin_side, head, following, where, normal, radius, out
+):
     """How much of each place (V, 3), whose normal is ``facing``, is ink, in [0, 1]. ``out`` (V,)
 
     Points of strokes are discs of a ``radius`` (K,), ``depth`` thick either way, whose rims are ``soft`` wide.

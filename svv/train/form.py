@@ -141,7 +141,7 @@ def form_of_opacity(
 ) -> Form:
     """The form of what cells (X, Y, Z) hide, ``cells`` of them to a box unit."""
     scale = cells / CELLS
-    field = gaussian_filter(np.pad(opacity, 1), BLUR * max(scale, 0.5))[1:-1, 1:-1, 1:-1]
+    field = gaussian_filter(opacity, BLUR * max(scale, 0.5), mode="constant")  # nothing is beyond the box
     gradient = np.stack(np.gradient(field)).astype(np.float32)
     filled = gaussian_filter(opacity, WIDER * max(scale, 0.5), mode="constant")
     axes = stroke_axes(gradient, SPREAD * max(scale, 0.5))

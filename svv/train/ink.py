@@ -11,20 +11,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.errors import BadInput, Progress, part
+from svv.errors import BadInput, Progress, part, silent
 from svv.fields.paint_light import DRAWN
 from svv.kernels import inking
 from svv.train.form import Floats, Form
+from svv.train.gallery import open_style
 from svv.train.quilt import LIGHT
 
 PAPER = (0.97, 0.955, 0.92)
 """Colour of what is not inked: warm white, RGB."""
 
-DARKNESS, COLOURFUL = 20.0, 32.0
+DARKNESS, COLOURFUL = 14.0, 26.0
 """Lightness of ink, and its chroma at most, in CIELAB: dark, but regions are told apart by their inks."""
 
 HOLLOW = 0.7
@@ -42,7 +44,19 @@ SOFT = 0.9
 STEP = 0.5
 """Of a line, in units."""
 
-SMALLEST, LARGEST = 0.85, 1.45
+NEAREST = 0.6
+"""Part of the distance of two lines that they may come near to each other before one ends."""
+
+SQUEEZED = 0.92
+"""Part of their distance that lines between others do with, which are not everywhere as far apart as they should be."""
+
+LENGTHS = (60.0, 180.0)
+"""Of lines at most, in units: a pen is lifted now and then."""
+
+SHORTEST, TAPER = 4.0, 5.0
+"""Length of lines at least, and of their pointed ends, in units."""
+
+SMALLEST, LARGEST = 0.8, 1.4
 """Radius of dots in the lightest and in the darkest tone, in units."""
 
 BLANK = 0.12
@@ -76,9 +90,10 @@ class Layer:
     """Whether they lie between the lines of the layer before, with which they then share the direction."""
 
 
-HATCHING = (Layer(0.0, 6.0, 0.16, 1.2, 2.9), Layer(0.0, 3.0, 0.60, 0.9, 1.9, True))
+HATCHING = (Layer(0.0, 8.4, 0.12, 1.1, 2.8), Layer(0.0, 4.2, 0.36, 1.0, 2.8, True))
 CROSSED = (
-    Layer(0.0, 6.0, 0.16, 1.2, 2.2), Layer(1.15, 6.0, 0.48, 1.2, 2.2), Layer(0.0, 3.0, 0.82, 0.9, 1.6, True)
+    Layer(0.0, 9.0, 0.12, 1.1, 1.9), Layer(0.0, 4.5, 0.32, 1.0, 1.9, True),
+    Layer(1.15, 9.0, 0.52, 1.1, 1.9), Layer(1.15, 4.5, 0.68, 1.0, 1.9, True),
 )  # fmt: skip
 
 
@@ -105,6 +120,10 @@ class Ink:
         return DRAWN + self.kind
 
 
+Style = NDArray[np.floating] | Ink
+"""What a region may be painted with: a picture (H, W, 3), sRGB in [0, 1], or an ink."""
+
+
 def ink_named(source: object) -> Ink | None:
     """The ink that ``ink:NAME`` is; None for what names no ink.
 
@@ -118,6 +137,23 @@ def ink_named(source: object) -> Ink | None:
     if kind not in INKS:
         raise BadInput(f"There is no '{text}'; choose one of {', '.join(DRAWN + name for name in INKS)}.")
     return Ink(kind)
+
+
+def style_named(source: str | Path, progress: Progress = silent) -> tuple[str, Style]:
+    """What a style is called, and its picture or its ink: ``ink:NAME``, ``gallery:NAME`` or a file.
+
+    Raises:
+        BadInput: as :func:`ink_named` and :func:`svv.train.gallery.open_style`.
+    """
+    ink = ink_named(source)
+    return open_style(source, progress) if ink is None else (ink.name, ink)
+
+
+def picture_of(style: Style) -> NDArray[np.floating]:
+    """The picture of a style of which a part is wanted; raises BadInput for an ink."""
+    if isinstance(style, Ink):
+        raise BadInput(f"{style.name} is drawn without a picture, so no part of one can be chosen: leave out its mask.")
+    return style
 
 
 def ink_colour(colour: Sequence[float]) -> Floats:
@@ -154,22 +190,16 @@ class Sheet:
     @classmethod
     def of(cls, form: Form, surface: Floats, side: float) -> Sheet:
         """That of points (S, 3) that are seen, which may lie at several depths: they are brought to their middle."""
-        points, slot = _in_cubes(surface, side)
+        points, _, slot = _in_cubes(surface, side)
         normals, tangents, _ = form.frames(points)
         tone = tones(form, points, normals)
         out = np.empty((len(points), 10))
         inking.settle(side, slot, points, normals, tangents, tone, out)
-        _, kept, slot = _numbered(out[:, :3].astype(np.float32), side)
+        _, kept, slot = _in_cubes(out[:, :3].astype(np.float32), side)
         out = out[kept]
         rank = np.argsort(np.argsort(out[:, 9])) / max(len(out) - 1, 1)
         points, normals, tangents = (np.ascontiguousarray(out[:, k : k + 3], np.float32) for k in (0, 3, 6))
         return cls(side, slot, points, normals, tangents, rank.astype(np.float32))
-
-    def turned(self, angle: float) -> Sheet:
-        """With tangents turned by an angle about the normals."""
-        other = np.cross(self.normals, self.tangents)
-        turned = np.cos(angle) * self.tangents + np.sin(angle) * other
-        return replace(self, tangents=np.ascontiguousarray(turned, np.float32))
 
     @property
     def looked_up(self) -> tuple[float, NDArray[np.int32], Floats, Floats, Floats, Floats]:
@@ -177,12 +207,7 @@ class Sheet:
         return self.side, self.slot, self.points, self.normals, self.tangents, self.tones
 
 
-def _in_cubes(points: Floats, side: float) -> tuple[Floats, NDArray[np.int32]]:
-    points, _, slot = _numbered(np.asarray(points, np.float32), side)
-    return points, slot
-
-
-def _numbered(points: Floats, side: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int32]]:
+def _in_cubes(points: Floats, side: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int32]]:
     """The first point of each cube, its number among all, and the numbers of those that stay in a grid of cubes."""
     cells = int(np.ceil(1.0 / side)) + 1
     cube = np.clip((points / side).astype(np.int64), 0, cells - 1)
@@ -235,49 +260,55 @@ def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
     return Strokes(place[own], normal[own], radius[own].astype(np.float32), np.arange(count), np.zeros(count, np.int64))
 
 
+class Family:
+    """Lines that share a direction, as the kernels fill them in; ``start`` as of :func:`svv.kernels.inking.draw`."""
+
+    def __init__(self, sheet: Sheet, angle: float, side: float, most: int) -> None:
+        """Room for as many points of lines as ``most``, in bins of a side, on a sheet whose tangents are turned."""
+        other = np.cross(sheet.normals, sheet.tangents)
+        turned = np.ascontiguousarray(np.cos(angle) * sheet.tangents + np.sin(angle) * other, np.float32)
+        self.sheet, self.side, self.count = replace(sheet, tangents=turned), side, 0
+        self.head, self.following = _bins(side, most)
+        self.where, self.normal, self.tangent = (np.empty((most, 3), np.float32) for _ in range(3))
+        self.tone, self.start = np.empty(most, np.float32), np.zeros(most // 4 + 2, np.int64)
+
+    def draw(self, layer: Layer, unit: float, thin: float, generator: np.random.Generator) -> slice:
+        """Add lines of a layer; gives their numbers."""
+        first, order = self.count, generator.permutation(len(self.sheet.points))
+        least = layer.tone + generator.uniform(-0.05, 0.05, 997)
+        longest = (generator.uniform(*LENGTHS, 991) / STEP).astype(np.int64)
+        apart = layer.apart * unit * (SQUEEZED if layer.between else 1.0)
+        self.count = inking.draw(
+            order, least, longest, apart, NEAREST * apart, thin, STEP * unit, int(SHORTEST / STEP),
+            *self.sheet.looked_up, self.side, self.head, self.following, self.where, self.normal, self.tangent,
+            self.tone, self.start, self.count,
+        )  # fmt: skip
+        return slice(first, self.count)
+
+
 def lines(sheet: Sheet, layers: Sequence[Layer], unit: float, cell: float, seed: int, progress: Progress) -> Strokes:
     """Hatching; see :func:`dots`."""
     generator = np.random.default_rng(seed)
-    size = 1.5 * max(layer.apart for layer in layers) * unit
-    parts: list[Strokes] = []
-    families: dict[float, tuple[NDArray[np.generic], ...]] = {}
-    counts: dict[float, int] = {}
+    side = 1.5 * max(layer.apart for layer in layers) * unit
+    most = int(len(sheet.points) * sheet.side**2 / (0.25 * STEP * min(x.apart for x in layers) * unit**2)) + 4096
+    family, parts = Family(sheet, 0.0, side, most), []
     for number, layer in enumerate(layers):
         progress(number / len(layers), "drawing lines")
-        turned = sheet.turned(layer.across)
-        most = int(1.5 * len(sheet.points) * sheet.side**2 / (STEP * 0.5 * min(l.apart for l in layers) * unit**2)) + 4096
-        if not layer.between:
-            head, following = _bins(size, most)
-            where, normal, tangent = (np.empty((most, 3), np.float32) for _ in range(3))
-            tone, start = np.empty(most, np.float32), np.zeros(most // 4 + 2, np.int64)
-            families[layer.across] = head, following, where, normal, tangent, tone, start
-            counts[layer.across] = 0
-        there, held = counts[layer.across], families[layer.across]
-        least = layer.tone + generator.uniform(-0.05, 0.05, 997)
-        longest = generator.uniform(30.0, 90.0, 991) / STEP
-        apart = layer.apart * unit * (0.92 if layer.between else 1.0)
-        count = inking.draw(
-            generator.permutation(len(sheet.points)), least, longest.astype(np.int64), apart, 0.6 * apart, THIN * cell,
-            STEP * unit, int(4.0 / STEP), *turned.looked_up, size, *held, there, 0,
-        )  # fmt: skip
-        where, normal, _, tone, start = held[2:]
-        parts.append(_inked(layer, unit, where, normal, tone, start[there : count + 1], number, generator))
-        counts[layer.across] = count
+        if number and not layer.between:
+            family = Family(sheet, layer.across, side, most)
+        drawn = family.draw(layer, unit, THIN * cell, generator)
+        start = family.start[drawn.start : drawn.stop + 1]
+        line = np.repeat(np.arange(len(start) - 1), np.diff(start))
+        own = slice(int(start[0]), int(start[-1]))
+        index = np.arange(own.start, own.stop)
+        end = np.minimum(index - start[:-1][line], start[1:][line] - 1 - index) * STEP
+        dark = np.clip((family.tone[own] - layer.tone) / (1.0 - layer.tone), 0.0, 1.0)
+        width = (layer.thin + (layer.thick - layer.thin) * dark) * generator.uniform(0.9, 1.1, len(start))[line]
+        radius = 0.5 * unit * width * np.minimum(1.0, 0.35 + end / TAPER)
+        layer_of = np.full(len(line), number)
+        parts.append((family.where[own], family.normal[own], radius.astype(np.float32), line, layer_of))
     progress(1.0, "drawing lines")
-    return Strokes(*(np.concatenate([getattr(p, name) for p in parts]) for name in Strokes.__dataclass_fields__))
-
-
-def _inked(layer, unit, where, normal, tone, start, number, generator) -> Strokes:  # type: ignore[no-untyped-def]
-    """How thick the lines of a layer are at each of their points: in rows start[l] to start[l + 1]."""
-    first, last = int(start[0]), int(start[-1])
-    line = np.repeat(np.arange(len(start) - 1), np.diff(start))
-    index = np.arange(first, last)
-    end = np.minimum(index - start[:-1][line], start[1:][line] - 1 - index) * STEP
-    dark = np.clip((tone[first:last] - layer.tone) / (1.0 - layer.tone), 0.0, 1.0)
-    width = (layer.thin + (layer.thick - layer.thin) * dark) * generator.uniform(0.9, 1.1, len(start))[line]
-    width *= np.minimum(1.0, 0.35 + end / 5.0)
-    radius = (0.5 * unit * width).astype(np.float32)
-    return Strokes(where[first:last], normal[first:last], radius, line, np.full(len(line), number))
+    return Strokes(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _bins(side: float, count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -87,7 +87,7 @@ def test_tone_falls_with_the_light_and_all_tones_are_as_frequent(sheet: Sheet) -
 
 def test_hollows_are_darker_than_ridges() -> None:
     """Waves that all get the same light: of those that face it alike, what lies deep is darker."""
-    x, y, z = np.moveaxis(GRID, -1, 0)
+    x, y = GRID[..., 0], GRID[..., 1]
     form = form_of_opacity((y < 0.1 * np.cos(4 * np.pi * x)).astype(np.float32), CELLS, UP)
     places = np.array([(0.5, 0.6, 0.5), (0.75, 0.4, 0.5)], np.float32)  # a crest and a trough: both look up
     crest, trough = form.hollowness(places)

@@ -107,12 +107,21 @@ INKS: dict[str, tuple[tuple[Layer, ...], str]] = {
 
 @dataclass(frozen=True)
 class Ink:
-    """A way to draw, where else a style picture is given."""
+    """A way to draw, where else a style picture is given.
+
+    Raises:
+        BadInput: there is no such ink.
+    """
 
     kind: str
-    """One of :data:`INKS`."""
+    """One of :data:`INKS`: ``stippling``, ``hatching`` or ``cross-hatching``."""
     size: float = 1.0
-    """Scale of the strokes."""
+    """Scale of the strokes; :func:`svv.train.pipeline.stylize_scene` has its own."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in INKS:
+            inks = ", ".join(DRAWN + kind for kind in INKS)
+            raise BadInput(f"There is no '{self.name}'; choose one of {inks}.")
 
     @property
     def name(self) -> str:
@@ -133,10 +142,7 @@ def ink_named(source: object) -> Ink | None:
     text = str(source)
     if not text.startswith(DRAWN):
         return None
-    kind = text.removeprefix(DRAWN).strip().lower().replace("_", "-").replace(" ", "-")
-    if kind not in INKS:
-        raise BadInput(f"There is no '{text}'; choose one of {', '.join(DRAWN + name for name in INKS)}.")
-    return Ink(kind)
+    return Ink(text.removeprefix(DRAWN).strip().lower().replace("_", "-").replace(" ", "-"))
 
 
 def style_named(source: str | Path, progress: Progress = silent) -> tuple[str, Style]:

@@ -231,8 +231,8 @@ def stylize_scene(
 
     Args:
         scene: With a palette colour network; its device is where the work is done.
-        styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:func:`svv.train.ink.ink_named`), which need none: their
-            regions are drawn and not matched, and other regions do not wait for them.
+        styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.ink.Ink`): their regions are drawn, and
+            nothing is matched in them.
         mapping: Style of each region to be styled; other regions stay as they are. None gives every region that is
             not kept a style, in turn; ``"colour"`` the style whose mean colour is nearest
             (:func:`svv.train.style_choice.pairs_by_colour`).

@@ -38,7 +38,7 @@ SURFACE = 2.0
 DEPTH, THIN = 4.0, 1.5
 """How deep strokes go, and within what the two sides of a sheet share them, in pixels or cells of the paint."""
 
-SOFT = 0.9
+SOFT = 0.5
 """Width of the rims of strokes, in cells of the paint."""
 
 STEP = 0.5
@@ -90,10 +90,10 @@ class Layer:
     """Whether they lie between the lines of the layer before, with which they then share the direction."""
 
 
-HATCHING = (Layer(0.0, 8.4, 0.12, 1.1, 2.8), Layer(0.0, 4.2, 0.36, 1.0, 2.8, True))
+HATCHING = (Layer(0.0, 8.4, 0.12, 1.2, 2.8), Layer(0.0, 4.2, 0.36, 1.1, 2.8, True))
 CROSSED = (
-    Layer(0.0, 9.0, 0.12, 1.1, 1.9), Layer(0.0, 4.5, 0.32, 1.0, 1.9, True),
-    Layer(1.15, 9.0, 0.52, 1.1, 1.9), Layer(1.15, 4.5, 0.68, 1.0, 1.9, True),
+    Layer(0.0, 10.0, 0.12, 1.3, 2.2), Layer(0.0, 5.0, 0.34, 1.2, 2.2, True),
+    Layer(1.15, 10.0, 0.54, 1.3, 2.2), Layer(1.15, 5.0, 0.68, 1.2, 2.2, True),
 )  # fmt: skip
 
 

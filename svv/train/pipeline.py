@@ -316,6 +316,7 @@ def stylize_scene(
     seconds: dict[str, float] = {"stylize": 0.0}
     forget_gpu_peak(scene.device)
     with measured() as cost:
+        network = None if network is None else network.to(scene.device)
         targets = {} if network is None else {
             region: StyleTarget(
                 network, torch.as_tensor(styles[style], dtype=torch.float32, device=scene.device).permute(2, 0, 1),

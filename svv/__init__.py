@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from svv.io.viewset import ViewSet as ViewSet
     from svv.report.render import orbit as orbit
     from svv.train.correct import correct_palette as correct_palette
+    from svv.train.ink import Ink as Ink
     from svv.train.pipeline import evaluate_scene as evaluate_scene
     from svv.train.pipeline import stylize_scene as stylize_scene
     from svv.train.pipeline import train_scene as train_scene
@@ -33,6 +34,7 @@ PUBLIC = {
     "Camera": "svv.core.cameras",
     "Cancelled": "svv.errors",
     "Correction": "svv.core.correction",
+    "Ink": "svv.train.ink",
     "Region": "svv.fields.scene",
     "Rendering": "svv.fields.scene",
     "Scene": "svv.fields.scene",

@@ -152,12 +152,17 @@ app.command(epilog=examples(*cli_edit.PALETTE))(cli_edit.palette)
         "svv stylize styled.svv --style a.png --style-mask 0=sky.png --map 0=0 --continue --out again.svv",
         "svv stylize styled.svv --style ink.png --variant ink --out two.svv",
         "svv stylize scene.svv --style brush.jpg --preview now.png --out styled.svv",
+        "svv stylize scene.svv --style ink:hatching --style ink:stippling --out drawn.svv",
     )
 )
 def stylize(
     scene: SceneFile,
     style: Annotated[
-        list[str], typer.Option(metavar="IMG|gallery:NAME", help="A picture; may be given several times.")
+        list[str],
+        typer.Option(
+            metavar="IMG|gallery:NAME|ink:NAME",
+            help="A picture, or ink:stippling, ink:hatching or ink:cross-hatching, which need none; may be repeated.",
+        ),
     ],
     out: Out,
     mapping: Annotated[
@@ -189,7 +194,7 @@ def stylize(
     device: DeviceOption = Device.cpu,
     json: Json = None,
 ) -> None:
-    """Paint the regions of a scene in the manner of pictures.
+    """Paint the regions of a scene in the manner of pictures, or draw them in ink.
 
     Stopped with Ctrl-C, the same command goes on where it was.
     """

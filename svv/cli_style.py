@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from svv.train.ink import Style
+
 STYLES = ("svv styles", "svv styles --out gallery", "svv styles woodcut mosaic --size 800 --seed 3 --out gallery")
 STYLE_MASK = (
     "svv style-mask painting.jpg --regions 4 --out parts",
@@ -131,20 +133,22 @@ def judge_features(
 
 def read_styles(
     sources: Sequence[str], masks: Sequence[str]
-) -> tuple[list[str], list[NDArray[np.float32]], list[NDArray[np.bool_] | None]]:
-    """Names, pictures and masks of the options ``--style`` and ``--style-mask``.
+) -> tuple[list[str], list[Style], list[NDArray[np.bool_] | None]]:
+    """Names, pictures or inks, and masks of the options ``--style`` and ``--style-mask``.
 
     A picture that is given several times is named after its mask, too.
 
     Raises:
-        BadInput: a picture or mask that is not there or cannot be used.
+        BadInput: a picture, ink or mask that is not there or cannot be used.
     """
     from svv.io.mask_file import read_mask
-    from svv.train.gallery import open_style
+    from svv.train.ink import picture_of, style_named
 
     files = parse_style_masks(masks, len(sources))
     with shown("Styles") as progress:
-        opened = [open_style(source, progress) for source in sources]
-    found = [read_mask(files[k], picture.shape) if k in files else None for k, (_, picture) in enumerate(opened)]
+        opened = [style_named(source, progress) for source in sources]
+    found = [
+        read_mask(files[k], picture_of(style).shape) if k in files else None for k, (_, style) in enumerate(opened)
+    ]
     names = [f"{name} ({files[k].stem})" if k in files else name for k, (name, _) in enumerate(opened)]
     return names, [picture for _, picture in opened], found

@@ -16,6 +16,7 @@ from svv.core.colour import to_hex
 from svv.core.light import COEFFICIENTS, Lamp
 from svv.core.outlines import INK, WIDTH, Pen
 from svv.errors import BadInput
+from svv.fields.paint_light import paint_light_of
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -35,16 +36,27 @@ Edits = dict[str, Any]
 
 def edits_of(region: Region) -> Edits:
     """A region's edits."""
-    found = ((f.name, f.default, getattr(region, f.name)) for f in fields(region) if f.name not in IDENTITY)
-    return {name: value for name, default, value in found if value != default}
+    plain = _plain(region)
+    return {name: getattr(region, name) for name in plain if getattr(region, name) != plain[name]}
 
 
 def with_edits(region: Region, edits: Edits) -> Region:
     """A region with these edits and no others; raises TypeError for what is no edit."""
-    plain = {f.name: f.default for f in fields(region) if f.name not in IDENTITY}
+    plain = _plain(region)
     if unknown := sorted(set(edits) - set(plain)):
         raise TypeError(f"'{unknown[0]}' is no edit of a region")
     return replace(region, **{**plain, **edits})
+
+
+def restyled(region: Region, style: str | None) -> Region:
+    """A region with another style and its edits: light on paint that was not edited is that of the style."""
+    return with_edits(replace(region, style=style), edits_of(region))
+
+
+def _plain(region: Region) -> Edits:
+    """What a region without edits has."""
+    plain = {f.name: f.default for f in fields(region) if f.name not in IDENTITY}
+    return {**plain, "paint_light": paint_light_of(region.style)}
 
 
 @dataclass(frozen=True)
@@ -323,7 +335,7 @@ class Editing:
         Which regions are styled, and how strongly, stays.
         """
         regions = (
-            replace(theirs, style=own.style, strength=own.strength, mean_light=own.mean_light)
+            replace(restyled(theirs, own.style), strength=own.strength, mean_light=own.mean_light)
             for own, theirs in zip(self.regions, other.regions, strict=True)
         )
         return self._replaced(regions=tuple(regions), lamp=other.lamp, history=other.history)

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 PAINT_LIGHT = 0.6
 """Part of the light's contrast that is seen on paint unless an edit says otherwise."""
 
+DRAWN = "ink:"
+"""Begins the names of styles that are drawn in ink without a picture (:mod:`svv.train.ink`)."""
+
 VIEWS, SIZE = 12, 64
 """Views all around, and their side in pixels, over which a region's light is averaged: the mean over 42 views of
 twice the size is the same within 1 %."""
@@ -35,6 +38,11 @@ DARKEST = 0.05
 """Least mean that a shade is divided by: a region that light hardly reaches has no form to be shown by it."""
 
 _known: WeakKeyDictionary[PaletteField, tuple[tuple[float, float], ...]] = WeakKeyDictionary()
+
+
+def paint_light_of(style: str | None) -> float:
+    """Light on the paint of a region of this style unless an edit says otherwise: in ink, the strokes are the shade."""
+    return 0.0 if style is not None and style.startswith(DRAWN) else PAINT_LIGHT
 
 
 def lights_of(scene: Scene, network: str) -> Tensor:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
 from svv.errors import BadInput
+from svv.fields.edits import restyled
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import mean_lights
 
@@ -137,8 +138,8 @@ class Variants:
 
     def _styled(self, styles: tuple[str | None, ...] | None) -> tuple[Region, ...]:
         if styles is None:
-            return tuple(replace(region, style=None, mean_light=None) for region in self.regions)
-        return tuple(replace(region, style=name) for region, name in zip(self.regions, styles, strict=True))
+            return tuple(replace(restyled(region, None), mean_light=None) for region in self.regions)
+        return tuple(restyled(region, name) for region, name in zip(self.regions, styles, strict=True))
 
     def _replaced_variants(self, **changes: Any) -> Self:
         return replace(cast(Any, self), **changes)

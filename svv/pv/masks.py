@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress
 from svv.io.mask_file import Mask, Selection
-from svv.pv.panels import AS_IT_IS, AUTOMATIC, NO_GALLERY, PICTURE, REGIONS
+from svv.pv.panels import AS_IT_IS, AUTOMATIC, INKS, NO_GALLERY, PICTURE, REGIONS
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -27,10 +27,8 @@ NO_PICTURE = "Choose at least one picture under Style Files, or one of the galle
 
 def sources_of(values: Values) -> list[str]:
     """The pictures that regions without one of their own get: the files, and the one of the gallery."""
-    from svv.train.gallery import PREFIX
-
     chosen = values.get("Gallery", NO_GALLERY)
-    return [*values["StyleFiles"], *([] if chosen == NO_GALLERY else [PREFIX + chosen])]
+    return [*values["StyleFiles"], *([] if chosen == NO_GALLERY else [_offered(chosen)])]
 
 
 def source_of(values: Values, region: int) -> str | None:
@@ -39,20 +37,25 @@ def source_of(values: Values, region: int) -> str | None:
     Raises:
         BadInput: the row names a picture that is not among Style Files.
     """
-    from svv.train.gallery import PREFIX
-
     word, files = values.get(f"Region{region}Style", AUTOMATIC), values["StyleFiles"]
     if word == AUTOMATIC:
         return None
     if word == AS_IT_IS:
         return ""
     if not word.startswith(PICTURE):
-        return PREFIX + word
+        return _offered(word)
     number = int(word.removeprefix(PICTURE))
     if number >= len(files):
         there = f"there are {len(files)} under Style Files, counted from 0" if files else "there is none"
         raise BadInput(f"Region {region} is to have picture {number}, but {there}.")
     return str(files[number])
+
+
+def _offered(word: str) -> str:
+    """The source of what the panel itself offers: an ink or a picture of the gallery."""
+    from svv.train.gallery import PREFIX
+
+    return word if word in INKS else PREFIX + word
 
 
 def asks_for_part(values: Values, region: int) -> bool:
@@ -131,15 +134,20 @@ def preview(
         BadInput: there is no picture to show, or any reason of :func:`mask_for`.
     """
     from svv.io.mask_pictures import mask_overlay, regions_overlay, with_rulers
+    from svv.io.output import to_bytes
     from svv.report.selecting import source_size
-    from svv.train.gallery import open_style
+    from svv.train.ink import PAPER, Ink, picture_of, style_named
 
     region = values["ShownMask"]
     there = [source_of(values, region), *sources_of(values), *(source_of(values, k) for k in range(REGIONS))]
     source = next(filter(None, there), None)
     if source is None:
         raise BadInput(NO_PICTURE)
-    _, picture = open_style(source, progress)
+    _, style = style_named(source, progress)
+    if isinstance(style, Ink) and not asks_for_part(values, region):  # an empty sheet is what it begins with
+        blank = np.full((64, 64, 3), PAPER, np.float32)
+        return blank, to_bytes(blank), np.ones(blank.shape[:2], np.uint8), (64, 64)
+    picture = picture_of(style).astype(np.float32, copy=False)
     mask, selection = mask_for(values, region, source, picture)
     if mask is None and values["PictureParts"]:
         taken: NDArray[Any] = parts_of(values, picture)

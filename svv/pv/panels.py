@@ -49,6 +49,8 @@ GALLERY = (
     "charcoal", "oil", "pointillism",
 )  # fmt: skip
 """The names of :data:`svv.train.gallery.GALLERY`, which takes too long to import before ParaView's window is there."""
+INKS = ("ink:stippling", "ink:hatching", "ink:cross-hatching")
+"""The styles of :data:`svv.train.ink.INKS`, which need no picture."""
 AS_IT_CAME, BESIDE, IN_WORLD = "as it came", "beside the camera", "in the world"
 """Where StyleRF Edit can put the light."""
 COLOURS, FALSE_COLOURS, IN_COLOUR = "image", "numbered regions", "regions in their colours"
@@ -243,8 +245,9 @@ def style_properties(region: int) -> Sequence[Property]:
     """Which style a region gets, and which part of its picture."""
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
-        choice(f"{name}Style", (AUTOMATIC, AS_IT_IS, *(f"{PICTURE}{k}" for k in range(REGIONS)), *GALLERY), AUTOMATIC,
-               "The region's picture: by the mapping, none, one of Style Files (from 0), or one of the gallery.",
+        choice(f"{name}Style", (AUTOMATIC, AS_IT_IS, *(f"{PICTURE}{k}" for k in range(REGIONS)), *GALLERY, *INKS),
+               AUTOMATIC, "The region's picture: by the mapping, none, one of Style Files (from 0), or one of the "
+               "gallery; or a drawing in ink, which needs none.",
                advanced),
         text(f"{name}Positive", "Places in the picture that the region learns from, x,y in its pixels from the upper "
              "left, with semicolons between: 310,120; 40,300. Empty, and without a mask: all of it.", "", advanced),

@@ -21,6 +21,7 @@ from svv.pv.keeping import FOUND, Keeping
 from svv.pv.panels import (
     ADDED,
     GALLERY,
+    INKS,
     NO_GALLERY,
     PAINT_LIGHT,
     PICTURES,
@@ -234,7 +235,8 @@ class StyleRFPalette(SceneOutput):
 @smproperty.xml('<OutputPort name="Scene" index="0"/><OutputPort name="Mask" index="1"/>')
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Pictures in whose manner the regions are painted."),
-    choice("Gallery", (NO_GALLERY, *GALLERY), NO_GALLERY, "One more picture, of those that come with the program."),
+    choice("Gallery", (NO_GALLERY, *GALLERY, *INKS), NO_GALLERY,
+           "One more picture, of those that come with the program, or a drawing in ink, which needs none."),
     choice("Mapping", ("in turn", "by colour"), "in turn",
            "Who gets which picture: the regions in turn, or each the one whose mean colour is most like it. A "
            "region's row goes before."),

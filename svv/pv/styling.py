@@ -6,9 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from svv.errors import BadInput, Progress
 from svv.io.mask_file import Mask
 from svv.pv.identity import digest_of_scene
@@ -17,9 +14,9 @@ from svv.pv.panels import REGIONS
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
+    from svv.train.ink import Style
 
 Values = Mapping[str, Any]
-Colours = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -94,10 +91,10 @@ class Styles:
     """Pictures as :func:`svv.train.pipeline.stylize_scene` takes them, and the style of each region."""
 
     names: list[str] = field(default_factory=list)
-    pictures: list[Colours] = field(default_factory=list)
+    pictures: list[Style] = field(default_factory=list)
     masks: list[Mask | None] = field(default_factory=list)
     mapping: dict[int, int] = field(default_factory=dict)
-    opened: dict[str, tuple[str, Colours]] = field(default_factory=dict)
+    opened: dict[str, tuple[str, Style]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     _numbers: dict[tuple[str, int | None], int] = field(default_factory=dict)
 
@@ -112,12 +109,12 @@ class Styles:
             self.masks.append(mask)
         self.mapping[region] = self._numbers[key]
 
-    def open(self, source: str, progress: Progress) -> tuple[str, Colours]:
-        """Name and picture, read once."""
-        from svv.train.gallery import open_style
+    def open(self, source: str, progress: Progress) -> tuple[str, Style]:
+        """Name, and picture or ink, read once."""
+        from svv.train.ink import style_named
 
         if source not in self.opened:
-            self.opened[source] = open_style(source, progress)
+            self.opened[source] = style_named(source, progress)
         return self.opened[source]
 
 
@@ -128,6 +125,7 @@ def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
         BadInput: no picture, one that cannot be used, a row for a region that the scene lacks, or a mask that cannot
             be (:func:`mask_for`).
     """
+    from svv.train.ink import picture_of
     from svv.train.style_choice import pairs_by_colour
 
     count, common, styles = len(scene.regions), sources_of(values), Styles()
@@ -152,7 +150,8 @@ def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
     for region in range(count):
         source = rows.get(region)
         if source:
-            mask, _ = mask_for(values, region, source, styles.open(source, progress)[1])
+            style = styles.open(source, progress)[1]
+            mask = mask_for(values, region, source, picture_of(style))[0] if asks_for_part(values, region) else None
             styles.add(source, mask, region, progress)
     if not styles.mapping:
         raise BadInput("No region is left to paint: every one stays as it is.")

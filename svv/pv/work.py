@@ -254,11 +254,12 @@ def style_key(values: Values) -> str:
     Raises:
         BadInput: a file is not there.
     """
+    from svv.fields.paint_light import DRAWN
     from svv.train.gallery import PREFIX
 
     files = []
     for name in values["StyleFiles"]:
-        if name.startswith(PREFIX):
+        if name.startswith((PREFIX, DRAWN)):
             files.append((name, ""))
             continue
         if not Path(name).is_file():

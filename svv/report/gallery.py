@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from svv.errors import Progress, part, silent
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.paint_light import DRAWN
 from svv.io.atomic import make_folder
 from svv.io.output import to_bytes, write_png, write_small_png
 from svv.report.pictures import Picture, sheet
@@ -54,6 +55,8 @@ def style_file(source: str, folder: Path) -> Path:
     Raises:
         BadInput: an unknown name, or a folder that cannot be written to.
     """
+    if source.startswith(DRAWN):
+        raise BadInput(f"{source} is drawn without a picture, and here one is needed; svv stylize takes it.")
     if not source.startswith(PREFIX):
         return Path(source)
     path = make_folder(folder) / f"{gallery_name(source.removeprefix(PREFIX))}.png"

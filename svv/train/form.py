@@ -28,6 +28,9 @@ SPREAD = 3.0
 CELLS = 128
 """Cells of the grid along the longest side, at most those of the occupancy."""
 
+WIDER = 6.0
+"""Standard deviation, in cells, of what tells ridges from hollows."""
+
 UPRIGHT = 0.15
 """How much the world's up weighs against the direction of a tube (1): it decides where a surface is flat or round."""
 
@@ -44,6 +47,8 @@ class Form:
     """Of the blurred opacity, (3, X, Y, Z)."""
     axes: Floats
     """Averaged outer products of the directions of weakest curvature, (6, X, Y, Z); trace at most 1."""
+    filled: Floats
+    """How much of the wider surroundings is hidden by cells: less on ridges, more in hollows. (X, Y, Z)"""
     up: NDArray[np.float64]
     """The world's up in the box. (3,)"""
 
@@ -71,6 +76,16 @@ class Form:
         angle = 0.5 * np.arctan2(2.0 * b, a - d + UPRIGHT)  # undecided: along the horizontal, as most pictures are
         tangent = np.cos(angle)[:, None] * right + np.sin(angle)[:, None] * upward
         return normal.astype(np.float32), tangent.astype(np.float32), np.minimum(decided, 1.0).astype(np.float32)
+
+
+    def hollowness(self, position: Floats) -> Floats:
+        """How much of the surroundings of box coordinates (S, 3) is filled, in [0, 1]. (S,)
+
+        On the surface of a half space a half, on a ridge less: an integral invariant of the mean curvature
+        (Pottmann et al. 2007), which needs no derivatives.
+        """
+        at = np.asarray(position, np.float64).T * self.cells - 0.5
+        return np.asarray(map_coordinates(self.filled, at, order=1, mode="nearest"), np.float32)
 
 
 def tangents(
@@ -126,9 +141,11 @@ def form_of_opacity(
 ) -> Form:
     """The form of what cells (X, Y, Z) hide, ``cells`` of them to a box unit."""
     scale = cells / CELLS
-    field = gaussian_filter(np.pad(opacity, 1), BLUR * max(scale, 0.5))[1:-1, 1:-1, 1:-1]
+    field = gaussian_filter(opacity, BLUR * max(scale, 0.5), mode="constant")  # nothing is beyond the box
     gradient = np.stack(np.gradient(field)).astype(np.float32)
-    return Form(cells, gradient, stroke_axes(gradient, SPREAD * max(scale, 0.5)), np.asarray(up, np.float64))
+    filled = gaussian_filter(opacity, WIDER * max(scale, 0.5), mode="constant")
+    axes = stroke_axes(gradient, SPREAD * max(scale, 0.5))
+    return Form(cells, gradient, axes, np.asarray(filled, np.float32), np.asarray(up, np.float64))
 
 
 def stroke_axes(gradient: Floats, spread: float) -> Floats:

@@ -8,7 +8,7 @@ put their strokes elsewhere, no stroke ever appears. So the regions get the styl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -23,6 +23,7 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
 from svv.train.form import form_of
+from svv.train.ink import SURFACE, Drawing, Ink
 from svv.train.quilt import RADIUS, Manner, Quilt
 from svv.train.style_loss import StyleTarget
 from svv.train.stylize import UNSEEN, StyledView, visible_from
@@ -78,6 +79,7 @@ def painted_start(
     progress: Progress,
     before: UnrestrictedField | None = None,
     show: Callable[[UnrestrictedField], None] = lambda field: None,
+    inks: Mapping[int, Ink] | None = None,
 ) -> UnrestrictedField:
     """Paint the regions.
 
@@ -91,6 +93,7 @@ def painted_start(
         before: A field to begin with: the regions that the scene says are styled keep its colours, and only those
             that are new in ``targets`` are painted.
         show: Given the field with every region in one colour, and again after each region that is painted.
+        inks: Regions that are drawn instead, anew even where the scene says that they are styled.
 
     Returns:
         A direct colour field.
@@ -103,9 +106,11 @@ def painted_start(
     field = painted_field(scene, pixel)
     lattice = field.encoding
     assert isinstance(lattice, SparseLattice)
-    place = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
-    kept = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
-    painted = [k for k, t in targets.items() if t.settings.seeded and k not in kept]
+    place, cell = lattice.places_of_level(0, occupancy.occupied, occupancy.cells), 1.0 / lattice.resolutions[0]
+    inks = inks or {}
+    styled = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
+    kept = [k for k in styled if k not in inks]
+    painted = sorted([*inks, *(k for k, t in targets.items() if t.settings.seeded and k not in kept)])
     region, colours = _flat(scene, transferred, place, painted, kept, before)
     lattice.table.copy_(torch.from_numpy(colours))
     show(field)
@@ -119,17 +124,22 @@ def painted_start(
             raise BadInput(UNSEEN)
     for number, k in enumerate(painted):
         told = part(progress, number / len(painted), (number + 1) / len(painted))
-        points = _surface(views, k, RADIUS * pixel / POINTS_A_RADIUS, np.random.default_rng(seed + k))
+        spacing = SURFACE * max(pixel, cell) if k in inks else RADIUS * pixel / POINTS_A_RADIUS
+        points = _surface(views, k, spacing, np.random.default_rng(seed + k))
         if not len(points):
             continue
-        target, inside = targets[k], targets[k].inside
-        manner = Manner(target.picture.permute(1, 2, 0).cpu().numpy(), inside)
-        quilt = Quilt(manner, form, points, pixel, seed + k, part(told, 0.0, 0.6))
+        laid: Drawing | Quilt
+        if k in inks:
+            shown = scene.regions[k].edited_colour or scene.regions[k].colour
+            laid = Drawing(inks[k], shown, form, points, pixel, cell, seed + k, part(told, 0.0, 0.6))
+        else:
+            manner = Manner(targets[k].picture.permute(1, 2, 0).cpu().numpy(), targets[k].inside)
+            laid = Quilt(manner, form, points, pixel, seed + k, part(told, 0.0, 0.6))
         own = np.flatnonzero((region == k) & _near_what_is_seen(views, k, occupancy, place))
         for first in range(0, len(own), 1 << 17):
             part(told, 0.6, 1.0)(first / len(own), "painting")
             piece = own[first : first + (1 << 17)]
-            colours[piece] = quilt(place[piece]).clip(0.0, 1.0)
+            colours[piece] = laid(place[piece]).clip(0.0, 1.0)
         lattice.table.copy_(torch.from_numpy(colours))
         show(field)
     progress(1.0, "painting")

@@ -28,6 +28,7 @@ from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field, lit_by, preset
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import PatchFeatures, load_features
+from svv.train.ink import PAPER, Ink, Style
 from svv.train.levels import with_fewest_levels
 from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
 from svv.train.loop import Loop
@@ -209,7 +210,7 @@ def _train(
 
 def stylize_scene(
     scene: Scene,
-    styles: Sequence[NDArray[np.floating]],
+    styles: Sequence[Style],
     mapping: dict[int, int] | Literal["colour"] | None = None,
     keep: Collection[int] = (),
     preset_name: str | Preset = "balanced",
@@ -230,7 +231,8 @@ def stylize_scene(
 
     Args:
         scene: With a palette colour network; its device is where the work is done.
-        styles: Pictures (H, W, 3), sRGB in [0, 1].
+        styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.ink.Ink`): their regions are drawn, and
+            nothing is matched in them.
         mapping: Style of each region to be styled; other regions stay as they are. None gives every region that is
             not kept a style, in turn; ``"colour"`` the style whose mean colour is nearest
             (:func:`svv.train.style_choice.pairs_by_colour`).
@@ -239,7 +241,7 @@ def stylize_scene(
         seed: The same input gives the same scene.
         progress: Called several times a second; stops the work when it raises.
         checkpoint: File to save to now and then, and to go on from if it is there.
-        names: What to call the styles.
+        names: What to call the pictures; inks have names of their own.
         features: Feature network: ``auto``, ``embedded``, ``vgg16`` or a file.
         loss: What pulls the images towards the styles.
         masks: For each style (h, w), true where its picture teaches, or None: all of it. One picture with several
@@ -260,8 +262,8 @@ def stylize_scene(
 
     Raises:
         BadInput: no palette network, no styles, a region or style that does not exist, nothing left to style, a mask
-            that is empty or of another size than its picture, a stroke size or strength out of range, or going on with
-            a scene that holds no styled network, or a variant that exists.
+            that is empty or of another size than its picture, a stroke size or strength out of range, going on with
+            a scene that holds no styled network, a variant that exists, or ink where paint is no lattice.
     """
     chosen, name = preset(preset_name), scene.free_name(variant)
     if go_on and variant is None and scene.variant is not None:
@@ -272,7 +274,9 @@ def stylize_scene(
     else:
         by_hand = mapping
     pairs = style_pairs(len(scene.regions), len(styles), by_hand, keep)
-    labels = names or [f"style {k}" for k in range(len(styles))]
+    given = names or [f"style {k}" for k in range(len(styles))]
+    labels = [s.name if isinstance(s, Ink) else label for s, label in zip(styles, given, strict=True)]
+    inks = {k: replace(s, size=stroke_size) for k, v in pairs.items() if isinstance(s := styles[v], Ink)}
     notes += leftovers(pairs, labels)
     if not LEAST_STROKE <= stroke_size <= MOST_STROKE:
         raise BadInput(f"The stroke size must lie between {LEAST_STROKE} and {MOST_STROKE:g}, not {stroke_size:g}.")
@@ -283,16 +287,20 @@ def stylize_scene(
     if go_on and scene.styled is None:
         raise BadInput("The scene holds no styled network to go on with: leave --continue out.")
     settings, saved = chosen.stylize, None
-    network = load_features(features, lambda _, label: progress(0.0, label))
-    notes += [network.note] if network.note else []
-    weights = loss or (PAPER_LOSS if chosen.name == "paper" else loss_for(network))
+    if inks and not is_laid(scene, settings):
+        raise BadInput("Ink needs paint on a lattice: choose a scene and a preset of another kind than 'paper'.")
+    network = None  # ink is not matched
+    if len(inks) < len(pairs):
+        network = load_features(features, lambda _, label: progress(0.0, label))
+        notes += [network.note] if network.note else []
+    weights = loss or (PAPER_LOSS if chosen.name == "paper" else loss_for(network) if network else StyleLossSettings())
     weights = replace(weights, style_size=round(weights.style_size * stroke_size))
     if checkpoint is not None:
-        content = [float(np.asarray(s, np.float64).sum()) for s in styles]
+        content = [s.name if isinstance(s, Ink) else float(np.asarray(s, np.float64).sum()) for s in styles]
         parts = [None if m is None else zlib.crc32(np.packbits(m).tobytes()) for m in masks]
         key = {"scene": scene.made, "styles": content, "masks": parts, "pairs": sorted(pairs.items()), "go_on": go_on,
-               "settings": asdict(settings), "loss": asdict(weights), "seed": seed, "features": network.title,
-               "version": __version__}  # fmt: skip
+               "settings": asdict(settings), "loss": asdict(weights), "seed": seed,
+               "features": network and network.title, "version": __version__}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
     own = {k: r.style for k, r in enumerate(scene.regions) if go_on and r.style is not None}
     regions = tuple(
@@ -308,24 +316,27 @@ def stylize_scene(
     seconds: dict[str, float] = {"stylize": 0.0}
     forget_gpu_peak(scene.device)
     with measured() as cost:
-        network = network.to(scene.device)
-        targets = {
+        network = None if network is None else network.to(scene.device)
+        targets = {} if network is None else {
             region: StyleTarget(
                 network, torch.as_tensor(styles[style], dtype=torch.float32, device=scene.device).permute(2, 0, 1),
                 weights, seed, None if (mask := masks[style]) is None else torch.from_numpy(mask),
             )
-            for region, style in pairs.items()
+            for region, style in pairs.items() if region not in inks
         }  # fmt: skip
         assert scene.palette is not None
         transferred = scene.palette.colours.detach().clone()
         for region, target in targets.items() if settings.colour_transfer else ():
             transferred[region] = target.statistics[0]
+        for region in inks:
+            transferred[region] = transferred.new_tensor(PAPER)
         before = scene.styled if go_on else None
-        refined = [k for k in pairs if go_on and scene.regions[k].style is not None]
+        refined = [k for k in targets if go_on and scene.regions[k].style is not None]
         # Patches know no shapes: what they make of strokes that are there already is specks (docs/painting.md).
-        laid = is_laid(scene, settings) and weights.seeded and not refined and isinstance(network, PatchFeatures)
+        plain = is_laid(scene, settings) and weights.seeded and not refined and isinstance(network, PatchFeatures)
+        laid = plain or not targets
         told = part(progress, 0.0, 1.0 if laid else 0.3)
-        field = started(scene, transferred, targets, settings, seed, before, saved, seconds, told, previews)
+        field = started(scene, transferred, targets, settings, seed, before, saved, seconds, told, previews, inks)
         if not laid:
             stylization = Stylization(scene, field, targets, settings, part(progress, 0.3, 0.35), refined)
             watch = None if previews is None else partial(previews.look, field)
@@ -344,7 +355,7 @@ def stylize_scene(
         "threads": torch.get_num_threads(),
         "seed": seed,
         "preset": chosen.name,
-        "features": f"{network.title}, {network.channels} channels",
+        "features": "none" if network is None else f"{network.title}, {network.channels} channels",
         "styles": {str(k): labels[v] for k, v in pairs.items()},
         "masked": sorted({labels[v] for v in pairs.values() if masks[v] is not None}),
         "stroke_size": stroke_size,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from functools import partial
 
 import torch
@@ -15,6 +16,7 @@ from svv.fields.scene import Scene
 from svv.train.checkpoint import Arrays, Checkpoint
 from svv.train.config import StylizeSettings
 from svv.train.distil import Distillation, paint_pixel
+from svv.train.ink import Ink
 from svv.train.loop import Loop
 from svv.train.painting import painted_field, painted_start
 from svv.train.previews import Previews
@@ -40,6 +42,7 @@ def started(
     seconds: dict[str, float],
     progress: Progress,
     previews: Previews | None,
+    inks: Mapping[int, Ink],
 ) -> UnrestrictedField:
     """The colours that the stylization begins with: painted, or, as the paper has it, distilled into a network.
 
@@ -54,6 +57,7 @@ def started(
         seconds: How long it took is noted here.
         progress: Called several times a second; stops the work when it raises.
         previews: Shown the start as it comes, region by region.
+        inks: Regions that are drawn in ink, where paint is laid (:func:`is_laid`).
 
     Raises:
         BadInput: none of the regions is visible.
@@ -74,7 +78,7 @@ def started(
         return field
     begin = time.monotonic()
     show = (lambda field: None) if previews is None else partial(previews.look, at_once=True)
-    field = painted_start(scene, transferred, targets, pixel, seed, progress, before, show)
+    field = painted_start(scene, transferred, targets, pixel, seed, progress, before, show, inks)
     seconds["paint"] = time.monotonic() - begin
     if saved is not None:
         saved.finish("paint", {"seconds": seconds["paint"]}, _arrays(field))

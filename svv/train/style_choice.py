@@ -10,19 +10,21 @@ from scipy.optimize import linear_sum_assignment
 
 from svv.errors import BadInput
 from svv.fields.scene import Region
+from svv.train.ink import PAPER, Ink, Style, picture_of
 
 Mask = NDArray[np.bool_]
 
 
 def checked_masks(
-    masks: Sequence[Mask | None] | None, styles: Sequence[NDArray[np.floating]]
+    masks: Sequence[Mask | None] | None, styles: Sequence[Style]
 ) -> tuple[list[Mask | None], list[str]]:
     """One mask or None for each style, and what is to be said about them.
 
     A mask of everything says nothing, so it counts as none.
 
     Raises:
-        BadInput: a mask of another shape than its style, an empty one, or more or fewer masks than styles.
+        BadInput: a mask of another shape than its style, an empty one, one of an ink, or more or fewer masks than
+            styles.
     """
     if masks is None:
         return [None] * len(styles), []
@@ -34,11 +36,11 @@ def checked_masks(
         if mask is None:
             found.append(None)
             continue
-        mask = np.asarray(mask, dtype=bool)
-        if mask.shape != style.shape[:2]:
+        mask, (height, width) = np.asarray(mask, dtype=bool), picture_of(style).shape[:2]
+        if mask.shape != (height, width):
             raise BadInput(
                 f"The mask of style {number} has {mask.shape[1]} x {mask.shape[0]} pixels, its picture "
-                f"{style.shape[1]} x {style.shape[0]}: make it from that picture."
+                f"{width} x {height}: make it from that picture."
             )
         if not mask.any():
             raise BadInput(f"The mask of style {number} is empty: nothing of the picture is left to learn from.")
@@ -48,8 +50,10 @@ def checked_masks(
     return found, notes
 
 
-def mean_colour(style: NDArray[np.floating], mask: Mask | None = None) -> NDArray[np.float64]:
-    """Mean colour of a style picture, where its mask is, sRGB. (3,)"""
+def mean_colour(style: Style, mask: Mask | None = None) -> NDArray[np.float64]:
+    """Mean colour of a style picture, where its mask is, sRGB; of an ink, its paper. (3,)"""
+    if isinstance(style, Ink):
+        return np.array(PAPER)
     pixels = np.asarray(style, np.float64).reshape(-1, 3) if mask is None else np.asarray(style, np.float64)[mask]
     return np.asarray(pixels.mean(0))
 
@@ -86,7 +90,7 @@ def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep:
 
 def pairs_by_colour(
     regions: Sequence[Region],
-    styles: Sequence[NDArray[np.floating]],
+    styles: Sequence[Style],
     masks: Sequence[Mask | None] | None = None,
     keep: Collection[int] = (),
 ) -> dict[int, int]:

@@ -12,11 +12,12 @@ from PIL import Image
 from svv.core.cameras import sphere_cameras
 from svv.core.light import Lamp
 from svv.core.outlines import INK, WIDTH
-from svv.fields.paint_light import PAINT_LIGHT
+from svv.fields.paint_light import DRAWN, PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.output import to_bytes, write_png
 from svv.io.viewset import ViewSet
 from svv.train.gallery import GALLERY, open_style
+from svv.train.ink import INKS
 from svv.train.style_choice import pairs_by_colour
 from tests.cube import cube_paint, cube_scene, lit_cube_scene
 
@@ -361,17 +362,30 @@ tried("cut", Region0Part=1)
 tried("part", Region0Part=9, PictureParts=2)
 tried("all kept", **{f"Region{k}Style": "as it is" for k in range(3)})
 tried("variant", ShowVariant="chalk", PreviewOnly=1)
+tried("ink", StyleFiles=["ink:scribble"])
+tried("ink's part", Region0Style="ink:hatching", Region0Positive="10,10")
 """)
     expected = {
         "none": "at least one picture", "missing": "no style picture", "gallery": "no 'gouache' in the gallery",
         "picture": "picture 3, but there are 1", "region": "no region 5", "points": "must be places",
         "outside": "outside of the picture", "both": "asked for and ruled out", "negative": "at least one positive",
         "mask": "no mask", "cut": "Picture Parts", "part": "is cut into 2", "all kept": "No region is left",
-        "variant": "no variant 'chalk'",
+        "variant": "no variant 'chalk'", "ink": "no 'ink:scribble'", "ink's part": "leave out its mask",
     }  # fmt: skip
     assert {name: words in said[name] for name, words in expected.items()} == dict.fromkeys(expected, True), said
 
 
 def test_the_panel_offers_the_whole_gallery() -> None:
     source = (Path(__file__).parents[2] / "svv" / "pv" / "panels.py").read_text()
-    assert all(f'"{name}"' in source for name in GALLERY)
+    assert all(f'"{name}"' in source for name in (*GALLERY, *(DRAWN + kind for kind in INKS)))
+
+
+def test_regions_are_drawn_in_ink_without_a_picture(inside) -> None:
+    said = inside("""
+paint = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), Gallery="ink:hatching", Preset="draft",
+                       Region1Style="ink:stippling", Region2Style="as it is")
+said["status"], said["shape"] = status(paint), arrays(paint, 1)["RGBA"].shape
+said["styles"] = [sm.Fetch(paint).GetColumnByName("Style").GetValue(k) for k in range(3)]
+""")
+    assert said["styles"] == ["ink:hatching", "ink:stippling", ""] and "Painted in" in said["status"], said
+    assert said["shape"] == [64, 64, 3]

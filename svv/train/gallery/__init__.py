@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from svv import __version__
 from svv.errors import BadInput, Progress, silent
+from svv.fields.paint_light import DRAWN
 from svv.io.cache import cache_folder
 from svv.io.images import SMALLEST, read_style
 from svv.io.output import to_bytes, write_png
@@ -107,9 +108,11 @@ def open_style(source: str | Path, progress: Progress = silent) -> tuple[str, ND
     """A style picture and what to call it, from ``gallery:NAME`` or a file (:func:`svv.io.images.read_style`).
 
     Raises:
-        BadInput: as :func:`gallery_picture` and :func:`svv.io.images.read_style`.
+        BadInput: as :func:`gallery_picture` and :func:`svv.io.images.read_style`, or an ink, which has no picture.
     """
     text = str(source)
+    if text.startswith(DRAWN):
+        raise BadInput(f"{text} is drawn without a picture, and here one is needed: name a file or {PREFIX}NAME.")
     if text.startswith(PREFIX):
         name = gallery_name(text.removeprefix(PREFIX))
         return name, gallery_picture(name, progress=progress)

@@ -1,0 +1,282 @@
+"""Strokes of a pen on a surface: where lines and dots may go, and how much of a place they cover.
+
+A surface is points, at most one in each cube of a side, with what is known of it there. Letters: S points of the
+surface, K points of strokes, C candidates for dots, V places that are asked for. Distances between strokes are measured
+along the surface, without their part along the normal, so that a stroke is the same all through a shell's thickness.
+Compiled with numba for the CPU.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+FACING = 0.3
+"""Cosine of two normals from which on they are of one side of a surface."""
+
+
+@njit(cache=True)
+def look(p, n, t, side, slot, points, normals, tangents, tones, out):  # type: ignore[no-untyped-def]
+    """The surface around p, where its normal is about n and strokes run about along t, up to their sign.
+
+    ``slot`` (X, Y, Z) holds the point in each cube of the side, -1 for none. ``out`` (10,) gets p moved along the
+    normal onto the surface, normal, tangent and tone, all averaged over two sides around. Returns the sum of the
+    weights, 0 where there is no surface.
+    """
+    a, b, c = int(p[0] / side), int(p[1] / side), int(p[2] / side)
+    reach, total = 4.0 * side * side, 0.0
+    out[:] = 0.0
+    for i in range(max(a - 2, 0), min(a + 3, slot.shape[0])):
+        for j in range(max(b - 2, 0), min(b + 3, slot.shape[1])):
+            for k in range(max(c - 2, 0), min(c + 3, slot.shape[2])):
+                s = slot[i, j, k]
+                if s < 0:
+                    continue
+                x, y, z = points[s, 0] - p[0], points[s, 1] - p[1], points[s, 2] - p[2]
+                near = x * x + y * y + z * z
+                facing = n[0] * normals[s, 0] + n[1] * normals[s, 1] + n[2] * normals[s, 2]
+                if near >= reach or facing < FACING:
+                    continue
+                w = (1.0 - near / reach) ** 2 * facing
+                along = t[0] * tangents[s, 0] + t[1] * tangents[s, 1] + t[2] * tangents[s, 2]
+                sign = w if along >= 0.0 else -w
+                out[0] += w * x
+                out[1] += w * y
+                out[2] += w * z
+                for f in range(3):
+                    out[3 + f] += w * normals[s, f]
+                    out[6 + f] += sign * tangents[s, f]
+                out[9] += w * tones[s]
+                total += w
+    if total <= 0.0:
+        return 0.0
+    out[9] /= total
+    size = np.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2)
+    for f in range(3):
+        out[3 + f] /= size
+    up = (out[0] * out[3] + out[1] * out[4] + out[2] * out[5]) / total
+    over = out[3] * out[6] + out[4] * out[7] + out[5] * out[8]
+    for f in range(3):
+        out[f] = p[f] + up * out[3 + f]
+        out[6 + f] -= over * out[3 + f]
+    size = max(np.sqrt(out[6] ** 2 + out[7] ** 2 + out[8] ** 2), 1e-12)
+    for f in range(3):
+        out[6 + f] /= size
+    return total
+
+
+@njit(parallel=True, cache=True)
+def settle(side, slot, points, normals, tangents, tones, out):  # type: ignore[no-untyped-def]
+    """What :func:`look` finds at each point of the surface itself. ``out`` (S, 10)"""
+    for s in prange(len(points)):
+        look(points[s], normals[s], tangents[s], side, slot, points, normals, tangents, tones, out[s])
+
+
+@njit(cache=True)
+def flat_distance(x, y, z, n, m, depth, thin):  # type: ignore[no-untyped-def]
+    """How far something is away that lies (x, y, z) from a point of a stroke with the normal n, and has the normal m.
+
+    The part along n does not count within ``depth``, for the other side of a sheet within ``thin``; beyond: infinite.
+    """
+    height = x * n[0] + y * n[1] + z * n[2]
+    facing = n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
+    if abs(height) > (depth if facing >= FACING else thin if facing < -2.0 * FACING else -1.0):
+        return np.inf
+    return np.sqrt(max(x * x + y * y + z * z - height * height, 0.0))
+
+
+@njit(cache=True)
+def put(p, k, bin_side, head, following):  # type: ignore[no-untyped-def]
+    """Note point k of a stroke, which lies at p, in its bin: a list that begins in ``head`` (X, Y, Z)."""
+    a = min(max(int(p[0] / bin_side), 0), head.shape[0] - 1)
+    b = min(max(int(p[1] / bin_side), 0), head.shape[1] - 1)
+    c = min(max(int(p[2] / bin_side), 0), head.shape[2] - 1)
+    following[k] = head[a, b, c]
+    head[a, b, c] = k
+
+
+@njit(cache=True)
+def put_all(where, bin_side, head, following):  # type: ignore[no-untyped-def]
+    """Note all points of strokes (K, 3)."""
+    for k in range(len(where)):
+        put(where[k], k, bin_side, head, following)
+
+
+@njit(cache=True)
+def is_free(p, n, distance, thin, bin_side, head, following, where, normal):  # type: ignore[no-untyped-def]
+    """Whether no stroke is nearer to p than a distance, at most a bin's side."""
+    a, b, c = int(p[0] / bin_side), int(p[1] / bin_side), int(p[2] / bin_side)
+    for i in range(max(a - 1, 0), min(a + 2, head.shape[0])):
+        for j in range(max(b - 1, 0), min(b + 2, head.shape[1])):
+            for k in range(max(c - 1, 0), min(c + 2, head.shape[2])):
+                s = head[i, j, k]
+                while s >= 0:
+                    x, y, z = p[0] - where[s, 0], p[1] - where[s, 1], p[2] - where[s, 2]
+                    if flat_distance(x, y, z, normal[s], n, distance, thin) < distance:
+                        return False
+                    s = following[s]
+    return True
+
+
+@njit(cache=True)
+def walk(  # type: ignore[no-untyped-def]
+    first, step, steps, near, thin, least, skip, side, slot, points, normals, tangents, tones,
+    bin_side, head, following, where, normal, own, done,
+):  # fmt: skip
+    """Follow the tangents from a place (10,), as :func:`look` gives it, until something is in the way.
+
+    That is light (a tone under ``least``), a rim, a sharp turn, another line nearer than ``near``, or the line itself
+    more than ``skip`` points ago. Points go to ``own`` (?, 10) from row ``done`` on; returns how many are there then.
+    """
+    here = first.copy()
+    there = np.empty(10)
+    p = np.empty(3)
+    for _ in range(steps):
+        if done >= len(own):
+            break
+        for f in range(3):
+            p[f] = here[f] + step * here[6 + f]
+        if look(p, here[3:6], here[6:9], side, slot, points, normals, tangents, tones, there) < 0.6:
+            break
+        turn = there[6] * here[6] + there[7] * here[7] + there[8] * here[8]
+        if turn < 0.8 or there[9] < least:
+            break
+        if not is_free(there[:3], there[3:6], near, thin, bin_side, head, following, where, normal):
+            break
+        closed = False
+        for s in range(done - skip):
+            x, y, z = there[0] - own[s, 0], there[1] - own[s, 1], there[2] - own[s, 2]
+            if flat_distance(x, y, z, own[s, 3:6], there[3:6], near, thin) < near:
+                closed = True
+                break
+        if closed:
+            break
+        own[done] = there
+        done += 1
+        here[:] = there
+    return done
+
+
+@njit(cache=True)
+def draw(  # type: ignore[no-untyped-def]
+    order, least, longest, apart, near, thin, step, shortest, side, slot, points, normals, tangents, tones,
+    bin_side, head, following, where, normal, tangent, tone, start, lines,
+):  # fmt: skip
+    """Evenly spaced lines along the tangents (Jobard & Lefer 1997), beside those that are there already.
+
+    A line begins ``apart`` from another one, or at a point of the surface in the ``order`` given where none is near,
+    and ends where it would come nearer than ``near`` to one; see :func:`walk`. ``least`` (N,) and ``longest`` (N,) are
+    tones and numbers of points for one line after the other, in turn; lines of fewer points than ``shortest`` are left
+    out. Points of line l are rows start[l] to start[l + 1] of ``where``, ``normal``, ``tangent`` (K, 3) and ``tone``
+    (K,); ``lines`` are there already. Returns how many there are then; when the arrays are full, it ends.
+    """
+    own, back, seed = np.empty((4096, 10)), np.empty((4096, 10)), np.empty(10)
+    place, n, t = np.empty(3), np.empty(3), np.empty(3)
+    stride = max(1, int(apart / step))
+    skip = int(2.0 * apart / step) + 2
+    at, which, hand, queue = start[0], 0, 0, 0
+    while True:
+        if queue < lines:
+            for f in range(3):
+                n[f], t[f] = normal[at, f], tangent[at, f]
+            sign = apart if hand == 0 else -apart
+            place[0] = where[at, 0] + sign * (n[1] * t[2] - n[2] * t[1])
+            place[1] = where[at, 1] + sign * (n[2] * t[0] - n[0] * t[2])
+            place[2] = where[at, 2] + sign * (n[0] * t[1] - n[1] * t[0])
+            hand += 1
+            if hand == 2:
+                hand, at = 0, at + stride
+                if at >= start[queue + 1]:
+                    queue += 1
+                    at = start[queue]
+        elif which < len(order):
+            s = order[which]
+            which += 1
+            for f in range(3):
+                place[f], n[f], t[f] = points[s, f], normals[s, f], tangents[s, f]
+        else:
+            return lines
+        if look(place, n, t, side, slot, points, normals, tangents, tones, seed) < 0.6:
+            continue
+        low, room = least[lines % len(least)], 0.95 * apart
+        if seed[9] < low:
+            continue
+        if not is_free(seed[:3], seed[3:6], room, thin, bin_side, head, following, where, normal):
+            continue
+        most = longest[lines % len(longest)]
+        own[0] = seed
+        forward = walk(seed, step, most, near, thin, low, skip, side, slot, points, normals, tangents, tones,
+                       bin_side, head, following, where, normal, own, 1)  # fmt: skip
+        # Backwards it must not run into its own forward half, so that goes first.
+        for s in range(forward):
+            back[s] = own[forward - 1 - s]
+            for f in range(6, 9):
+                back[s, f] = -back[s, f]
+        for f in range(6, 9):
+            seed[f] = -seed[f]
+        whole = walk(seed, step, most, near, thin, low, skip, side, slot, points, normals, tangents, tones,
+                     bin_side, head, following, where, normal, back, forward)  # fmt: skip
+        first = start[lines]
+        if whole < shortest:
+            continue
+        if first + whole > len(where) or lines + 2 > len(start):
+            return lines
+        for s in range(whole):
+            k = first + s
+            for f in range(3):
+                where[k, f], normal[k, f], tangent[k, f] = back[s, f], back[s, 3 + f], back[s, 6 + f]
+            tone[k] = back[s, 9]
+            put(where[k], k, bin_side, head, following)
+        lines += 1
+        start[lines] = first + whole
+        if queue == lines - 1:
+            at, hand = first, 0
+
+
+@njit(cache=True)
+def scatter(place, normal, distance, thin, bin_side, head, following, kept):  # type: ignore[no-untyped-def]
+    """Dots no two of which are nearer than the mean of their distances (C,), each candidate taken if it may be.
+
+    ``kept`` (C,) gets the numbers of those that are; returns how many. No distance exceeds a bin's side.
+    """
+    count = 0
+    for p in range(len(place)):
+        free = True
+        a, b, c = int(place[p, 0] / bin_side), int(place[p, 1] / bin_side), int(place[p, 2] / bin_side)
+        for i in range(max(a - 1, 0), min(a + 2, head.shape[0])):
+            for j in range(max(b - 1, 0), min(b + 2, head.shape[1])):
+                for k in range(max(c - 1, 0), min(c + 2, head.shape[2])):
+                    s = head[i, j, k]
+                    while free and s >= 0:
+                        apart = 0.5 * (distance[p] + distance[s])
+                        x, y, z = place[p, 0] - place[s, 0], place[p, 1] - place[s, 1], place[p, 2] - place[s, 2]
+                        free = flat_distance(x, y, z, normal[s], normal[p], apart, thin) >= apart
+                        s = following[s]
+        if free:
+            put(place[p], p, bin_side, head, following)
+            kept[count] = p
+            count += 1
+    return count
+
+
+@njit(parallel=True, cache=True)
+def cover(  # type: ignore[no-untyped-def]
+    place, facing, depth, thin, soft, bin_side, head, following, where, normal, radius, out
+):
+    """How much of each place (V, 3), whose normal is ``facing``, is ink, in [0, 1]. ``out`` (V,)
+
+    Points of strokes are discs of a ``radius`` (K,), ``depth`` thick either way, whose rims are ``soft`` wide.
+    """
+    for v in prange(len(place)):
+        a, b, c = int(place[v, 0] / bin_side), int(place[v, 1] / bin_side), int(place[v, 2] / bin_side)
+        best = 0.0
+        for i in range(max(a - 1, 0), min(a + 2, head.shape[0])):
+            for j in range(max(b - 1, 0), min(b + 2, head.shape[1])):
+                for k in range(max(c - 1, 0), min(c + 2, head.shape[2])):
+                    s = head[i, j, k]
+                    while s >= 0:
+                        x, y, z = place[v, 0] - where[s, 0], place[v, 1] - where[s, 1], place[v, 2] - where[s, 2]
+                        away = flat_distance(x, y, z, normal[s], facing[v], depth, thin)
+                        best = max(best, 0.5 + (radius[s] - away) / soft)
+                        s = following[s]
+        out[v] = min(best, 1.0)

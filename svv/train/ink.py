@@ -1,0 +1,372 @@
+"""Ink drawings that need no picture: stippling, hatching and cross-hatching laid on the surfaces.
+
+A tone is found for every place: how much the form turns away from a light at the upper left, and how much it is a
+hollow (:class:`svv.train.form.Form`), brought to equal shares from light to dark. Dots lie apart as Poisson discs do,
+the closer the darker it is (Deussen et al. 2000); lines are evenly spaced streamlines of the direction in which the
+surface bends least (Jobard & Lefer 1997), that swell where it is darker and end in the light (Winkenbach & Salesin
+1994), with lines between or across them in the dark. All is the same from every side: strokes are on the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.paint_light import DRAWN
+from svv.kernels import inking
+from svv.train.form import Floats, Form
+from svv.train.gallery import open_style
+from svv.train.quilt import LIGHT
+
+PAPER = (0.97, 0.955, 0.92)
+"""Colour of what is not inked: warm white, RGB."""
+
+DARKNESS, COLOURFUL = 14.0, 26.0
+"""Lightness of ink, and its chroma at most, in CIELAB: dark, but regions are told apart by their inks."""
+
+HOLLOW = 0.7
+"""What a hollow weighs beside the light, both in units of their deviations."""
+
+SURFACE = 2.0
+"""Side of the cubes of which each has one point of the surface at most, in pixels or cells of the paint."""
+
+DEPTH, THIN = 4.0, 1.5
+"""How deep strokes go, and within what the two sides of a sheet share them, in pixels or cells of the paint."""
+
+SOFT = 0.5
+"""Width of the rims of strokes, in cells of the paint."""
+
+STEP = 0.5
+"""Of a line, in units."""
+
+NEAREST = 0.6
+"""Part of the distance of two lines that they may come near to each other before one ends."""
+
+SQUEEZED = 0.92
+"""Part of their distance that lines between others do with, which are not everywhere as far apart as they should be."""
+
+LENGTHS = (60.0, 180.0)
+"""Of lines at most, in units: a pen is lifted now and then."""
+
+SHORTEST, TAPER = 4.0, 5.0
+"""Length of lines at least, and of their pointed ends, in units."""
+
+SMALLEST, LARGEST = 0.8, 1.4
+"""Radius of dots in the lightest and in the darkest tone, in units."""
+
+BLANK = 0.12
+"""Tone from which on there are dots."""
+
+BLACKEST = 0.72
+"""Part of the darkest places that is ink."""
+
+PACKED = 0.70
+"""Dots laid at random as long as there is room: part of the square of their distance for each."""
+
+TRIES = 10
+"""Candidates for dots at each point of the surface."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Lines of one direction."""
+
+    across: float
+    """Angle against the direction in which the surface bends least, radians."""
+    apart: float
+    """Distance of their middles, in units."""
+    tone: float
+    """Where they begin: the lighter part of the surface has none of them."""
+    thin: float
+    """Their width there,"""
+    thick: float
+    """and in the darkest places, in units."""
+    between: bool = False
+    """Whether they lie between the lines of the layer before, with which they then share the direction."""
+
+
+HATCHING = (Layer(0.0, 8.4, 0.12, 1.2, 2.8), Layer(0.0, 4.2, 0.36, 1.1, 2.8, True))
+CROSSED = (
+    Layer(0.0, 10.0, 0.12, 1.3, 2.2), Layer(0.0, 5.0, 0.34, 1.2, 2.2, True),
+    Layer(1.15, 10.0, 0.54, 1.3, 2.2), Layer(1.15, 5.0, 0.68, 1.2, 2.2, True),
+)  # fmt: skip
+
+
+INKS: dict[str, tuple[tuple[Layer, ...], str]] = {
+    "stippling": ((), "dots of a pen, the closer the darker it is"),
+    "hatching": (HATCHING, "lines along the form that swell in the dark and end in the light"),
+    "cross-hatching": (CROSSED, "lines along the form, and in the dark others across"),
+}
+"""Name -> layers of lines, none of which are dots, and what it looks like."""
+
+
+@dataclass(frozen=True)
+class Ink:
+    """A way to draw, where else a style picture is given.
+
+    Raises:
+        BadInput: there is no such ink.
+    """
+
+    kind: str
+    """One of :data:`INKS`: ``stippling``, ``hatching`` or ``cross-hatching``."""
+    size: float = 1.0
+    """Scale of the strokes; :func:`svv.train.pipeline.stylize_scene` has its own."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in INKS:
+            inks = ", ".join(DRAWN + kind for kind in INKS)
+            raise BadInput(f"There is no '{self.name}'; choose one of {inks}.")
+
+    @property
+    def name(self) -> str:
+        """What it is called where styles are named."""
+        return DRAWN + self.kind
+
+
+Style = NDArray[np.floating] | Ink
+"""What a region may be painted with: a picture (H, W, 3), sRGB in [0, 1], or an ink."""
+
+
+def ink_named(source: object) -> Ink | None:
+    """The ink that ``ink:NAME`` is; None for what names no ink.
+
+    Raises:
+        BadInput: there is no such ink.
+    """
+    text = str(source)
+    if not text.startswith(DRAWN):
+        return None
+    return Ink(text.removeprefix(DRAWN).strip().lower().replace("_", "-").replace(" ", "-"))
+
+
+def style_named(source: str | Path, progress: Progress = silent) -> tuple[str, Style]:
+    """What a style is called, and its picture or its ink: ``ink:NAME``, ``gallery:NAME`` or a file.
+
+    Raises:
+        BadInput: as :func:`ink_named` and :func:`svv.train.gallery.open_style`.
+    """
+    ink = ink_named(source)
+    return open_style(source, progress) if ink is None else (ink.name, ink)
+
+
+def picture_of(style: Style) -> NDArray[np.floating]:
+    """The picture of a style of which a part is wanted; raises BadInput for an ink."""
+    if isinstance(style, Ink):
+        raise BadInput(f"{style.name} is drawn without a picture, so no part of one can be chosen: leave out its mask.")
+    return style
+
+
+def ink_colour(colour: Sequence[float]) -> Floats:
+    """The ink of a region: a dark one of its hue, RGB. (3,)"""
+    from skimage.color import lab2rgb, rgb2lab
+
+    _, a, b = rgb2lab(np.clip(np.asarray(colour, np.float64), 0.0, 1.0))
+    scale = min(1.0, COLOURFUL / max(float(np.hypot(a, b)), 1e-9))
+    return np.asarray(lab2rgb(np.array([DARKNESS, scale * a, scale * b])), np.float32)
+
+
+def tones(form: Form, points: Floats, normals: Floats) -> Floats:
+    """How dark places (S, 3) with outward normals (S, 3) are, from the light to the dark; in no unit. (S,)"""
+    dark = -(normals @ (LIGHT / np.linalg.norm(LIGHT)))
+    hollow = form.hollowness(points)
+    return np.asarray(dark / max(dark.std(), 1e-3) + HOLLOW * hollow / max(hollow.std(), 1e-3), np.float32)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The surface of a region that is drawn on: points, one at most in each cube of a side.
+
+    ``points``, ``normals`` and ``tangents`` are (S, 3), ``tones`` (S,) in [0, 1], each as frequent as every other.
+    """
+
+    side: float
+    slot: NDArray[np.int32]
+    """Number of the point in each cube, -1 for none. (X, Y, Z)"""
+    points: Floats
+    normals: Floats
+    tangents: Floats
+    tones: Floats
+
+    @classmethod
+    def of(cls, form: Form, surface: Floats, side: float) -> Sheet:
+        """That of points (S, 3) that are seen, which may lie at several depths: they are brought to their middle."""
+        points, _, slot = _in_cubes(surface, side)
+        normals, tangents, _ = form.frames(points)
+        tone = tones(form, points, normals)
+        out = np.empty((len(points), 10))
+        inking.settle(side, slot, points, normals, tangents, tone, out)
+        _, kept, slot = _in_cubes(out[:, :3].astype(np.float32), side)
+        out = out[kept]
+        rank = np.argsort(np.argsort(out[:, 9])) / max(len(out) - 1, 1)
+        points, normals, tangents = (np.ascontiguousarray(out[:, k : k + 3], np.float32) for k in (0, 3, 6))
+        return cls(side, slot, points, normals, tangents, rank.astype(np.float32))
+
+    @property
+    def looked_up(self) -> tuple[float, NDArray[np.int32], Floats, Floats, Floats, Floats]:
+        """What the kernels take."""
+        return self.side, self.slot, self.points, self.normals, self.tangents, self.tones
+
+
+def _in_cubes(points: Floats, side: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int32]]:
+    """The first point of each cube, its number among all, and the numbers of those that stay in a grid of cubes."""
+    cells = int(np.ceil(1.0 / side)) + 1
+    cube = np.clip((points / side).astype(np.int64), 0, cells - 1)
+    flat, first = np.unique(np.ravel_multi_index(tuple(cube.T), (cells,) * 3), return_index=True)
+    slot = np.full(cells**3, -1, np.int32)
+    slot[flat] = np.arange(len(flat))
+    return np.ascontiguousarray(points[first]), first, slot.reshape(cells, cells, cells)
+
+
+@dataclass(frozen=True)
+class Strokes:
+    """Discs on a surface, of which lines are rows."""
+
+    where: Floats
+    """Box coordinates. (K, 3)"""
+    normal: Floats
+    """Outward. (K, 3)"""
+    radius: Floats
+    """In box units. (K,)"""
+    line: NDArray[np.int64]
+    """Number of the line that each is of, its own for a dot. (K,)"""
+    layer: NDArray[np.int64]
+    """Number of its layer. (K,)"""
+
+
+def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
+    """Stippling.
+
+    Args:
+        sheet: What is drawn on.
+        unit: What radii and distances count in, in box units.
+        cell: Side of a cell of the paint, in box units.
+        seed: Another one is another layout.
+    """
+    generator = np.random.default_rng(seed)
+    near = generator.permutation(np.repeat(np.arange(len(sheet.points)), TRIES))
+    aside = generator.uniform(-0.75, 0.75, (len(near), 2)).astype(np.float32) * sheet.side
+    other = np.cross(sheet.normals, sheet.tangents)
+    place = sheet.points[near] + aside[:, :1] * sheet.tangents[near] + aside[:, 1:] * other[near]
+    tone, normal = sheet.tones[near], sheet.normals[near]
+    place, normal, tone = (a[tone > BLANK] for a in (place, normal, tone))
+    dark = (tone - BLANK) / (1.0 - BLANK)
+    radius = unit * (SMALLEST + (LARGEST - SMALLEST) * dark)
+    distance = radius * np.sqrt(PACKED * np.pi / (BLACKEST * np.maximum(dark, 0.04)))
+    size = 1.5 * float(distance.max(initial=unit))
+    head, following = _bins(size, len(place))
+    kept = np.empty(len(place), np.int64)
+    count = inking.scatter(place, normal, distance, THIN * cell, size, head, following, kept)
+    own = kept[:count]
+    return Strokes(place[own], normal[own], radius[own].astype(np.float32), np.arange(count), np.zeros(count, np.int64))
+
+
+class Family:
+    """Lines that share a direction, as the kernels fill them in; ``start`` as of :func:`svv.kernels.inking.draw`."""
+
+    def __init__(self, sheet: Sheet, angle: float, side: float, most: int) -> None:
+        """Room for as many points of lines as ``most``, in bins of a side, on a sheet whose tangents are turned."""
+        other = np.cross(sheet.normals, sheet.tangents)
+        turned = np.ascontiguousarray(np.cos(angle) * sheet.tangents + np.sin(angle) * other, np.float32)
+        self.sheet, self.side, self.count = replace(sheet, tangents=turned), side, 0
+        self.head, self.following = _bins(side, most)
+        self.where, self.normal, self.tangent = (np.empty((most, 3), np.float32) for _ in range(3))
+        self.tone, self.start = np.empty(most, np.float32), np.zeros(most // 4 + 2, np.int64)
+
+    def draw(self, layer: Layer, unit: float, thin: float, generator: np.random.Generator) -> slice:
+        """Add lines of a layer; gives their numbers."""
+        first, order = self.count, generator.permutation(len(self.sheet.points))
+        least = layer.tone + generator.uniform(-0.05, 0.05, 997)
+        longest = (generator.uniform(*LENGTHS, 991) / STEP).astype(np.int64)
+        apart = layer.apart * unit * (SQUEEZED if layer.between else 1.0)
+        self.count = inking.draw(
+            order, least, longest, apart, NEAREST * apart, thin, STEP * unit, int(SHORTEST / STEP),
+            *self.sheet.looked_up, self.side, self.head, self.following, self.where, self.normal, self.tangent,
+            self.tone, self.start, self.count,
+        )  # fmt: skip
+        return slice(first, self.count)
+
+
+def lines(sheet: Sheet, layers: Sequence[Layer], unit: float, cell: float, seed: int, progress: Progress) -> Strokes:
+    """Hatching; see :func:`dots`."""
+    generator = np.random.default_rng(seed)
+    side = 1.5 * max(layer.apart for layer in layers) * unit
+    most = int(len(sheet.points) * sheet.side**2 / (0.25 * STEP * min(x.apart for x in layers) * unit**2)) + 4096
+    family, parts = Family(sheet, 0.0, side, most), []
+    for number, layer in enumerate(layers):
+        progress(number / len(layers), "drawing lines")
+        if number and not layer.between:
+            family = Family(sheet, layer.across, side, most)
+        drawn = family.draw(layer, unit, THIN * cell, generator)
+        start = family.start[drawn.start : drawn.stop + 1]
+        line = np.repeat(np.arange(len(start) - 1), np.diff(start))
+        own = slice(int(start[0]), int(start[-1]))
+        index = np.arange(own.start, own.stop)
+        end = np.minimum(index - start[:-1][line], start[1:][line] - 1 - index) * STEP
+        dark = np.clip((family.tone[own] - layer.tone) / (1.0 - layer.tone), 0.0, 1.0)
+        width = (layer.thin + (layer.thick - layer.thin) * dark) * generator.uniform(0.9, 1.1, len(start))[line]
+        radius = 0.5 * unit * width * np.minimum(1.0, 0.35 + end / TAPER)
+        layer_of = np.full(len(line), number)
+        parts.append((family.where[own], family.normal[own], radius.astype(np.float32), line, layer_of))
+    progress(1.0, "drawing lines")
+    return Strokes(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _bins(side: float, count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    cells = int(np.ceil(1.0 / side)) + 1
+    return np.full((cells, cells, cells), -1, np.int32), np.full(count, -1, np.int32)
+
+
+class Drawing:
+    """One region in ink."""
+
+    def __init__(
+        self, ink: Ink, colour: Sequence[float], form: Form, surface: Floats, pixel: float, cell: float,
+        seed: int, progress: Progress,
+    ) -> None:  # fmt: skip
+        """Draw it.
+
+        Args:
+            ink: How.
+            colour: The region's, RGB; its ink is a dark one of that hue.
+            form: The scene's.
+            surface: Box coordinates of points that are seen of the region. (S, 3)
+            pixel: Side of a pixel of the stylization views on the surface, in box units, and
+            cell: that of a cell of the paint: strokes are as fine as the coarser of both.
+            seed: Another one is another layout.
+            progress: Called several times a second.
+        """
+        self.form, self.cell, self.colour = form, cell, ink_colour(colour)
+        fine = max(pixel, cell)
+        self.depth, self.thin = DEPTH * fine, THIN * fine
+        self.sheet = Sheet.of(form, surface, SURFACE * fine)
+        layers, unit = INKS[ink.kind][0], ink.size * fine
+        progress(0.1, "drawing")
+        if layers:
+            self.strokes = lines(self.sheet, layers, unit, fine, seed, part(progress, 0.1, 1.0))
+        else:
+            self.strokes = dots(self.sheet, unit, fine, seed)
+        radius = float(self.strokes.radius.max(initial=0.0)) + SOFT * cell
+        self._side = float(np.hypot(self.depth, radius))
+        self._head, self._following = _bins(self._side, len(self.strokes.where))
+        inking.put_all(self.strokes.where, self._side, self._head, self._following)
+
+    def covered(self, position: Floats) -> Floats:
+        """How much of box coordinates (V, 3) is ink, in [0, 1]. (V,)"""
+        out = np.empty(len(position), np.float32)
+        normal = self.form.frames(position)[0]
+        inking.cover(
+            np.ascontiguousarray(position, np.float32), normal, self.depth, self.thin, SOFT * self.cell, self._side,
+            self._head, self._following, self.strokes.where, self.strokes.normal, self.strokes.radius, out,
+        )  # fmt: skip
+        return np.maximum(out, 0.0)
+
+    def __call__(self, position: Floats) -> Floats:
+        """Colours of box coordinates (V, 3) -> (V, 3)."""
+        paper = np.array(PAPER, np.float32)
+        return np.asarray(paper + self.covered(position)[:, None] * (self.colour - paper), np.float32)

@@ -124,7 +124,7 @@ def painted_start(
             continue
         target, inside = targets[k], targets[k].inside
         manner = Manner(target.picture.permute(1, 2, 0).cpu().numpy(), inside)
-        quilt = Quilt(manner, form, points, pixel, seed + k, part(told, 0.0, 0.6))
+        quilt = Quilt(manner, form, points, pixel, seed + k, part(told, 0.0, 0.6), target.settings.guides)
         own = np.flatnonzero((region == k) & _near_what_is_seen(views, k, occupancy, place))
         for first in range(0, len(own), 1 << 17):
             part(told, 0.6, 1.0)(first / len(own), "painting")

@@ -8,7 +8,7 @@ lies average it away (the features' energy, and a start that is painted already 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -27,6 +27,7 @@ from svv.core.nnfm import (
     total_variation,
 )
 from svv.train.features import STRIDE, PatchFeatures
+from svv.train.quilt import Guides
 
 LEAST_SHARE = 0.3
 """Share of foreground from which on a cell of the feature map is matched."""
@@ -65,6 +66,8 @@ class StyleLossSettings:
     """Style vectors kept for matching, drawn at random beyond that."""
     seeded: bool = True
     """Whether a scene is painted with pieces of the style before the matching (:mod:`svv.train.painting`)."""
+    guides: Guides = field(default_factory=Guides)
+    """What the pieces of that start are chosen by."""
     anchor: float = 0.5
     """Weight of the squared distance to the colours at the start, in a scene: all views share its strokes."""
     along_rays: float = 0.0

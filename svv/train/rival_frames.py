@@ -33,7 +33,7 @@ WARPED_STEPS = 0.5
 """Part of a frame's steps that one takes which begins from the frame before: it is painted already."""
 
 STATISTICS = 10.0
-"""Weight of mean and deviation against the style's, as of AdaIN's style loss (Huang & Belongie 2017, sec. 6.2)."""
+"""Weight of mean and deviation against the style's, where that of the wanted features is 1."""
 
 LEAST_VARIANCE = 1e-5
 """Added to the variance of a channel before it is divided by."""
@@ -65,7 +65,7 @@ def frame_after(
     """One image of a sequence: as :func:`frame_alone`, but from the frame before, and like it.
 
     To the style loss comes a temporal one, the mean squared difference to the warped frame over the pixels where it is
-    valid (Ruder, Dosovitskiy & Brox 2016, eq. 7). What the frame before does not show begins as a frame alone does.
+    valid (Ruder, Dosovitskiy & Brox 2016, the short-term loss). What the frame before does not show begins as a frame alone does.
 
     Args:
         rgba: The unstyled frame, straight alpha. (h, w, 4) in [0, 1]

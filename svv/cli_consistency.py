@@ -34,6 +34,7 @@ Flows = Annotated[
     str, typer.Option("--flows", metavar="A,B", help="Of depth (ours, exact), and the estimators tvl1 and ilk.")
 ]
 KINDS = ("depth", "tvl1", "ilk")
+ALL_MODES = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame,video,adain"
 
 
 @dataclass(frozen=True)
@@ -120,8 +121,8 @@ def compare_styles(
     out: Out,
     modes: Annotated[
         str,
-        typer.Option(metavar="A,B", help="Of unstyled, ours, ours-unlit, arf-like, snerf-like, frame-by-frame."),
-    ] = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame",
+        typer.Option(metavar="A,B", help=f"Of {ALL_MODES.replace(',', ', ')}."),
+    ] = ALL_MODES,
     frames: Frames = ALL_FRAMES,
     flows: Flows = "depth,tvl1",
     training: Training = TRAINING,
@@ -129,7 +130,7 @@ def compare_styles(
         bool, typer.Option("--paper-loss", help="Plain matching instead of our loss, in all modes.")
     ] = False,
 ) -> None:
-    """Set our stylization beside other ways to do it: an ARF-like, an SNeRF-like and a frame-by-frame mode.
+    """Set our stylization beside other ways to do it: with other fields, and frame by frame.
 
     The folder gets modes.md, .csv and .json and a contact sheet a scene and style. Stopped with Ctrl-C, the same
     command goes on where it was.

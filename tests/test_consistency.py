@@ -29,7 +29,8 @@ from svv.report.style_table import averaged, victories
 from svv.train.config import PRESETS, Preset, StylizeSettings
 from svv.train.features import load_features
 from svv.train.pipeline import train_scene
-from svv.train.rivals import arf_like, frame_alone, unseeded
+from svv.train.rival_frames import frame_alone
+from svv.train.rivals import arf_like, unseeded
 from svv.train.style_loss import StyleLossSettings, StyleTarget
 
 SIZE = 48
@@ -259,6 +260,8 @@ def test_every_mode_paints_and_is_measured(compared: tuple[Path, list[dict[str, 
         for interval in SHORT.intervals:
             assert np.isfinite([found[mode][f"depth {interval} {name}"] for name in METRICS]).all()
     assert found["frame-by-frame"]["depth 1 rmse"] > found["ours"]["depth 1 rmse"]
+    for interval in SHORT.intervals:
+        assert found["video"][f"depth {interval} rmse"] < 0.9 * found["frame-by-frame"][f"depth {interval} rmse"]
 
 
 def test_compared_again_nothing_is_trained(
@@ -269,7 +272,7 @@ def test_compared_again_nothing_is_trained(
     def fail(*_: Any, **__: Any) -> None:
         raise AssertionError("trained again")
 
-    for name in ("stylize_scene", "arf_like", "snerf_like", "frame_alone"):
+    for name in ("stylize_scene", "arf_like", "snerf_like", "frame_alone", "frame_after", "frame_of_statistics"):
         monkeypatch.setattr(style_modes, name, fail)
     how = Comparison(SHORT, preset="draft")
     assert compare_styles([folder / "balls.svv"], [folder / "stripes.png"], out, how) == rows

@@ -20,7 +20,7 @@ from svv.train.distil import paint_pixel
 from svv.train.features import PatchFeatures
 from svv.train.form import Form, form_of_opacity, tangents
 from svv.train.painting import MOST_CELLS, MOST_VERTICES, paint_cells, painted_start
-from svv.train.quilt import Manner, Quilt, spread
+from svv.train.quilt import Guides, Manner, Quilt, spread
 from svv.train.style_loss import PATCH_LOSS, StyleTarget
 from svv.train.stylize import stylization_cameras, visible_from
 from tests.balls import SHORT
@@ -125,11 +125,11 @@ def test_on_a_plane_a_pixel_is_a_pixel_and_on_a_tube_the_arc_counts() -> None:
     tube_radius = 0.3
     bent = (tube_radius * normal - tube_radius * outward + [0.0, 0.05, 0.0]).astype(np.float32)
     at, suits = np.empty((8, 2), np.float32), np.empty(8, np.float32)
-    places(bent, normal, middle, right, up, outward, radius, at, suits)
+    places(bent, normal, middle, right, up, outward, radius, False, at, suits)
     np.testing.assert_allclose(at[:, 0], tube_radius * angle / radius, rtol=1e-3)
     np.testing.assert_allclose(at[:, 1], 0.1, rtol=1e-3)
     # Not the other side of a sheet, nor what lies far away.
-    places(position, np.tile(-outward, (3, 1)), middle, right, up, outward, radius, at[:3], suits[:3])
+    places(position, np.tile(-outward, (3, 1)), middle, right, up, outward, radius, False, at[:3], suits[:3])
     assert (suits[:3] < 0).all()
 
 
@@ -180,6 +180,25 @@ def test_pieces_take_all_of_the_picture_and_a_seed_decides_which() -> None:
     assert np.abs(made[0] - made[2]).mean() > 0.05
     share = [(made[0][:, k] > 0.5).mean() for k in range(3)]
     assert min(share) > 0.05 and max(share) < 0.6
+
+
+def test_what_pieces_are_chosen_by_can_be_left_out() -> None:
+    """Not along the form, all stand upright; without tone, how light a piece is has nothing to do with the light."""
+    axis = np.array([1.0, 0.3, 0.2])
+    form, surface = tube(axis, 0.2), on_tube(axis, 0.2, 6000)[0]
+    picture = lines(red=False) * np.linspace(0.2, 1.0, 120, dtype=np.float32)[:, None]
+    manner = Manner(picture)
+
+    def laid(guides: Guides) -> tuple[float, float]:
+        """How far pieces are turned, and how their brightness goes with the light."""
+        quilt = Quilt(manner, form, surface, 1 / 300, 0, silent, guides)
+        column, row = quilt.centre.T.astype(int)
+        return float(np.abs(quilt.turn).mean()), float(np.corrcoef(manner.rank[row, column], quilt._wanted)[0, 1])
+
+    turned, toned = laid(Guides())
+    assert turned > 0.1 and toned > 0.5
+    assert laid(Guides(along_form=False))[0] == 0.0
+    assert abs(laid(Guides(tone=0.0))[1]) < 0.5 * toned
 
 
 @pytest.mark.parametrize("shape", [(24, 24), (24, 300), (16, 16)])

@@ -1,7 +1,8 @@
-"""The paper's ablations: what it says is needed, left out one at a time.
+"""Ablations: what the paper says is needed, and what is ours, left out one at a time.
 
-Of the stylization: colour transfer, lighting, the background behind the regions' renders, and what is not the paper's
-but ours: one colour along a ray, and paint on finer cells than the scene's. Of the palette network: the refinement of
+Of the stylization: the matching of features, the painted start and what its pieces are laid by, colour transfer,
+lighting, the background behind the regions' renders, one colour along a ray, and paint on finer cells than the
+scene's. Of the palette network: the refinement of
 the palette's colours, and the weight of the offsets (lambda_delta). Every variant is a folder, and what is there is not
 done again.
 """
@@ -44,6 +45,22 @@ class StyleVariant:
 
 
 STYLES: dict[str, dict[str, StyleVariant]] = {
+    "matching": {
+        "laid and matched": StyleVariant(),
+        "laid only": StyleVariant(stylize=lambda s: replace(s, style_iterations=0)),
+    },
+    "painted-start": {
+        "begun with pieces of the style": StyleVariant(),
+        "begun with one colour a region": StyleVariant(loss=lambda s: replace(s, seeded=False)),
+    },
+    "form": {
+        "strokes along the form": StyleVariant(),
+        "strokes upright": StyleVariant(loss=lambda s: replace(s, guides=replace(s.guides, along_form=False))),
+    },
+    "tone": {
+        "light strokes where it is light": StyleVariant(),
+        "strokes regardless of light": StyleVariant(loss=lambda s: replace(s, guides=replace(s.guides, tone=0.0))),
+    },
     "colour-transfer": {
         "with colour transfer": StyleVariant(),
         "without colour transfer": StyleVariant(stylize=lambda s: replace(s, colour_transfer=False)),

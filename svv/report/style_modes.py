@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.io.images import read_style
 from svv.io.output import on_background
-from svv.report.consistency import draw_frames, means, measure_frames
+from svv.report.consistency import draw_frames, means, measure_frames, straight
 from svv.report.likeness import FIGURES, caption, judge_of, painted_figures
 from svv.report.orbit_path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, digest, finely, kept
 from svv.report.pictures import read_png
@@ -42,7 +43,8 @@ from svv.train.config import Preset, StylizeSettings, preset
 from svv.train.features import load_features
 from svv.train.lpips import load_lpips
 from svv.train.pipeline import stylize_scene
-from svv.train.rivals import arf_like, frame_alone, snerf_like, unseeded
+from svv.train.rival_frames import Before, frame_after, frame_alone, frame_of_statistics
+from svv.train.rivals import arf_like, snerf_like, unseeded
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for
 
 MODES = {
@@ -52,10 +54,15 @@ MODES = {
     "arf-like": "one style, whole scene, no palette stage, no lighting",
     "snerf-like": "images stylized one by one and the field refitted to them, in turn",
     "frame-by-frame": "every frame optimised alone",
+    "video": "every frame begun from the one before, warped, and held to it",
+    "adain": "every frame alone: mean and deviation of each feature made the style's",
 }
 """What is compared, and what it is."""
 
-RIVALS = ("arf-like", "snerf-like", "frame-by-frame")
+FRAMES = ("frame-by-frame", "video", "adain")
+"""Modes that have no scene of their own."""
+
+RIVALS = ("arf-like", "snerf-like", *FRAMES)
 OURS = ("ours", "ours-unlit")
 """The same scene twice: the rivals have no light, so only the second is like for like."""
 
@@ -185,8 +192,8 @@ class _CaseWork:
                  "sampling": FINE, **({"paint_light": PAINT_LIGHT} if mode == "ours" else {})}  # fmt: skip
         key, folder = digest(parts), self.folder / mode
         drawing = part(progress, 0.7, 1.0)
-        if mode == "frame-by-frame":
-            return self._alone(folder, key, progress)
+        if mode in FRAMES:
+            return self._stylized(mode, folder, key, progress)
         if mode == "unstyled":
             return self.path.folder, 0.0
         if mode == "ours-unlit":
@@ -221,20 +228,28 @@ class _CaseWork:
         rival = {"arf-like": arf_like, "snerf-like": snerf_like}[mode]
         return rival(self.scene, target, settings, how.seed, progress)
 
-    def _alone(self, folder: Path, key: str, progress: Progress) -> tuple[Path, float]:
+    def _stylized(self, mode: str, folder: Path, key: str, progress: Progress) -> tuple[Path, float]:
         note, how = folder / "seconds.json", self.how
-        network = load_features(how.features)
-        steps = how.chosen.stylize.style_iterations
+        numbers = how.protocol.frames
+        made_with = (load_features(how.features), self._picture(), how.loss_of(mode),
+                     how.chosen.stylize.style_iterations, how.seed)  # fmt: skip
+        # A gap longer than any that is compared begins a sequence anew.
+        follows = {b: a for a, b in pairwise(numbers) if mode == "video" and b - a <= max(how.protocol.intervals)}
 
         def make(number: int) -> NDArray[np.float32]:
             before = json.loads(note.read_text(encoding="utf-8")) if note.exists() else {}
             begin = time.monotonic()
             rgba = read_png(self.path.folder / f"{number:04d}.png") / np.float32(255)
-            result = frame_alone(rgba, network, self._picture(), how.loss, steps, how.seed)
+            if number in follows:
+                warp = self.path.warp("depth", follows[number], number)
+                moved = Before(warp.moved(straight(folder, follows[number])), warp.mask)
+                result = frame_after(rgba, moved, *made_with)
+            else:
+                result = (frame_of_statistics if mode == "adain" else frame_alone)(rgba, *made_with)
             write_json(note, {**before, str(number): time.monotonic() - begin})
             return result
 
-        draw_frames(folder, key, how.protocol.frames, make, progress)
+        draw_frames(folder, key, numbers, make, progress)
         return folder, float(sum(json.loads(note.read_text(encoding="utf-8")).values()))
 
     def _picture(self) -> torch.Tensor:

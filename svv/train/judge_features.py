@@ -11,6 +11,7 @@ import csv
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -70,12 +71,30 @@ CANDIDATES: dict[str, tuple[Callable[[], nn.Module], StyleLossSettings]] = {
 
 
 def stylized(colours: Tensor, mask: Tensor, target: StyleTarget, steps: int, rate: float = 0.03) -> Tensor:
-    """Colours (3, h, w) of a view optimised towards a style, its opacity (h, w) held.
+    """Colours (3, h, w) of a view optimised towards a style, its opacity (h, w) held."""
+    loss = partial(style_loss, mask=mask, target=target)
+    return optimised(with_style_colours(colours, mask, target), mask, loss, steps, rate)
 
-    The change is a pyramid of five levels, as a radiance field has features at several resolutions.
-    """
+
+def with_style_colours(colours: Tensor, mask: Tensor, target: StyleTarget) -> Tensor:
+    """Colours (3, h, w) with the mean and covariance of the style's, over an opacity (h, w): what frames begin with."""
     matrix, offset = colour_transfer(colour_statistics(colours.flatten(1).T, mask.flatten()), target.statistics, 1e-3)
-    start = (torch.einsum("dc,chw->dhw", matrix, colours) + offset[:, None, None]).clamp(0.02, 0.98)
+    return (torch.einsum("dc,chw->dhw", matrix, colours) + offset[:, None, None]).clamp(0.02, 0.98)
+
+
+def style_loss(picture: Tensor, mask: Tensor, target: StyleTarget) -> Tensor:
+    """A style's loss of straight colours (3, h, w) with an opacity (h, w), seen over the style's background."""
+    return target.loss(picture * mask + target.background * (1 - mask), mask)
+
+
+def optimised(
+    start: Tensor, mask: Tensor, loss: Callable[[Tensor], Tensor], steps: int, rate: float = 0.03
+) -> Tensor:
+    """Colours (3, h, w) in [0, 1] for which a loss of them is small, found from a start by Adam.
+
+    The change is a pyramid of five levels, as a radiance field has features at several resolutions. ``mask`` (h, w)
+    says where colours outside [0, 1], which the loss does not see, are held back.
+    """
     size = mask.shape
     levels = [torch.zeros(1, 3, *(-(-n >> k) + 1 for n in size)).requires_grad_() for k in range(5)]
     optimizer = torch.optim.Adam(levels, rate)
@@ -86,9 +105,9 @@ def stylized(colours: Tensor, mask: Tensor, target: StyleTarget, steps: int, rat
     for _ in range(steps):
         now = picture()
         outside = ((now - now.clamp(0, 1)).square() * mask).mean()
-        loss = target.loss(now.clamp(0, 1) * mask + target.background * (1 - mask), mask) + 10 * outside
+        total = loss(now.clamp(0, 1)) + 10 * outside
         optimizer.zero_grad()
-        loss.backward()
+        total.backward()
         optimizer.step()
     return picture().detach().clamp(0, 1)
 

@@ -22,10 +22,10 @@ from svv.fields.encodings import SparseLattice
 from svv.fields.networks import UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
-from svv.train.form import form_of
+from svv.train.form import Form, form_of
 from svv.train.ink import SURFACE, Drawing, Ink
 from svv.train.quilt import RADIUS, Manner, Quilt
-from svv.train.style_loss import StyleTarget
+from svv.train.style_loss import StyleTarget, resized
 from svv.train.stylize import UNSEEN, StyledView, visible_from
 
 MOST_VERTICES = 3_000_000
@@ -124,7 +124,8 @@ def painted_start(
             raise BadInput(UNSEEN)
     for number, k in enumerate(painted):
         told = part(progress, number / len(painted), (number + 1) / len(painted))
-        spacing = SURFACE * max(pixel, cell) if k in inks else RADIUS * pixel / POINTS_A_RADIUS
+        larger = 1.0 if k in inks else targets[k].settings.larger
+        spacing = SURFACE * max(pixel, cell) if k in inks else larger * RADIUS * pixel / POINTS_A_RADIUS
         points = _surface(views, k, spacing, np.random.default_rng(seed + k))
         if not len(points):
             continue
@@ -133,8 +134,7 @@ def painted_start(
             shown = scene.regions[k].edited_colour or scene.regions[k].colour
             laid = Drawing(inks[k], shown, form, points, pixel, cell, seed + k, part(told, 0.0, 0.6))
         else:
-            manner = Manner(targets[k].picture.permute(1, 2, 0).cpu().numpy(), targets[k].inside)
-            laid = Quilt(manner, form, points, pixel, seed + k, part(told, 0.0, 0.6))
+            laid = _quilt(targets[k], form, points, pixel, seed + k, part(told, 0.0, 0.6))
         own = np.flatnonzero((region == k) & _near_what_is_seen(views, k, occupancy, place))
         for first in range(0, len(own), 1 << 17):
             part(told, 0.6, 1.0)(first / len(own), "painting")
@@ -144,6 +144,21 @@ def painted_start(
         show(field)
     progress(1.0, "painting")
     return field
+
+
+def _quilt(
+    target: StyleTarget, form: Form, points: NDArray[np.float32], pixel: float, seed: int, progress: Progress
+) -> Quilt:
+    """A style's picture on points that are seen of a region; in deep ones pieces are larger, with their strokes."""
+    larger, inside = target.settings.larger, target.inside
+    picture = target.picture
+    if larger > 1.0:  # the target's picture has been enlarged already: here it is the pixels that are larger
+        picture = resized(picture, round(max(picture.shape[1:]) / larger))
+        if inside is not None:
+            share = resized(torch.from_numpy(inside[None].astype(np.float32)), max(picture.shape[1:]))[0].numpy()
+            inside = share >= min(0.5, share.max())
+    manner = Manner(picture.permute(1, 2, 0).cpu().numpy(), inside)
+    return Quilt(manner, form, points, larger * pixel, seed, progress, target.settings.guides, through=larger > 1.0)
 
 
 def _flat(

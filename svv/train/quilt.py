@@ -58,6 +58,8 @@ class Guides:
     """Of the squared angle in radians that a piece is turned by."""
     used: float = 0.5
     """Of how often a part of the picture was used already, against the mean."""
+    along_form: bool = True
+    """Whether pieces are turned at all; else all of them stand upright."""
 
 
 class Manner:
@@ -172,7 +174,7 @@ class Quilt:
         chosen = manner.places[self._generator.integers(0, len(manner.places), CANDIDATES)]
         row, column = chosen.T
         turns = (self._along[k] - manner.angle[row, column] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
-        turns[manner.coherence[row, column] * self._decided[k] < DECIDED] = 0.0
+        turns[manner.coherence[row, column] * self._decided[k] < (DECIDED if guides.along_form else np.inf)] = 0.0
         cost = np.zeros(CANDIDATES, np.float32)
         if len(at):
             centres = np.ascontiguousarray(chosen[:, ::-1], np.float32)

@@ -8,7 +8,8 @@ regions, our painted start, the anchor that holds it, or lighting: their fields 
   end. ARF's content loss is not taken over.
 - **SNeRF-like** (Nguyen-Phuoc et al. 2022): the views' images are stylized one by one, the field is refitted to them,
   and so on in turn.
-- **frame by frame** (as Gatys et al. 2016): every frame is optimised alone and knows of no other.
+
+Modes that stylize frames and have no field are in :mod:`svv.train.rival_frames`.
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from svv.core.cameras import sphere_cameras
 from svv.core.nnfm import colour_statistics, colour_transfer
@@ -34,7 +34,7 @@ from svv.train.judge_features import stylized
 from svv.train.loop import Loop
 from svv.train.ranges import LOOKED_AT
 from svv.train.style_loss import StyleLossSettings, StyleTarget
-from svv.train.stylize import RIM, Stylization
+from svv.train.stylize import Stylization
 
 ROUNDS = 3
 """How often the SNeRF-like mode stylizes its images and refits its field."""
@@ -162,22 +162,6 @@ def snerf_like(
         refit = Loop(max(steps, PASSES * len(work.views)), None, part(each, 0.8, 1.0), "refit")
         seconds["refit"] += refit.run(work.step)
     return flat(scene, distillation.field, "SNeRF-like"), seconds
-
-
-def frame_alone(
-    rgba: NDArray[np.floating], network: nn.Module, style: Tensor, loss: StyleLossSettings, steps: int, seed: int
-) -> NDArray[np.float32]:
-    """One image, straight alpha (h, w, 4) in [0, 1], optimised towards a style (3, h, w); its alpha stays."""
-    result = np.array(rgba, np.float32)
-    seen = np.argwhere(result[..., 3] > 0)
-    if not len(seen):
-        return result
-    (top, left), (bottom, right) = (seen.min(0) - RIM).clip(min=0), seen.max(0) + RIM + 1
-    cut = torch.from_numpy(result[top:bottom, left:right].copy()).permute(2, 0, 1)
-    # Made anew for each frame: its random shifts are then the same in all of them.
-    painted = stylized(cut[:3], cut[3], StyleTarget(network, style, unseeded(loss), seed), steps)
-    result[top:bottom, left:right, :3] = painted.permute(1, 2, 0).numpy()
-    return result
 
 
 def flat(scene: Scene, field: UnrestrictedField, name: str) -> Scene:

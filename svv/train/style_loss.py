@@ -8,7 +8,7 @@ lies average it away (the features' energy, and a start that is painted already 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -27,6 +27,7 @@ from svv.core.nnfm import (
     total_variation,
 )
 from svv.train.features import STRIDE, PatchFeatures
+from svv.train.quilt import Guides
 
 LEAST_SHARE = 0.3
 """Share of foreground from which on a cell of the feature map is matched."""
@@ -51,6 +52,9 @@ class StyleLossSettings:
     style_size: int = 280
     """Long side in pixels that the style picture is brought to: strokes scale with it. A scene's parts are smaller than
     its views, so strokes for them are smaller than those of a picture as large as a view (400)."""
+    larger: float = 1.0
+    """By how much the strokes are larger than in other regions: ``style_size`` holds this factor already
+    (:func:`svv.train.contrast.stroke_scales`)."""
     balance: float | None = None
     """How strictly all of the style is used (:func:`svv.core.nnfm.nearest`); None is the paper's plain matching."""
     octaves: int = 1
@@ -65,6 +69,8 @@ class StyleLossSettings:
     """Style vectors kept for matching, drawn at random beyond that."""
     seeded: bool = True
     """Whether a scene is painted with pieces of the style before the matching (:mod:`svv.train.painting`)."""
+    guides: Guides = field(default_factory=Guides)
+    """What the pieces of that start are chosen by."""
     anchor: float = 0.5
     """Weight of the squared distance to the colours at the start, in a scene: all views share its strokes."""
     along_rays: float = 0.0

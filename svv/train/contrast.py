@@ -1,0 +1,195 @@
+"""Contrast of paint as it is seen, brought to that of its style.
+
+A pixel of a region shows the mean of what lies along its ray, and from another side the mean of other things. So the
+strokes of a translucent region lose contrast, the finest most of all, and even a surface's a little, between vertices.
+What is seen depends linearly on the paint: paint that has more contrast than its style looks as its style does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from torch import Tensor
+
+from svv.core.cameras import sphere_cameras
+from svv.errors import silent
+from svv.fields.encodings import SparseLattice
+from svv.fields.networks import UnrestrictedField
+from svv.fields.scene import Scene
+from svv.kernels.dispatch import kernels_of
+from svv.train.style_loss import StyleTarget, resized
+from svv.train.stylize import StyledView, visible_from
+
+PATCH = 5
+"""Side in pixels of the patches whose deviation is fine contrast."""
+
+LEAST, MOST = 0.8, 2.0
+"""Bounds of each gain: more than twice the contrast leaves the gamut, and what is seen then is its corners' colours."""
+
+ROUNDS = 3
+"""How often the gains are corrected, since colours end at 0 and 1."""
+
+VIEWS = 8
+"""Views that are looked at, at most."""
+
+LEAST_SEEN = 0.02
+"""Alpha from which on a pixel tells how deep a region is."""
+
+COVERED = 0.1
+"""Alpha from which on a pixel counts; of a translucent region the more opaque half of these does."""
+
+LEAST_PATCHES = 200
+"""Patches that it takes to tell a contrast."""
+
+DEPTH = 5.0
+"""Pixels of the stylization views that a region may be deep along a ray, and carry strokes of the usual size."""
+
+LARGEST = 3.0
+"""How much larger strokes become at most in regions that are deeper."""
+
+
+@torch.no_grad()
+def match_contrast(
+    field: UnrestrictedField,
+    place: NDArray[np.float32],
+    vertices: dict[int, NDArray[np.int64]],
+    views: Sequence[StyledView],
+    targets: dict[int, StyleTarget],
+    pixel: float,
+    scale: float = 1.0,
+) -> dict[int, tuple[float, float]]:
+    """Give the paint of regions the contrast at which it is seen as strong as in its style, within bounds.
+
+    Colours c with the mean m and the mean l of their surroundings become m + a (l - m) + b (c - l): a brings the
+    deviation of what is seen to the style's, b that of its patches of :data:`PATCH` pixels from their means.
+
+    Args:
+        field: Laid paint, changed in place.
+        place: Box coordinates of its vertices. (V, 3)
+        vertices: Those of each region that is to change.
+        views: Of the scene.
+        targets: Style of each region.
+        pixel: Side of a pixel of the views, in box units.
+        scale: Size of the views against those that the styles are made for.
+
+    Returns:
+        a and b of each region.
+    """
+    lattice = field.encoding
+    assert isinstance(lattice, SparseLattice)
+    shown = views[:: max(1, len(views) // VIEWS)][:VIEWS]
+    gains: dict[int, tuple[float, float]] = {}
+    for k, own in vertices.items():
+        target = targets[k]
+        style = resized(target.picture, max(24, round(scale * max(target.picture.shape[1:]))))
+        inside = torch.ones_like(style[0]) if target.inside is None else _inside(target, style)
+        wanted = contrasts([(style, inside)])
+        if wanted is None or not len(own):
+            continue
+        index = torch.from_numpy(own).to(lattice.table.device)
+        before = lattice.table[index]
+        mean = before.mean(0)
+        low = torch.from_numpy(surroundings(place[own], before.cpu().numpy(), PATCH * pixel)).to(before)
+        coarse, fine = 1.0, 1.0
+        for _ in range(ROUNDS):
+            found = contrasts([_seen(field, view, k) for view in shown])
+            if found is None:
+                break
+            coarse = float(np.clip(coarse * wanted[0] / max(found[0], 1e-4), LEAST, MOST))
+            fine = float(np.clip(fine * wanted[1] / max(found[1], 1e-4), LEAST, MOST))
+            lattice.table[index] = (mean + coarse * (low - mean) + fine * (before - low)).clamp_(0.0, 1.0)
+        gains[k] = coarse, fine
+    return gains
+
+
+def stroke_scales(scene: Scene, regions: Collection[int], pixel: float) -> dict[int, float]:
+    """How much larger than usual the strokes of regions must be, to be seen.
+
+    A ray through fog sees paint from all of its depth, seen from another side each, so strokes that are not as wide as
+    the fog is deep blur into each other. The depth is the weighted deviation of positions along the rays, of which the
+    median over pixels counts.
+
+    Args:
+        scene: With a palette colour network.
+        regions: Which.
+        pixel: Side of a pixel of the stylization views, in box units.
+
+    Returns:
+        A factor from 1 to :data:`LARGEST` for each.
+    """
+    rig = scene.camera_rig
+    cameras = sphere_cameras(6, rig["centre"], rig["radius"], rig["fov_x"], 128)
+    depths: dict[int, list[Tensor]] = {k: [] for k in regions}
+    for view in visible_from(scene, cameras, silent):
+        for k in regions:
+            own = view.region == k
+            weight, at, pixels = view.weight[own, None], view.position[own], view.pixel[own]
+            sums = at.new_zeros(view.height * view.width, 5)
+            sums.index_add_(0, pixels, torch.cat([weight, weight * at, weight * at.square().sum(1, True)], dim=1))
+            sums = sums[sums[:, 0] > LEAST_SEEN]
+            mean = sums[:, 1:] / sums[:, :1]
+            depths[k].append((mean[:, 3] - mean[:, :3].square().sum(1)).clamp_min(0.0).sqrt() / pixel)
+    return {
+        k: float(np.clip(float(torch.cat(d).median()) / DEPTH, 1.0, LARGEST)) if sum(map(len, d)) else 1.0
+        for k, d in depths.items()
+    }
+
+
+def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> tuple[float, float] | None:
+    """Deviation of colours, and of patches from their means, root mean squares over pictures.
+
+    Args:
+        pictures: Colours (3, h, w) and where they count (h, w), 0 or 1.
+
+    Returns:
+        Both, or None where too little is seen to tell.
+    """
+    sums, count = torch.zeros(3), 0.0
+    whole: list[Tensor] = []
+    for colours, mask in pictures:
+        if min(mask.shape) < PATCH:
+            continue
+        inside = F.avg_pool2d(mask[None], PATCH, 1)[0] > 1.0 - 1e-4
+        mean, square = (F.avg_pool2d(x, PATCH, 1) for x in (colours, colours.square()))
+        spread = (square - mean.square()).clamp_min(0.0).sum(0)[inside]
+        sums[0] += float(spread.sum())
+        count += len(spread)
+        whole.append(colours[:, mask > 0.5])
+    if count < LEAST_PATCHES:
+        return None
+    every = torch.cat(whole, dim=1)
+    return float((every - every.mean(1, keepdim=True)).square().sum(0).mean().sqrt()), float((sums[0] / count).sqrt())
+
+
+def surroundings(
+    place: NDArray[np.float32], colours: NDArray[np.float32], reach: float
+) -> NDArray[np.float32]:
+    """Mean colour around each point, over about ``reach``: of (V, 3) points and colours, in blocks, interpolated."""
+    at = place / reach
+    low = np.floor(at.min(0)).astype(np.int64) - 1
+    shape = tuple(np.ceil(at.max(0)).astype(np.int64) - low + 3)
+    block = np.ravel_multi_index(tuple(np.rint(at - low).astype(np.int64).T), shape)
+    sums = [np.bincount(block, w, minlength=int(np.prod(shape))).reshape(shape) for w in (None, *colours.T)]
+    # Between blocks sums are interpolated and then divided, so that empty ones have no say.
+    count, *totals = (map_coordinates(s.astype(np.float32), (at - low).T, order=1) for s in sums)
+    return (np.stack(totals, 1) / np.maximum(count, 1e-6)[:, None]).astype(np.float32)
+
+
+def _seen(field: UnrestrictedField, view: StyledView, region: int) -> tuple[Tensor, Tensor]:
+    """What a view shows of a region: straight colours (3, h, w) and where they count (h, w)."""
+    colours = torch.cat([field(p) for p in view.position.split(kernels_of(view.position.device.type).SAMPLES)])
+    image, mask = view.image(colours, region, 0.0)
+    there = mask[mask > COVERED]
+    enough = float(there.median()) if len(there) else 1.0
+    counts = (mask >= min(0.9, enough)).to(mask)
+    return image / mask.clamp_min(1e-3), counts
+
+
+def _inside(target: StyleTarget, style: Tensor) -> Tensor:
+    mask = torch.from_numpy(np.asarray(target.inside, np.float32)).to(style)
+    return (F.interpolate(mask[None, None], size=style.shape[1:], mode="area")[0, 0] > 0.5).to(style)

@@ -1,0 +1,35 @@
+"""An opaque ball of one region by formula, so large in its views that strokes have room on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from svv.core.box import Box
+from svv.fields.networks import BaseField, FieldSettings, PaletteField
+from svv.fields.occupancy import Occupancy
+from svv.fields.rendering import Marching
+from svv.fields.scene import Region, Scene
+
+CELLS, RADIUS = 32, 0.4
+
+
+def solid_ball() -> Scene:
+    """A grey ball about the middle of the unit box, lit by nothing."""
+    torch.manual_seed(0)
+    field = FieldSettings(resolutions=(8, CELLS), width=16, lighting="none")
+    middle = (np.stack(np.meshgrid(*[np.arange(CELLS)] * 3, indexing="ij"), -1) + 0.5) / CELLS - 0.5
+    occupied = (np.linalg.norm(middle, axis=-1) < RADIUS + 1.5 / CELLS).astype(np.uint8)
+    occupancy = Occupancy(Box((-0.5,) * 3, 1.0, (1.0,) * 3), CELLS, occupied)
+    base = BaseField(field, occupancy)
+    assert base.density is not None
+    with torch.no_grad():
+        base.density.table.zero_()
+        place = base.density.places_of_level(1, occupied, CELLS)
+        outside = np.linalg.norm(place - 0.5, axis=1) - RADIUS
+        logarithm = np.clip(-outside * CELLS * 4.0, -6.0, 5.0).astype(np.float32)
+        base.density.table[base.density.rows_of_level(1)] = torch.from_numpy(logarithm)[:, None]
+    palette = PaletteField(field, occupancy, base.geometry_width, torch.tensor([[0.5, 0.5, 0.5]]))
+    rig = {"centre": [0.0, 0.0, 0.0], "radius": 3.0, "fov_x": 0.32, "size": [64, 64]}
+    networks = base.requires_grad_(False), palette.requires_grad_(False)
+    return Scene(field, occupancy, Marching(1 / 64), *networks, regions=(Region((0.5,) * 3, 1.0),), camera_rig=rig)

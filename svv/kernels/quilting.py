@@ -62,8 +62,8 @@ def place_on(dx, dy, dz, n, right, upward, normal, radius, through, out):  # typ
     """Where on a piece a point lies that is (dx, dy, dz) from its middle and has the normal n.
 
     Coordinates are thrown along the piece's own normal, and stretched where the surface turns away: on a tube the arc
-    counts, not the chord. ``through``: a normal and its opposite are the same, so a piece goes on through a shell, whose
-    inner half turns the other way. Returns how well the piece suits the point, at most 1; under 0 it is not for it.
+    counts, not the chord. ``through``: a normal and its opposite are the same, so a piece goes on through a shell,
+    whose inner half turns the other way. Returns how well the piece suits the point, at most 1; under 0 it does not.
     """
     facing = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]
     side = -1.0 if through and facing < 0.0 else 1.0

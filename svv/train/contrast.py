@@ -22,7 +22,9 @@ from svv.fields.encodings import SparseLattice
 from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
 from svv.kernels.dispatch import kernels_of
-from svv.train.style_loss import StyleTarget, resized
+from svv.train.config import StylizeSettings
+from svv.train.distil import paint_pixel
+from svv.train.style_loss import StyleTarget
 from svv.train.stylize import StyledView, visible_from
 
 PATCH = 5
@@ -35,7 +37,7 @@ ROUNDS = 3
 """How often the gains are corrected, since colours end at 0 and 1."""
 
 VIEWS = 8
-"""Views that are looked at, at most."""
+"""Views that are looked at."""
 
 LEAST_SEEN = 0.02
 """Alpha from which on a pixel tells how deep a region is."""
@@ -55,13 +57,7 @@ LARGEST = 3.0
 
 @torch.no_grad()
 def match_contrast(
-    field: UnrestrictedField,
-    place: NDArray[np.float32],
-    vertices: dict[int, NDArray[np.int64]],
-    views: Sequence[StyledView],
-    targets: dict[int, StyleTarget],
-    pixel: float,
-    scale: float = 1.0,
+    scene: Scene, field: UnrestrictedField, targets: dict[int, StyleTarget], settings: StylizeSettings
 ) -> dict[int, tuple[float, float]]:
     """Give the paint of regions the contrast at which it is seen as strong as in its style, within bounds.
 
@@ -69,35 +65,35 @@ def match_contrast(
     deviation of what is seen to the style's, b that of its patches of :data:`PATCH` pixels from their means.
 
     Args:
+        scene: With a palette colour network.
         field: Laid paint, changed in place.
-        place: Box coordinates of its vertices. (V, 3)
-        vertices: Those of each region that is to change.
-        views: Of the scene.
-        targets: Style of each region.
-        pixel: Side of a pixel of the views, in box units.
-        scale: Size of the views against those that the styles are made for.
+        targets: Style of each region that is to change.
+        settings: Of stage 3.
 
     Returns:
-        a and b of each region.
+        a and b of each region that is seen.
     """
+    rig = scene.camera_rig
+    cameras = sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], settings.style_size)
+    views = visible_from(scene, cameras, silent)
     lattice = field.encoding
     assert isinstance(lattice, SparseLattice)
-    shown = views[:: max(1, len(views) // VIEWS)][:VIEWS]
-    gains: dict[int, tuple[float, float]] = {}
-    for k, own in vertices.items():
-        target = targets[k]
-        style = resized(target.picture, max(24, round(scale * max(target.picture.shape[1:]))))
-        inside = torch.ones_like(style[0]) if target.inside is None else _inside(target, style)
+    place = lattice.places_of_level(0, scene.occupancy.occupied, scene.occupancy.cells)
+    owner = _owners(scene, place, list(targets))
+    gains, reach = {}, PATCH * paint_pixel(scene, settings)
+    for k, target in targets.items():
+        own, style = np.flatnonzero(owner == k), target.picture
+        inside = torch.ones_like(style[0]) if target.inside is None else torch.from_numpy(target.inside).to(style)
         wanted = contrasts([(style, inside)])
         if wanted is None or not len(own):
             continue
         index = torch.from_numpy(own).to(lattice.table.device)
         before = lattice.table[index]
         mean = before.mean(0)
-        low = torch.from_numpy(surroundings(place[own], before.cpu().numpy(), PATCH * pixel)).to(before)
+        low = torch.from_numpy(surroundings(place[own], before.cpu().numpy(), reach)).to(before)
         coarse, fine = 1.0, 1.0
         for _ in range(ROUNDS):
-            found = contrasts([_seen(field, view, k) for view in shown])
+            found = contrasts([_seen(field, view, k) for view in views])
             if found is None:
                 break
             coarse = float(np.clip(coarse * wanted[0] / max(found[0], 1e-4), LEAST, MOST))
@@ -149,7 +145,7 @@ def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> tuple[float, float] 
     Returns:
         Both, or None where too little is seen to tell.
     """
-    sums, count = torch.zeros(3), 0.0
+    total, count = 0.0, 0
     whole: list[Tensor] = []
     for colours, mask in pictures:
         if min(mask.shape) < PATCH:
@@ -157,13 +153,13 @@ def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> tuple[float, float] 
         inside = F.avg_pool2d(mask[None], PATCH, 1)[0] > 1.0 - 1e-4
         mean, square = (F.avg_pool2d(x, PATCH, 1) for x in (colours, colours.square()))
         spread = (square - mean.square()).clamp_min(0.0).sum(0)[inside]
-        sums[0] += float(spread.sum())
+        total += float(spread.sum())
         count += len(spread)
         whole.append(colours[:, mask > 0.5])
     if count < LEAST_PATCHES:
         return None
     every = torch.cat(whole, dim=1)
-    return float((every - every.mean(1, keepdim=True)).square().sum(0).mean().sqrt()), float((sums[0] / count).sqrt())
+    return float((every - every.mean(1, keepdim=True)).square().sum(0).mean().sqrt()), (total / count) ** 0.5
 
 
 def surroundings(
@@ -190,6 +186,11 @@ def _seen(field: UnrestrictedField, view: StyledView, region: int) -> tuple[Tens
     return image / mask.clamp_min(1e-3), counts
 
 
-def _inside(target: StyleTarget, style: Tensor) -> Tensor:
-    mask = torch.from_numpy(np.asarray(target.inside, np.float32)).to(style)
-    return (F.interpolate(mask[None, None], size=style.shape[1:], mode="area")[0, 0] > 0.5).to(style)
+def _owners(scene: Scene, place: NDArray[np.float32], among: list[int]) -> NDArray[np.int64]:
+    """Which of these regions each vertex is most of, -1 for none. (V,)"""
+    assert scene.palette is not None
+    found = []
+    for piece in torch.from_numpy(place).split(1 << 17):
+        best, which = scene.palette.material(piece.to(scene.device))[1][:, among].max(dim=1)
+        found.append(torch.where(best > 0.0, which, -1).cpu().numpy())
+    return np.append(np.array(among), -1)[np.concatenate(found)]

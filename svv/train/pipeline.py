@@ -26,6 +26,7 @@ from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
 from svv.measure import measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field, lit_by, preset
+from svv.train.contrast import match_contrast
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.features import PatchFeatures, load_features
 from svv.train.ink import PAPER, Ink, Style
@@ -37,9 +38,9 @@ from svv.train.ranges import hull_of, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
-from svv.train.start import is_laid, run_stage, started
+from svv.train.start import is_laid, run_stage, started, targets_of
 from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for
+from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, loss_for
 from svv.train.stylize import Stylization
 from svv.train.unmix import Unmixing
 
@@ -287,7 +288,8 @@ def stylize_scene(
     if go_on and scene.styled is None:
         raise BadInput("The scene holds no styled network to go on with: leave --continue out.")
     settings, saved = chosen.stylize, None
-    if inks and not is_laid(scene, settings):
+    laid_as_colours = is_laid(scene, settings)
+    if inks and not laid_as_colours:
         raise BadInput("Ink needs paint on a lattice: choose a scene and a preset of another kind than 'paper'.")
     network = None  # ink is not matched
     if len(inks) < len(pairs):
@@ -317,13 +319,10 @@ def stylize_scene(
     forget_gpu_peak(scene.device)
     with measured() as cost:
         network = None if network is None else network.to(scene.device)
-        targets = {} if network is None else {
-            region: StyleTarget(
-                network, torch.as_tensor(styles[style], dtype=torch.float32, device=scene.device).permute(2, 0, 1),
-                weights, seed, None if (mask := masks[style]) is None else torch.from_numpy(mask),
-            )
-            for region, style in pairs.items() if region not in inks
-        }  # fmt: skip
+        pictures = {k: styles[v] for k, v in pairs.items() if k not in inks}
+        targets = {} if network is None else targets_of(
+            scene, network, pictures, {k: masks[pairs[k]] for k in pictures}, weights, settings, seed
+        )  # fmt: skip
         assert scene.palette is not None
         transferred = scene.palette.colours.detach().clone()
         for region, target in targets.items() if settings.colour_transfer else ():
@@ -333,7 +332,7 @@ def stylize_scene(
         before = scene.styled if go_on else None
         refined = [k for k in targets if go_on and scene.regions[k].style is not None]
         # Patches know no shapes: what they make of strokes that are there already is specks (docs/painting.md).
-        plain = is_laid(scene, settings) and weights.seeded and not refined and isinstance(network, PatchFeatures)
+        plain = laid_as_colours and weights.seeded and not refined and isinstance(network, PatchFeatures)
         laid = plain or not targets
         told = part(progress, 0.0, 1.0 if laid else 0.3)
         field = started(scene, transferred, targets, settings, seed, before, saved, seconds, told, previews, inks)
@@ -342,6 +341,8 @@ def stylize_scene(
             watch = None if previews is None else partial(previews.look, field)
             loop = Loop(settings.style_iterations, None, part(progress, 0.35, 1.0), "stylization", watch=watch)
             seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
+        if laid_as_colours and weights.seeded:
+            match_contrast(scene, field, targets, settings)
     seconds["total"] = cost.seconds
     field.requires_grad_(False)
     styled = painting(field)

@@ -124,7 +124,8 @@ class Quilt:
         self._generator = np.random.default_rng(seed)
         surface = surface[self._generator.permutation(len(surface))]
         normal, tangent, decided = form.frames(surface)
-        seeds = spread(np.concatenate([surface, normal * (0.0 if through else TURNING * self.radius)], 1), SPACING * self.radius)
+        sides = normal * (0.0 if through else TURNING * self.radius)
+        seeds = spread(np.concatenate([surface, sides], 1), SPACING * self.radius)
         self.middle, self.outward = surface[seeds], normal[seeds]
         right, upward = tangents(self.outward.astype(np.float64), form.up)
         self.right, self.upward = right.astype(np.float32), upward.astype(np.float32)

@@ -6,8 +6,10 @@ import time
 from collections.abc import Mapping
 from functools import partial
 
+import numpy as np
 import torch
-from torch import Tensor
+from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from svv.errors import Progress
 from svv.fields.encodings import SparseLattice
@@ -15,12 +17,13 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
 from svv.train.checkpoint import Arrays, Checkpoint
 from svv.train.config import StylizeSettings
+from svv.train.contrast import stroke_scales
 from svv.train.distil import Distillation, paint_pixel
-from svv.train.ink import Ink
+from svv.train.ink import Ink, Style
 from svv.train.loop import Loop
 from svv.train.painting import painted_field, painted_start
 from svv.train.previews import Previews
-from svv.train.style_loss import StyleTarget
+from svv.train.style_loss import StyleLossSettings, StyleTarget, enlarged
 from svv.train.stylize import Stylization
 
 PREFIX = "table_and_network."
@@ -29,6 +32,37 @@ PREFIX = "table_and_network."
 def is_laid(scene: Scene, settings: StylizeSettings) -> bool:
     """Whether paint is laid as a lattice of colours; else the paper's network is distilled."""
     return settings.direct and isinstance(scene.base.encoding, SparseLattice)
+
+
+def targets_of(
+    scene: Scene,
+    network: nn.Module,
+    pictures: Mapping[int, Style],
+    masks: Mapping[int, NDArray[np.bool_] | None],
+    loss: StyleLossSettings,
+    settings: StylizeSettings,
+    seed: int,
+) -> dict[int, StyleTarget]:
+    """What each region is drawn towards; where a region is deep, larger strokes.
+
+    Args:
+        scene: With a palette colour network.
+        network: Of features, on the scene's device.
+        pictures: Style of each region, (H, W, 3) sRGB in [0, 1].
+        masks: Where each teaches, or None: all of it.
+        loss: Weights and sizes.
+        settings: Of stage 3.
+        seed: Of what the targets draw at random.
+    """
+    larger: Mapping[int, float] = {}
+    if is_laid(scene, settings) and loss.seeded:
+        larger = stroke_scales(scene, list(pictures), paint_pixel(scene, settings))
+    targets = {}
+    for k, picture in pictures.items():
+        style = torch.as_tensor(picture, dtype=torch.float32, device=scene.device).permute(2, 0, 1)
+        mask = None if (own := masks[k]) is None else torch.from_numpy(own)
+        targets[k] = StyleTarget(network, style, enlarged(loss, larger.get(k, 1.0)), seed, mask)
+    return targets
 
 
 def started(

@@ -8,7 +8,7 @@ lies average it away (the features' energy, and a start that is painted already 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -93,6 +93,11 @@ render would stay with the few smooth places of the style."""
 def loss_for(network: nn.Module) -> StyleLossSettings:
     """The weights that suit a feature network."""
     return PATCH_LOSS if isinstance(network, PatchFeatures) else StyleLossSettings()
+
+
+def enlarged(loss: StyleLossSettings, factor: float) -> StyleLossSettings:
+    """A loss for strokes that are larger by a factor."""
+    return replace(loss, style_size=round(loss.style_size * factor), larger=factor)
 
 
 class StyleTarget:

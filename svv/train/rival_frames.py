@@ -65,7 +65,8 @@ def frame_after(
     """One image of a sequence: as :func:`frame_alone`, but from the frame before, and like it.
 
     To the style loss comes a temporal one, the mean squared difference to the warped frame over the pixels where it is
-    valid (Ruder, Dosovitskiy & Brox 2016, the short-term loss). What the frame before does not show begins as a frame alone does.
+    valid (Ruder, Dosovitskiy & Brox 2016, the short-term loss). What the frame before does not show begins as a frame
+    alone does.
 
     Args:
         rgba: The unstyled frame, straight alpha. (h, w, 4) in [0, 1]

@@ -20,15 +20,13 @@ from svv.core.light import Lamp
 from svv.fields.networks import PaletteField, encode_directions
 from svv.fields.phong import Beams
 from svv.fields.rendering import RayCaster, composite, march
+from svv.io.images import DRAWN
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
 
 PAINT_LIGHT = 0.6
 """Part of the light's contrast that is seen on paint unless an edit says otherwise."""
-
-DRAWN = "ink:"
-"""Begins the names of styles that are drawn in ink without a picture (:mod:`svv.train.ink`)."""
 
 VIEWS, SIZE = 12, 64
 """Views all around, and their side in pixels, over which a region's light is averaged: the mean over 42 views of

@@ -254,7 +254,7 @@ def style_key(values: Values) -> str:
     Raises:
         BadInput: a file is not there.
     """
-    from svv.fields.paint_light import DRAWN
+    from svv.io.images import DRAWN
     from svv.train.gallery import PREFIX
 
     files = []

@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image
 
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.paint_light import DRAWN
 from svv.io.atomic import make_folder
+from svv.io.images import DRAWN
 from svv.io.output import to_bytes, write_png, write_small_png
 from svv.report.pictures import Picture, sheet
 from svv.train.gallery import PREFIX, gallery_name, gallery_picture

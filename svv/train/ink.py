@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.paint_light import DRAWN
+from svv.io.images import DRAWN
 from svv.kernels import inking
 from svv.train.form import Floats, Form
 from svv.train.gallery import open_style
@@ -97,12 +97,8 @@ CROSSED = (
 )  # fmt: skip
 
 
-INKS: dict[str, tuple[tuple[Layer, ...], str]] = {
-    "stippling": ((), "dots of a pen, the closer the darker it is"),
-    "hatching": (HATCHING, "lines along the form that swell in the dark and end in the light"),
-    "cross-hatching": (CROSSED, "lines along the form, and in the dark others across"),
-}
-"""Name -> layers of lines, none of which are dots, and what it looks like."""
+INKS: dict[str, tuple[Layer, ...]] = {"stippling": (), "hatching": HATCHING, "cross-hatching": CROSSED}
+"""Name -> layers of lines; without any it is dots."""
 
 
 @dataclass(frozen=True)
@@ -345,7 +341,7 @@ class Drawing:
         fine = max(pixel, cell)
         self.depth, self.thin = DEPTH * fine, THIN * fine
         self.sheet = Sheet.of(form, surface, SURFACE * fine)
-        layers, unit = INKS[ink.kind][0], ink.size * fine
+        layers, unit = INKS[ink.kind], ink.size * fine
         progress(0.1, "drawing")
         if layers:
             self.strokes = lines(self.sheet, layers, unit, fine, seed, part(progress, 0.1, 1.0))

@@ -12,8 +12,9 @@ from PIL import Image
 from svv.core.cameras import sphere_cameras
 from svv.core.light import Lamp
 from svv.core.outlines import INK, WIDTH
-from svv.fields.paint_light import DRAWN, PAINT_LIGHT
+from svv.fields.paint_light import PAINT_LIGHT
 from svv.fields.scene import Scene
+from svv.io.images import DRAWN
 from svv.io.output import to_bytes, write_png
 from svv.io.viewset import ViewSet
 from svv.train.gallery import GALLERY, open_style

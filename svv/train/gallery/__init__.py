@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from svv import __version__
 from svv.errors import BadInput, Progress, silent
-from svv.fields.paint_light import DRAWN
 from svv.io.cache import cache_folder
-from svv.io.images import SMALLEST, read_style
+from svv.io.images import DRAWN, SMALLEST, read_style
 from svv.io.output import to_bytes, write_png
 from svv.train.gallery.drawings import charcoal, cross_hatching, ink_wash, pastel, stipple
 from svv.train.gallery.paintings import impasto, watercolour

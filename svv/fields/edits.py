@@ -238,6 +238,27 @@ class Editing:
         changes = {region: {"paint_light": float(amount)} for region in regions or range(len(self.regions))}
         return self._changed(f"light on paint {amount:g}", changes)
 
+    def with_stroke_opacity(self, amount: float, *regions: int) -> Self:
+        """A scene in which the opacity of these regions' paint, by default of all, follows its strokes.
+
+        Each region's mean opacity stays (:mod:`svv.fields.stroke_opacity`); regions that are not painted, or in one
+        colour, stay as they are.
+
+        Args:
+            amount: How much: above 0 dark strokes are more opaque and light ones less, which is for light
+                backgrounds, below 0 the other way round, for dark ones; 0 as the scene was trained.
+            regions: Which.
+
+        Raises:
+            BadInput: an amount outside of [-1, 1], or a region that there is not.
+        """
+        if not -1.0 <= amount <= 1.0:
+            raise BadInput(f"The opacity of strokes must lie between -1 and 1, not {amount}.")
+        if regions:
+            self._check(*regions)
+        changes = {region: {"stroke_opacity": float(amount)} for region in regions or range(len(self.regions))}
+        return self._changed(f"stroke opacity {amount:g}", changes)
+
     def with_outline(
         self,
         strength: float | None = None,

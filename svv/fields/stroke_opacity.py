@@ -32,9 +32,9 @@ EXTREME = 2.0
 FLAT = 0.01
 """A region whose paint deviates less in brightness has no strokes, but noise."""
 
-KEPT, ITERATIONS = 1e-3, 40
-"""Part of a region's opacity by which it may miss what it is to be, and after how many steps it may miss it by more:
-what is translucent takes a few, what is nearly opaque, whose gain hardly matters, more."""
+KEPT, ITERATIONS, YIELDS = 2e-3, 20, (0.15, 1.0)
+"""Part of a region's opacity by which it may miss what it is to be, after how many steps it may miss it by more, and
+how much of the logarithm of a gain is taken to be seen in that of the opacity: all in fog, little of what is opaque."""
 
 _known: WeakKeyDictionary[UnrestrictedField, dict[tuple[tuple[float, float], ...], Tensor]] = WeakKeyDictionary()
 
@@ -124,12 +124,18 @@ def _solved(scene: Scene, network: UnrestrictedField, amounts: list[float]) -> T
     striped = (deviation > FLAT) & (asked != 0.0)
     slope = torch.where(striped, REACH * asked / deviation.clamp(min=FLAT), 0.0)
     strokes = torch.stack([torch.zeros_like(mean), slope, mean, reach], dim=1).to(opacity) * striped[:, None]
+    before, moved, yields = torch.zeros_like(mean), torch.zeros_like(mean), torch.ones_like(mean)
     for _ in range(ITERATIONS):
         missing = torch.where(striped, (whole / summed(strokes)[0].clamp(min=1e-12)).log(), 0.0)
-        if float(missing.abs().max()) < KEPT:
-            break
+        # What the last step yielded says how far to go: little of a gain is seen where all is nearly opaque.
+        told = moved.abs() > KEPT
+        yields = torch.where(told, (before - missing) / torch.where(told, moved, 1.0), yields).clamp(*YIELDS)
         # At -b no factor is above 1 and at b none below it, so the gain lies between.
-        strokes[:, 0] = torch.minimum(torch.maximum(strokes[:, 0] + missing, -strokes[:, 3]), strokes[:, 3])
+        gain = (strokes[:, 0] + missing / yields).clamp(-strokes[:, 3], strokes[:, 3])
+        before, moved = missing, gain - strokes[:, 0]
+        if not bool(((missing.abs() > KEPT) & (moved != 0.0)).any()):
+            break
+        strokes[:, 0] = gain
     return strokes
 
 

@@ -35,6 +35,7 @@ EDIT = (
     "svv edit phong.svv --region 0 --specular 0.4 --shininess 30 --out shiny.svv",
     "svv edit painted.svv --show-variant ink --strength 0.5 --out faint.svv",
     "svv edit painted.svv --paint-light 1 --out lit.svv",
+    "svv edit painted.svv --stroke-opacity 0.6 --out strokes.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
 PALETTE = (
@@ -69,6 +70,11 @@ def edit(
     paint_light: Annotated[
         float | None, typer.Option(min=0, max=1, help="How much light paint shows, of the region or of all; 0 is flat.")
     ] = None,
+    stroke_opacity: Annotated[
+        float | None,
+        typer.Option(min=-1, max=1, help="How much opacity follows strokes, of the region or of all; above 0 dark ones "
+                     "are more opaque, below 0 light ones."),
+    ] = None,
     outline: Annotated[
         float | None,
         typer.Option(min=0, max=1, help="Silhouettes and creases as ink, of the region or of all; 0 is none."),
@@ -97,17 +103,18 @@ def edit(
     reflects = {"ambient": ambient, "diffuse": diffuse, "specular": specular, "shininess": shininess}
     own = (colour, opacity, lighting, *reflects.values())
     owned = any(change is not None for change in own)
+    painted = (strength, paint_light, stroke_opacity)
     drawn = any(change is not None for change in (outline, outline_width, outline_colour))
-    changes = (strength, paint_light, isolate, hide, show, reset, light, intensity)
+    changes = (*painted, isolate, hide, show, reset, light, intensity)
     edits = owned or drawn or any(change is not None for change in changes)
     if (undo or redo) and (edits or (undo and redo)):
         raise BadInput("Undo or redo alone: --undo, or --redo, or edits.")
     if region is None and owned:
         raise BadInput("Say which region with --region K; `svv info` lists them.")
-    if region is not None and not owned and not drawn and strength is None and paint_light is None:
+    if region is not None and not owned and not drawn and all(change is None for change in painted):
         raise BadInput(
-            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light or --outline for the "
-            "region."
+            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --stroke-opacity or "
+            "--outline for the region."
         )
     if not (edits or undo or redo or show_variant or drop_variant):
         raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
@@ -134,6 +141,8 @@ def edit(
         result = result.with_strength(strength, *(() if region is None else (region,)))
     if paint_light is not None:
         result = result.with_paint_light(paint_light, *(() if region is None else (region,)))
+    if stroke_opacity is not None:
+        result = result.with_stroke_opacity(stroke_opacity, *(() if region is None else (region,)))
     if drawn:
         chosen = () if region is None else (region,)
         result = result.with_outline(outline, *chosen, width=outline_width, colour=ink)

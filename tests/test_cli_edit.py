@@ -82,6 +82,17 @@ def test_light_on_paint_of_a_region_or_of_all(svv: Run) -> None:
     assert not np.array_equal(pictures["two"], pictures["flat"])
 
 
+def test_opacity_along_strokes_of_a_region_or_of_all(svv: Run) -> None:
+    svv("edit", "two.svv", "--stroke-opacity", "0.6", "--out", "strokes.svv")
+    strokes = Scene.load("strokes.svv")
+    assert [r.stroke_opacity for r in strokes.regions] == [0.6] * 3
+    assert [step.what for step in strokes.history.past] == ["stroke opacity 0.6"]
+    svv("edit", "strokes.svv", "--region", "1", "--stroke-opacity", "-1", "--out", "one.svv")
+    assert [r.stroke_opacity for r in Scene.load("one.svv").regions] == [0.6, -1.0, 0.6]
+    svv("edit", "one.svv", "--undo", "--undo", "--out", "back.svv")
+    assert Scene.load("back.svv").regions == Scene.load("two.svv").regions
+
+
 def test_outlines_of_a_region_or_of_all(svv: Run) -> None:
     svv("edit", "two.svv", "--outline", "0.8", "--outline-width", "4", "--out", "inked.svv")
     inked = Scene.load("inked.svv")

@@ -225,10 +225,7 @@ class Editing:
         """
         if not 0.0 <= strength <= 1.0:
             raise BadInput(f"The strength of a style must lie between 0 and 1, not {strength}.")
-        if regions:
-            self._check(*regions)
-        changes = {region: {"strength": float(strength)} for region in regions or range(len(self.regions))}
-        return self._changed(f"strength {strength:g}", changes)
+        return self._changed_each(f"strength {strength:g}", regions, {"strength": float(strength)})
 
     def with_paint_light(self, amount: float, *regions: int) -> Self:
         """A scene with more or less light on the paint of these regions, by default of all.
@@ -245,10 +242,23 @@ class Editing:
         """
         if not 0.0 <= amount <= 1.0:
             raise BadInput(f"The light on paint must lie between 0 and 1, not {amount}.")
-        if regions:
-            self._check(*regions)
-        changes = {region: {"paint_light": float(amount)} for region in regions or range(len(self.regions))}
-        return self._changed(f"light on paint {amount:g}", changes)
+        return self._changed_each(f"light on paint {amount:g}", regions, {"paint_light": float(amount)})
+
+    def with_stroke_opacity(self, amount: float, *regions: int) -> Self:
+        """A scene in which the opacity of these regions' paint, by default of all, follows its strokes.
+
+        Mean opacities stay (:mod:`svv.fields.stroke_opacity`), and so do regions not painted, or in one colour.
+
+        Args:
+            amount: Above 0 dark strokes are more opaque and light ones less, below 0 the other way round.
+            regions: Which.
+
+        Raises:
+            BadInput: an amount outside of [-1, 1], or a region that there is not.
+        """
+        if not -1.0 <= amount <= 1.0:
+            raise BadInput(f"The opacity of strokes must lie between -1 and 1, not {amount}.")
+        return self._changed_each(f"stroke opacity {amount:g}", regions, {"stroke_opacity": float(amount)})
 
     def with_outline(
         self,
@@ -357,6 +367,12 @@ class Editing:
         for region in regions:
             if not 0 <= region < len(self.regions):
                 raise BadInput(f"There is no region {region}: the scene has the regions 0 to {len(self.regions) - 1}.")
+
+    def _changed_each(self, what: str, regions: Sequence[int], edits: Edits) -> Self:
+        """The scene with the same edits of these regions, of all if none is named."""
+        if regions:
+            self._check(*regions)
+        return self._changed(what, dict.fromkeys(regions or range(len(self.regions)), edits))
 
     def _changed(self, what: str, changes: dict[int, Edits]) -> Self:
         return self._after(what, tuple(replace(r, **changes.get(k, {})) for k, r in enumerate(self.regions)))

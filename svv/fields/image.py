@@ -19,6 +19,7 @@ from svv.fields.networks import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import SCALE, SOFT, Beams, PhongLight
 from svv.fields.rendering import Rays, Samples
+from svv.fields.stroke_opacity import followed
 from svv.kernels import image as kernels
 from svv.kernels.dispatch import kernels_for
 
@@ -36,8 +37,11 @@ def can_fuse(scene: Scene) -> bool:
     )
 
 
-def shade(scene: Scene, samples: Samples, rays: Rays, network: str, beams: Beams) -> tuple[Tensor, Tensor]:
-    """Colour (S, 3) and region (S,) int64 of samples, for the network ``pcn`` or ``styled``."""
+def shade(scene: Scene, samples: Samples, rays: Rays, network: str, beams: Beams) -> tuple[Tensor, Tensor, Tensor]:
+    """Colour (S, 3), region (S,) int64 and extinction (S,) of samples, for the network ``pcn`` or ``styled``.
+
+    The factors on the extinction of whole regions are left to :func:`composite`.
+    """
     palette, geometry, light, count = scene.palette, scene.base.encoding, None, len(samples)
     assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
     if palette.lighting_mlp is None:
@@ -60,13 +64,14 @@ def shade(scene: Scene, samples: Samples, rays: Rays, network: str, beams: Beams
     )  # fmt: skip
     if any(r.edited_colour is not None for r in scene.regions):
         diffuse = _recoloured(scene, material)
-    diffuse = scene.with_style(diffuse, region, samples.position, network).contiguous()
+    paint = scene.paint(samples.position, network)
+    diffuse = scene.with_style(diffuse, region, paint).contiguous()
     lights = lights_of(scene, network)
     if palette.phong is not None:
         _light_by_phong(scene, palette.phong, samples, beams, material, lights, region, diffuse)
     elif light is not None:
         kernels.light(*_arrays(light, lights, region), np.float32(SPECULAR_SHIFT), *_arrays(diffuse))
-    return diffuse, region
+    return diffuse, region, followed(scene, samples.sigma, region, paint)
 
 
 def _light_by_phong(
@@ -107,12 +112,13 @@ def _recoloured(scene: Scene, material: Tensor) -> Tensor:
 
 
 def composite(
-    scene: Scene, samples: Samples, rays: Rays, colour: Tensor, region: Tensor, faint: float, *images: Tensor
-) -> None:
+    scene: Scene, samples: Samples, sigma: Tensor, rays: Rays, colour: Tensor, region: Tensor, faint: float,
+    *images: Tensor,
+) -> None:  # fmt: skip
     """Write what rays see into ``images``: rgba (R, 4), depth (R,), region (R,) int16; other pixels stay."""
     opacity = torch.tensor([r.seen_opacity for r in scene.regions])
     kernels.composite(
-        *_arrays(samples.position, samples.sigma, samples.skipped, colour, region, opacity, rays.origins),
+        *_arrays(samples.position, sigma, samples.skipped, colour, region, opacity, rays.origins),
         *_arrays(samples.start, samples.count, samples.tail), np.float32(samples.step),
         np.float32(scene.occupancy.box.size), np.float32(faint), *_arrays(*images),
     )  # fmt: skip

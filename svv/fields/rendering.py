@@ -154,6 +154,15 @@ def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, 
     return _Composite.apply(sigma, values, samples)  # type: ignore[no-any-return]
 
 
+def empty_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+    """Straight RGBA (pixels, 4), depth and region (pixels,) where nothing is visible."""
+    return (
+        torch.zeros(pixels, 4, device=device),
+        torch.full((pixels,), torch.nan, device=device),
+        torch.full((pixels,), -1, dtype=torch.int16, device=device),
+    )
+
+
 class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:

@@ -31,8 +31,9 @@ from svv.fields.networks import (
 from svv.fields.occupancy import Occupancy
 from svv.fields.paint_light import PAINT_LIGHT, lights_of
 from svv.fields.phong import Beams
-from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, march
+from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, empty_images, march
 from svv.fields.scene_arrays import NETWORKS, arrays_of, parts_of
+from svv.fields.stroke_opacity import fade_of, followed
 from svv.fields.variants import Variant, Variants
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.dispatch import kernels_of
@@ -81,6 +82,8 @@ class Region:
     """How much of the light is seen on its paint, in [0, 1]: 0 nothing, 1 all by which it differs from its mean,"""
     mean_light: tuple[float, float] | None = None
     """the shade and specular that it has in the mean, found when the scene was painted."""
+    stroke_opacity: float = 0.0
+    """How much its opacity follows its strokes, in [-1, 1]: above 0 dark ones are more opaque, below 0 light ones."""
 
     outline: float = 0.0
     """How much ink its outlines have, in [0, 1]: 0 none,"""
@@ -187,13 +190,13 @@ class Scene(Editing, Variants):
         device = self.device
         caster = RayCaster([camera], self.occupancy.box, device)
         pixels, chunk = camera.width * camera.height, kernels_of(device.type).RAYS
-        images, in_sight = _empty_images(pixels, device), caster.in_sight(self.occupancy)
+        images, in_sight = empty_images(pixels, device), caster.in_sight(self.occupancy)
         in_order = len(in_sight) == pixels  # a piece of them is a piece of the images; else it is put into its places
         for first in range(0, len(in_sight), chunk):
             progress(first / len(in_sight), "rendering")
             own = in_sight[first : first + chunk]
             piece = [image[first : first + chunk] for image in images]
-            parts, rays = piece if in_order else _empty_images(len(own), device), caster.rays(own)
+            parts, rays = piece if in_order else empty_images(len(own), device), caster.rays(own)
             beams = Beams.of(self.lamp, camera, rays, self.settings.headlight)
             self._render_rays(rays, beams, network, *parts)
             if not in_order:
@@ -217,12 +220,12 @@ class Scene(Editing, Variants):
         self, rays: Rays, beams: Beams, network: str, rgba: Tensor, depth: Tensor, region: Tensor
     ) -> None:
         """Write what rays see into the images, where they see anything."""
-        samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited())
+        samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited(network))
         if not len(samples):
             return
         if network != "base" and fused.can_fuse(self):
-            colour, of = fused.shade(self, samples, rays, network, beams)
-            fused.composite(self, samples, rays, colour, of, FAINT, rgba, depth, region)
+            colour, of, sigma = fused.shade(self, samples, rays, network, beams)
+            fused.composite(self, samples, sigma, rays, colour, of, FAINT, rgba, depth, region)
             return
         colour, of, sigma = self.shade(samples, rays, network, beams)
         distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
@@ -252,10 +255,12 @@ class Scene(Editing, Variants):
         else:
             at = (beams or Beams.headlight(-rays.directions)).at(samples.ray)
         parts = self.palette(samples.position, geometry, directions, at, self.coefficients())
-        region = parts.region
+        region, paint = parts.region, self.paint(samples.position, network)
+        sigma = followed(self, sigma, region, paint)
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]
-        return self.light(parts, self.diffuse(parts, samples.position, network), network), region, sigma
+        diffuse = self.with_style(parts.diffuse(self.edited_colours(parts.offsets)), region, paint)
+        return self.light(parts, diffuse, network), region, sigma
 
     def coefficients(self) -> Tensor | None:
         """Ambient, diffuse, specular and shininess of each region as edited (P, 4); None without an explicit light."""
@@ -266,11 +271,6 @@ class Scene(Editing, Variants):
             [torch.nan if (v := getattr(r, name)) is None else v for name in COEFFICIENTS] for r in self.regions
         ])  # fmt: skip
         return torch.where(edited.isnan(), learned, edited)
-
-    def diffuse(self, parts: PaletteColours, position: Tensor, network: str) -> Tensor:
-        """Edited diffuse colour of samples, from the UCN where a region is styled. (S, 3)"""
-        diffuse = parts.diffuse(self.edited_colours(parts.offsets))
-        return self.with_style(diffuse, parts.region, position, network)
 
     def edited_colours(self, offsets: Tensor) -> Tensor:
         """Palette colours of samples with their offsets, recoloured as the regions' edits say. (S, P, 3)"""
@@ -286,12 +286,16 @@ class Scene(Editing, Variants):
             colours[:, edited] = shift_colours(colours[:, edited], shown, target)
         return colours
 
-    def with_style(self, diffuse: Tensor, region: Tensor, position: Tensor, network: str) -> Tensor:
-        """Diffuse colour (S, 3) with the UCN's in its place where the sample's region (S,) is styled."""
-        if network != "styled" or self.styled is None:
+    def paint(self, position: Tensor, network: str) -> Tensor | None:
+        """The UCN's colours (S, 3) of positions (S, 3), in regions that are not styled too; None where not asked."""
+        return None if network != "styled" or self.styled is None else self.styled(position)
+
+    def with_style(self, diffuse: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
+        """Diffuse colour (S, 3) with the paint's (S, 3) in its place where the sample's region (S,) is styled."""
+        if paint is None:
             return diffuse
         share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
-        return torch.lerp(diffuse, self.styled(position), share[:, None])
+        return torch.lerp(diffuse, paint, share[:, None])
 
     def light(self, parts: PaletteColours, diffuse: Tensor, network: str) -> Tensor:
         """Diffuse colour (S, 3) under the scene's light, as bright as each region's edit says. (S, 3)"""
@@ -308,9 +312,9 @@ class Scene(Editing, Variants):
         """How rays are sampled for images of the scene without its edits."""
         return replace(self.marching, step=self.stride * self.marching.step, least_weight=self.joined, merge=True)
 
-    def _marching_as_edited(self) -> Marching:
-        """A region made more transparent shows what lies behind it, so rays no longer end at their old depth."""
-        return replace(self.marching_for_images, fade=min((r.seen_opacity for r in self.regions), default=1.0))
+    def _marching_as_edited(self, network: str) -> Marching:
+        """What is made more transparent shows what lies behind it, so rays no longer end at their old depth."""
+        return replace(self.marching_for_images, fade=fade_of(self, network))
 
     # --- files -----------------------------------------------------------------------------------------------------
 
@@ -387,12 +391,3 @@ class Scene(Editing, Variants):
             return {"lighting": self.settings.lighting}
         reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in coefficients.tolist()]
         return {"lighting": self.settings.lighting, "light": self.lamp.said(), "reflects": reflects}
-
-
-def _empty_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
-    """Straight RGBA (pixels, 4), depth and region (pixels,) where nothing is visible."""
-    return (
-        torch.zeros(pixels, 4, device=device),
-        torch.full((pixels,), torch.nan, device=device),
-        torch.full((pixels,), -1, dtype=torch.int16, device=device),
-    )

@@ -55,6 +55,8 @@ def as_edited(scene: Scene, values: Values) -> Scene:
         scene = scene.with_strength(values["Strength"])
     if values["PaintLight"] != PAINT_LIGHT:
         scene = scene.with_paint_light(values["PaintLight"])
+    if values["StrokeOpacity"] != 0.0:
+        scene = scene.with_stroke_opacity(values["StrokeOpacity"])
     if values["Outline"] != 0.0:
         chosen = whole_numbers_in(values["OutlineRegions"], "Outline Regions")
         scene = scene.with_outline(

@@ -116,6 +116,11 @@ said["light on paint"].append(status(two))
 two.SaveScene()
 two.UndoEdit()
 said["light on paint"].append(two.PaintLight)
+two.StrokeOpacity, two.SaveFile = -0.5, folder + "/strokes.svv"
+said["strokes"] = [status(two)]
+two.SaveScene()
+two.UndoEdit()
+said["strokes"].append(two.StrokeOpacity)
 drawn = StyleRFRender(Input=two, ImageSize=[200, 200])
 said["ink"] = [float((arrays(drawn)["RGBA"][..., 3] > 128).mean())]
 two.Outline, two.OutlineWidth, two.OutlineRegions, two.SaveFile = 0.9, 8.0, "0, 2", folder + "/inked.svv"
@@ -140,6 +145,8 @@ said["no variant"] = status(two)
     default, told, undone = said["light on paint"]
     assert default == undone == PAINT_LIGHT and "light on paint 0.25" in told
     assert [r.paint_light for r in Scene.load(tmp_path / "dim.svv").regions] == [0.25] * 3
+    assert "stroke opacity -0.5" in said["strokes"][0] and said["strokes"][1] == 0.0
+    assert [r.stroke_opacity for r in Scene.load(tmp_path / "strokes.svv").regions] == [-0.5] * 3
     lines = [(r.outline, r.outline_width) for r in Scene.load(tmp_path / "inked.svv").regions]
     assert lines == [(0.9, 8.0), (0.0, WIDTH), (0.9, 8.0)] and said["ink"][3:] == [0.0, WIDTH, list(INK)]
     assert "outline 0.9, 8 px wide" in said["ink"][1] and said["ink"][2] > 0.01

@@ -1,0 +1,213 @@
+"""Opacity that follows strokes: dark ones or light ones are denser, and each region is as opaque as it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from svv.core.cameras import sphere_cameras
+from svv.errors import BadInput
+from svv.fields.networks import UnrestrictedField
+from svv.fields.paint_light import SIZE, VIEWS
+from svv.fields.rendering import RayCaster, composite, march
+from svv.fields.scene import Scene
+from svv.fields.stroke_opacity import EXTREME, REACH, brightness, fade_of, strokes_of
+from svv.io import scene_file
+from tests.cube import cube_camera, cube_paint, cube_scene
+
+EVERY = {0: "oil", 1: "ink", 2: "oil"}
+KEPT = 0.02
+"""Part of a region's opacity by which it may differ from what it was."""
+
+
+@pytest.fixture(scope="module")
+def painted() -> Scene:
+    """The cube, painted all over."""
+    cube = cube_scene()
+    return cube.painted(strong_paint(cube), EVERY, {}, "oil")
+
+
+def strong_paint(scene: Scene) -> UnrestrictedField:
+    """A painting of more contrast than what comes as it may."""
+    network = cube_paint(scene, 1)
+    with torch.no_grad():
+        dict(network.named_parameters())["colour_mlp.4.weight"].mul_(8.0)
+    return network
+
+
+@pytest.fixture(params=[True, False], ids=["kernels", "torch"])
+def image(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
+    """Render the cube from the front, with the kernels or without."""
+    if not request.param:
+        monkeypatch.setattr("svv.fields.image.can_fuse", lambda _: False)
+    return lambda scene, network=None: scene.render(cube_camera(), network).rgba
+
+
+def of_one_colour(scene: Scene) -> Scene:
+    """The cube painted grey."""
+    network = cube_paint(scene, 1)
+    with torch.no_grad():
+        network.encoding.table.zero_()
+    return scene.painted(network, EVERY, {}, "grey")
+
+
+def opacities(scene: Scene, views: int = VIEWS) -> np.ndarray:
+    """Sum of each region's weights in images from all around."""
+    sums = torch.zeros(len(scene.regions), dtype=torch.float64)
+    for camera in sphere_cameras(views, (0.0, 0.0, 0.0), 3.0, 0.5, SIZE):
+        rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
+        samples = march(rays, scene.occupancy, scene.base.density, scene._marching_as_edited("styled"))
+        _, region, sigma = scene.shade(samples, rays, "styled")
+        sums.index_add_(0, region, composite(samples, sigma, sigma[:, None])[2].double())
+    return sums.numpy()
+
+
+AMOUNT = st.floats(-1.0, 1.0)
+
+
+@given(st.tuples(AMOUNT, AMOUNT, AMOUNT))
+@settings(max_examples=15)
+def test_regions_are_as_opaque_as_they_were(painted: Scene, amounts: tuple[float, float, float]) -> None:
+    scene = painted
+    for region, amount in enumerate(amounts):
+        scene = scene.with_stroke_opacity(amount, region)
+    np.testing.assert_allclose(opacities(scene), opacities(painted), rtol=KEPT)
+
+
+def test_they_are_from_other_sides_as_well(painted: Scene) -> None:
+    """Nearly: the smallest region holds 3 % of what is seen."""
+    change = opacities(painted.with_stroke_opacity(1.0), 30) / opacities(painted, 30)
+    np.testing.assert_allclose(change, 1.0, atol=2.0 * KEPT)
+
+
+@pytest.mark.parametrize("opacity", [0.2, 3.0])
+def test_that_holds_of_regions_as_they_are_edited(painted: Scene, opacity: float) -> None:
+    edited = painted.edited(0, opacity=opacity).with_strength(0.7).hidden(1)
+    np.testing.assert_allclose(opacities(edited.with_stroke_opacity(0.8)), opacities(edited), rtol=KEPT)
+
+
+@pytest.mark.parametrize("amount", [0.6, -0.6])
+def test_strokes_of_one_side_get_more_opaque_and_those_of_the_other_less(painted: Scene, amount: float) -> None:
+    """Above 0 the dark ones: a factor that depends on brightness alone, one deviation from the mean exp(REACH a)."""
+    scene = painted.with_stroke_opacity(amount)
+    strokes = strokes_of(scene)
+    assert strokes is not None
+    rays = RayCaster([cube_camera()], scene.occupancy.box, scene.device).view(0)
+    samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
+    _, region, sigma = scene.shade(samples, rays, "styled")
+    factor = (sigma / samples.sigma).log() - strokes[region, 0]
+    assert scene.styled is not None
+    dark = strokes[region, 2] - brightness(scene.styled(samples.position))
+    assert torch.all(factor * dark * amount >= -1e-6)
+    assert float(factor.abs().max()) == pytest.approx(REACH * EXTREME * abs(amount), abs=1e-4), "it is clipped"
+    middle = (factor.abs() > 1e-3) & (factor.abs() < 0.99 * REACH * EXTREME * abs(amount))
+    torch.testing.assert_close((factor / dark)[middle], strokes[region[middle], 1], rtol=1e-2, atol=1e-3)
+    for region_ in range(3):  # the slope is that of a deviation's reach, over a deviation of less than half the range
+        assert 2.0 * REACH < float(strokes[region_, 1]) / amount < 100.0
+
+
+@pytest.mark.parametrize("amount", [0.8, -0.8])
+def test_it_is_seen_in_alpha(amount: float) -> None:
+    """Of a cube whose left half is painted dark and whose right half light."""
+    cube = cube_scene()
+    network = cube_paint(cube, 1)
+    painted = replace(cube.painted(network, EVERY, {}, "oil"), styled=HalfDark(network))
+    both = painted, painted.with_stroke_opacity(amount)
+    plain, followed = (scene.render(cube_camera()).rgba[..., 3] for scene in both)
+    translucent = (plain > 0.1) & (plain < 0.9)
+    rise = np.where(translucent, followed - plain, 0.0)
+    dark, light = rise[:, :10].sum(), rise[:, 14:].sum()
+    assert dark * amount > 0.0 > light * amount
+
+
+class HalfDark(torch.nn.Module):
+    """Black where x is below the middle of the box, white beyond."""
+
+    def __init__(self, network: torch.nn.Module) -> None:
+        super().__init__()
+        self.resolutions, self.direct = network.resolutions, False
+
+    def forward(self, position: torch.Tensor) -> torch.Tensor:
+        return (position[:, :1] > 0.5).to(position).expand(-1, 3)
+
+
+def test_none_is_what_it_was_to_the_bit(painted: Scene, image) -> None:  # type: ignore[no-untyped-def]
+    off = painted.with_stroke_opacity(0.5).with_stroke_opacity(0.0)
+    assert strokes_of(off) is None and strokes_of(painted.with_stroke_opacity(0.5)) is not None
+    np.testing.assert_array_equal(image(off), image(painted))
+    followed = painted.with_stroke_opacity(0.5)
+    assert np.abs(image(followed) - image(painted)).max() > 0.01
+    for network in ("base", "pcn"):
+        np.testing.assert_array_equal(image(followed, network), image(painted, network))
+    np.testing.assert_array_equal(image(followed.with_strength(0.0)), image(painted.with_strength(0.0)))
+
+
+def test_what_has_no_strokes_stays(painted: Scene, image) -> None:  # type: ignore[no-untyped-def]
+    bare = painted.without_variant("oil")
+    np.testing.assert_array_equal(image(bare.with_stroke_opacity(1.0)), image(bare))
+    one = bare.painted(strong_paint(bare), {0: "oil"}, {}, "oil")
+    strokes = strokes_of(one.with_stroke_opacity(1.0))
+    assert strokes is not None and strokes[0, 1] > 0.0 and not bool(strokes[1:].any())
+    grey = of_one_colour(bare)
+    strokes = strokes_of(grey.with_stroke_opacity(1.0))
+    assert strokes is not None and not bool(strokes.any())
+    np.testing.assert_allclose(image(grey.with_stroke_opacity(1.0)), image(grey), atol=1e-6)
+
+
+def test_kernels_and_torch_agree(painted: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = painted.with_stroke_opacity(0.8).with_stroke_opacity(-0.5, 2).edited(1, opacity=0.4).with_strength(0.7, 0)
+    quick = scene.render(cube_camera())
+    monkeypatch.setattr("svv.fields.image.can_fuse", lambda _: False)
+    plain = scene.render(cube_camera())
+    np.testing.assert_allclose(quick.rgba, plain.rgba, atol=2e-5)
+    np.testing.assert_allclose(quick.depth, plain.depth, atol=2e-4)
+
+
+def test_rays_go_on_behind_what_is_made_transparent(painted: Scene) -> None:
+    scene = painted.with_stroke_opacity(1.0)
+    rays = RayCaster([cube_camera()], scene.occupancy.box, scene.device).view(0)
+    samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
+    _, _, sigma = scene.shade(samples, rays, "styled")
+    assert fade_of(scene, "styled") <= float((sigma / samples.sigma).min()) + 1e-6
+    assert fade_of(scene, "pcn") == fade_of(painted, "styled") == 1.0
+
+
+def test_samples_are_not_changed(painted: Scene) -> None:
+    rays = RayCaster([cube_camera()], painted.occupancy.box, painted.device).view(0)
+    samples = march(rays, painted.occupancy, painted.base.density, painted.marching_for_images)
+    before = samples.sigma.clone()
+    painted.with_stroke_opacity(0.7).shade(samples, rays, "styled")
+    assert torch.equal(samples.sigma, before)
+
+
+def test_files_hold_it_and_it_is_undone(painted: Scene, tmp_path: Path) -> None:
+    scene = painted.with_stroke_opacity(0.3, 1).with_stroke_opacity(-1.0).undone()
+    assert [r.stroke_opacity for r in scene.regions] == [0.0, 0.3, 0.0]
+    assert [step.what for step in scene.history.past] == ["stroke opacity 0.3"]
+    scene.save(tmp_path / "new.svv")
+    new = Scene.load(tmp_path / "new.svv")
+    assert (new.regions, new.history) == (scene.regions, scene.history)
+    assert [r.stroke_opacity for r in new.redone().regions] == [-1.0] * 3
+    assert new.undone().regions == painted.regions
+    header, arrays = painted.to_arrays()
+    header["regions"] = [{k: v for k, v in r.items() if k != "stroke_opacity"} for r in header["regions"]]
+    scene_file.write_scene_file(tmp_path / "old.svv", header, arrays)
+    assert Scene.load(tmp_path / "old.svv").regions == painted.regions
+
+
+@pytest.mark.parametrize(
+    ("amount", "regions", "words"),
+    [(1.5, (), "between -1 and 1"), (-1.1, (), "between -1 and 1"), (float("nan"), (), "between -1 and 1"),
+     (0.5, (7,), "no region 7")],
+)  # fmt: skip
+def test_amounts_that_cannot_be_are_one_sentence(
+    painted: Scene, amount: float, regions: tuple[int, ...], words: str
+) -> None:
+    with pytest.raises(BadInput, match=words):
+        painted.with_stroke_opacity(amount, *regions)

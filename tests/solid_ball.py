@@ -1,4 +1,4 @@
-"""An opaque ball of one region by formula, so large in its views that strokes have room on it."""
+"""A ball of one region by formula, so large in its views that strokes have room on it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,12 @@ from svv.fields.scene import Region, Scene
 CELLS, RADIUS = 32, 0.4
 
 
-def solid_ball() -> Scene:
-    """A grey ball about the middle of the unit box, lit by nothing."""
+def solid_ball(densest: float = 5.0) -> Scene:
+    """A grey ball about the middle of the unit box, lit by nothing.
+
+    Args:
+        densest: Logarithm of its extinction: opaque at 5, fog that one sees through at 0.
+    """
     torch.manual_seed(0)
     field = FieldSettings(resolutions=(8, CELLS), width=16, lighting="none")
     middle = (np.stack(np.meshgrid(*[np.arange(CELLS)] * 3, indexing="ij"), -1) + 0.5) / CELLS - 0.5
@@ -27,7 +31,7 @@ def solid_ball() -> Scene:
         base.density.table.zero_()
         place = base.density.places_of_level(1, occupied, CELLS)
         outside = np.linalg.norm(place - 0.5, axis=1) - RADIUS
-        logarithm = np.clip(-outside * CELLS * 4.0, -6.0, 5.0).astype(np.float32)
+        logarithm = np.clip(-outside * CELLS * 4.0, -6.0, densest).astype(np.float32)
         base.density.table[base.density.rows_of_level(1)] = torch.from_numpy(logarithm)[:, None]
     palette = PaletteField(field, occupancy, base.geometry_width, torch.tensor([[0.5, 0.5, 0.5]]))
     rig = {"centre": [0.0, 0.0, 0.0], "radius": 3.0, "fov_x": 0.32, "size": [64, 64]}

@@ -73,6 +73,8 @@ def match_contrast(
     Returns:
         a and b of each region that is seen.
     """
+    if not targets:
+        return {}
     rig = scene.camera_rig
     cameras = sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], settings.style_size)
     views = visible_from(scene, cameras, silent)

@@ -15,7 +15,7 @@ from svv.core.cameras import sphere_cameras
 from svv.errors import silent
 from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
-from svv.train.contrast import LARGEST, LEAST, MOST, contrasts, match_contrast, stroke_scales, surroundings
+from svv.train.contrast import LEAST, MOST, contrasts, match_contrast, stroke_scales, surroundings
 from svv.train.distil import paint_pixel
 from svv.train.features import PatchFeatures
 from svv.train.painting import painted_field
@@ -147,9 +147,10 @@ def test_other_regions_than_those_painted_keep_their_colours() -> None:
 
 def test_strokes_are_larger_where_one_sees_deep() -> None:
     pixel = paint_pixel(BALL, SETTINGS) * SIZE / 100  # the ball fades in over two cells of 32
-    assert stroke_scales(BALL, [0], pixel) == {0: 1.0}
-    assert stroke_scales(FOG, [0], pixel) == {0: LARGEST}
-    assert stroke_scales(FOG, [0, 1], pixel)[1] == 1.0  # nothing of it is seen
+    assert stroke_scales(BALL, [0], pixel, 3.0) == {0: 1.0}
+    assert stroke_scales(FOG, [0], pixel, 3.0) == {0: 3.0}
+    assert stroke_scales(FOG, [0], pixel, 1.0) == {0: 1.0}
+    assert stroke_scales(FOG, [0, 1], pixel, 3.0)[1] == 1.0  # nothing of it is seen
 
 
 def test_fog_is_painted_with_the_contrast_of_its_style() -> None:

@@ -61,6 +61,14 @@ STYLES: dict[str, dict[str, StyleVariant]] = {
         "light strokes where it is light": StyleVariant(),
         "strokes regardless of light": StyleVariant(loss=lambda s: replace(s, guides=replace(s.guides, tone=0.0))),
     },
+    "contrast": {
+        "contrast as in the style": StyleVariant(),
+        "contrast as it comes": StyleVariant(loss=lambda s: replace(s, contrast=False)),
+    },
+    "depth": {
+        "larger strokes in fog": StyleVariant(),
+        "strokes of one size": StyleVariant(loss=lambda s: replace(s, largest=1.0)),
+    },
     "colour-transfer": {
         "with colour transfer": StyleVariant(),
         "without colour transfer": StyleVariant(stylize=lambda s: replace(s, colour_transfer=False)),

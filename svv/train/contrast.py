@@ -51,9 +51,6 @@ LEAST_PATCHES = 200
 DEPTH = 5.0
 """Pixels of the stylization views that a region may be deep along a ray, and carry strokes of the usual size."""
 
-LARGEST = 3.0
-"""How much larger strokes become at most in regions that are deeper."""
-
 
 @torch.no_grad()
 def match_contrast(
@@ -105,7 +102,7 @@ def match_contrast(
     return gains
 
 
-def stroke_scales(scene: Scene, regions: Collection[int], pixel: float) -> dict[int, float]:
+def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest: float) -> dict[int, float]:
     """How much larger than usual the strokes of regions must be, to be seen.
 
     A ray through fog sees paint from all of its depth, seen from another side each, so strokes that are not as wide as
@@ -116,9 +113,10 @@ def stroke_scales(scene: Scene, regions: Collection[int], pixel: float) -> dict[
         scene: With a palette colour network.
         regions: Which.
         pixel: Side of a pixel of the stylization views, in box units.
+        largest: The largest factor.
 
     Returns:
-        A factor from 1 to :data:`LARGEST` for each.
+        A factor from 1 to ``largest`` for each.
     """
     rig = scene.camera_rig
     cameras = sphere_cameras(6, rig["centre"], rig["radius"], rig["fov_x"], 128)
@@ -133,7 +131,7 @@ def stroke_scales(scene: Scene, regions: Collection[int], pixel: float) -> dict[
             mean = sums[:, 1:] / sums[:, :1]
             depths[k].append((mean[:, 3] - mean[:, :3].square().sum(1)).clamp_min(0.0).sqrt() / pixel)
     return {
-        k: float(np.clip(float(torch.cat(d).median()) / DEPTH, 1.0, LARGEST)) if sum(map(len, d)) else 1.0
+        k: float(np.clip(float(torch.cat(d).median()) / DEPTH, 1.0, largest)) if sum(map(len, d)) else 1.0
         for k, d in depths.items()
     }
 

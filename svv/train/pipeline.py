@@ -341,7 +341,7 @@ def stylize_scene(
             watch = None if previews is None else partial(previews.look, field)
             loop = Loop(settings.style_iterations, None, part(progress, 0.35, 1.0), "stylization", watch=watch)
             seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
-        if laid_as_colours and weights.seeded:
+        if laid_as_colours and weights.seeded and weights.contrast:
             match_contrast(scene, field, targets, settings)
     seconds["total"] = cost.seconds
     field.requires_grad_(False)

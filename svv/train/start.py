@@ -56,7 +56,7 @@ def targets_of(
     """
     larger: Mapping[int, float] = {}
     if is_laid(scene, settings) and loss.seeded:
-        larger = stroke_scales(scene, list(pictures), paint_pixel(scene, settings))
+        larger = stroke_scales(scene, list(pictures), paint_pixel(scene, settings), loss.largest)
     targets = {}
     for k, picture in pictures.items():
         style = torch.as_tensor(picture, dtype=torch.float32, device=scene.device).permute(2, 0, 1)

@@ -55,6 +55,11 @@ class StyleLossSettings:
     larger: float = 1.0
     """By how much the strokes are larger than in other regions: ``style_size`` holds this factor already
     (:func:`svv.train.contrast.stroke_scales`)."""
+    largest: float = 3.0
+    """How much larger strokes become at most where a region is deep; 1 keeps all at their size."""
+    contrast: bool = True
+    """Whether paint that is laid gets the contrast at which it is seen as strong as the style
+    (:func:`svv.train.contrast.match_contrast`)."""
     balance: float | None = None
     """How strictly all of the style is used (:func:`svv.core.nnfm.nearest`); None is the paper's plain matching."""
     octaves: int = 1

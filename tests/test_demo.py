@@ -215,8 +215,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_demo_leaves_what_it_promises(finished: Path) -> None:
     there = {path.name for path in finished.iterdir()}
     assert there >= {
-        "volume.vti", "tf.json", "brush-strokes.png", "stippling.png", "views", "scene.svv", "recoloured.svv",
-        "styled.svv", "orbit", "orbit.mp4", "contact.png", "unseen.png", "regions.png", "report.html",
+        "volume.vti", "tf.json", "watercolour.png", "woodcut.png", "impasto.png", "views", "scene.svv",
+        "recoloured.svv", "styled.svv", "orbit", "orbit.mp4", "contact.png", "unseen.png", "regions.png", "report.html",
     }  # fmt: skip
     assert not [name for name in there if name.endswith("checkpoint") or name.startswith(".")]
     orbits = {path.name: len(list(path.iterdir())) for path in (finished / "orbit").iterdir()}

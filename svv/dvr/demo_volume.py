@@ -59,8 +59,14 @@ def demo_volume(resolution: int = 128, seed: int = 7, levels: int | None = None)
     return from_array(volume, (2.0 / (resolution - 1),) * 3, (-1.0,) * 3, "concentration")
 
 
-def demo_transfer_function() -> TransferFunction:
-    """Three visible ranges of distinct hues: a translucent blue shell, crimson field lines, a golden ring."""
+def demo_transfer_function(shell: float = 0.08, lines: float = 0.6, ring: float = 0.95) -> TransferFunction:
+    """Three visible ranges of distinct hues: a translucent blue shell, crimson field lines, a golden ring.
+
+    Args:
+        shell: The shell's largest opacity, in [0, 1].
+        lines: The field lines'.
+        ring: The ring's.
+    """
     return TransferFunction(
         colours=(
             (0.0, 0.1, 0.4, 0.95), (0.4, 0.15, 0.55, 1.0),
@@ -68,9 +74,9 @@ def demo_transfer_function() -> TransferFunction:
             (0.74, 1.0, 0.72, 0.1), (1.0, 1.0, 0.85, 0.3),
         ),
         opacities=(
-            (0.0, 0.0, 0.5, 0.0), (0.17, 0.0, 0.5, 0.0), (0.27, 0.08, 0.5, 0.0), (0.36, 0.0, 0.5, 0.0),
-            (0.46, 0.0, 0.5, 0.0), (0.56, 0.6, 0.5, 0.0), (0.66, 0.0, 0.5, 0.0),
-            (0.74, 0.0, 0.5, 0.0), (0.84, 0.9, 0.5, 0.0), (1.0, 0.95, 0.5, 0.0),
+            (0.0, 0.0, 0.5, 0.0), (0.17, 0.0, 0.5, 0.0), (0.27, shell, 0.5, 0.0), (0.36, 0.0, 0.5, 0.0),
+            (0.46, 0.0, 0.5, 0.0), (0.56, lines, 0.5, 0.0), (0.66, 0.0, 0.5, 0.0),
+            (0.74, 0.0, 0.5, 0.0), (0.84, ring - 0.05, 0.5, 0.0), (1.0, ring, 0.5, 0.0),
         ),
         name="demo",
     )  # fmt: skip

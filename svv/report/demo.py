@@ -12,8 +12,11 @@ from svv.report.run import check, run_job
 from svv.report.source import VolumeSource
 from svv.report.stages import Show, Stages, unseen
 
-STYLES = {"brush-strokes": "brush strokes", "stippling": "stippling"}
-"""Name of a file -> name of a generated style picture, see :func:`svv.train.textures.style_picture`."""
+STYLES = ("watercolour", "woodcut", "impasto")
+"""Pictures of the gallery, for the shell, the field lines and the ring (:data:`svv.train.gallery.GALLERY`)."""
+
+OPACITIES = {"shell": 0.04, "lines": 0.95, "ring": 0.98}
+"""Paint wants surfaces: fog with strokes in it is fog (see :func:`svv.dvr.demo_volume.demo_transfer_function`)."""
 
 
 def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show = unseen) -> Path:
@@ -39,7 +42,7 @@ def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show
     stages.do(
         "input",
         "Volume and styles",
-        {"resolution": resolution},
+        {"resolution": resolution, "styles": STYLES, **OPACITIES},
         [volume, tf, *styles],
         lambda progress: generate(out, resolution, progress),
     )
@@ -49,14 +52,14 @@ def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show
 def generate(out: Path, resolution: int = 128, progress: Progress = silent) -> None:
     """Write the demo's volume (``volume.vti``), its transfer function (``tf.json``) and its style pictures."""
     from svv.dvr.demo_volume import demo_transfer_function, demo_volume
-    from svv.train.textures import style_picture
+    from svv.train.gallery import gallery_picture
 
     progress(0.0, "volume")
     _write_volume(out / "volume.vti", demo_volume(resolution))
-    write_json(out / "tf.json", [demo_transfer_function().to_dict()])  # a list, as ParaView exports presets
-    for index, (file, name) in enumerate(STYLES.items()):
+    write_json(out / "tf.json", [demo_transfer_function(**OPACITIES).to_dict()])  # a list, as ParaView exports presets
+    for index, name in enumerate(STYLES):
         progress((index + 1) / (len(STYLES) + 1), name)
-        write_png(out / f"{file}.png", style_picture(name))
+        write_png(out / f"{name}.png", gallery_picture(name))
     progress(1.0, "")
 
 

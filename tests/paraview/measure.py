@@ -75,7 +75,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--volume", type=Path, help="an image that ParaView reads (default: the demo's)")
     parser.add_argument("--tf", type=Path, help="its transfer function, a ParaView preset")
-    parser.add_argument("--style", type=Path, help="a picture (default: brush strokes, generated)")
+    parser.add_argument("--style", type=Path, help="a picture (default: impasto of the gallery)")
     parser.add_argument("--preset", default="fast")
     parser.add_argument("--views", type=int, default=92)
     parser.add_argument("--size", type=int, default=800, help="of the views, pixels")
@@ -100,7 +100,7 @@ def measure(chosen: argparse.Namespace, folder: Path) -> dict[str, object]:
     generate(folder)
     if chosen.volume is None:
         chosen.volume, chosen.tf = folder / "volume.vti", folder / "tf.json"
-    chosen.style = chosen.style or folder / "brush-strokes.png"
+    chosen.style = chosen.style or folder / "impasto.png"
     paraview = start.find()
     program = str(paraview.program("pvpython"))
     display, name = start.start_display()

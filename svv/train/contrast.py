@@ -78,7 +78,7 @@ def match_contrast(
     lattice = field.encoding
     assert isinstance(lattice, SparseLattice)
     place = lattice.places_of_level(0, scene.occupancy.occupied, scene.occupancy.cells)
-    owner = _owners(scene, place, list(targets))
+    owner = _owners(scene, place)
     gains, reach = {}, PATCH * paint_pixel(scene, settings)
     for k, target in targets.items():
         own, style = np.flatnonzero(owner == k), target.picture
@@ -186,11 +186,11 @@ def _seen(field: UnrestrictedField, view: StyledView, region: int) -> tuple[Tens
     return image / mask.clamp_min(1e-3), counts
 
 
-def _owners(scene: Scene, place: NDArray[np.float32], among: list[int]) -> NDArray[np.int64]:
-    """Which of these regions each vertex is most of, -1 for none. (V,)"""
+def _owners(scene: Scene, place: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Which region each vertex is most of, -1 for none. (V,)"""
     assert scene.palette is not None
     found = []
     for piece in torch.from_numpy(place).split(1 << 17):
-        best, which = scene.palette.material(piece.to(scene.device))[1][:, among].max(dim=1)
+        best, which = scene.palette.material(piece.to(scene.device))[1].max(dim=1)
         found.append(torch.where(best > 0.0, which, -1).cpu().numpy())
-    return np.append(np.array(among), -1)[np.concatenate(found)]
+    return np.concatenate(found)

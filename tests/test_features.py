@@ -15,31 +15,19 @@ from torch import nn
 from svv.core.nnfm import luminance
 from svv.errors import BadInput
 from svv.io.output import write_png
-from svv.train.features import VGG16_WIDTHS, PatchFeatures, load_features, read_features
+from svv.train.features import PatchFeatures, VggFeatures, load_features, read_features
 from svv.train.judge_features import figures, judge
 from svv.train.style_loss import PATCH_LOSS, StyleTarget, resized, solid
 from svv.train.textures import style_picture
 from tests.tolerances import sums_apart
+from tests.untrained import vgg16_state
 
 SMALL = replace(PATCH_LOSS, style_size=64)
 
 
-def vgg16_state() -> dict[str, torch.Tensor]:
-    """Weights of torchvision's names and shapes, small enough to keep numbers finite."""
-    state, channels, number = {}, 3, 0
-    for block in VGG16_WIDTHS:
-        for width in block:
-            state[f"features.{number}.weight"] = torch.randn(width, channels, 3, 3) * (2 / (9 * channels)) ** 0.5
-            state[f"features.{number}.bias"] = torch.zeros(width)
-            channels, number = width, number + 2
-        number += 1
-    return state | {"classifier.0.weight": torch.zeros(2, 2)}
-
-
-@pytest.mark.parametrize("name", ["embedded", "network"])
 @pytest.mark.parametrize(("height", "width"), [(40, 56), (41, 59), (23, 100)])
-def test_features_are_maps_of_a_quarter_of_the_resolution(name: str, height: int, width: int) -> None:
-    network = load_features(name)
+def test_features_are_maps_of_a_quarter_of_the_resolution(height: int, width: int) -> None:
+    network = load_features("embedded")
     found = network(torch.rand(2, 3, height, width))
     assert found.shape == (2, network.channels, height // 4, width // 4)
     assert torch.isfinite(found).all()
@@ -47,9 +35,9 @@ def test_features_are_maps_of_a_quarter_of_the_resolution(name: str, height: int
 
 
 def test_features_depend_on_the_picture_differentiably() -> None:
-    for name in ("embedded", "network"):
+    for network in (PatchFeatures(), VggFeatures()):
         image = torch.rand(1, 3, 32, 32, requires_grad=True)
-        load_features(name)(image).square().sum().backward()
+        network(image).square().sum().backward()
         assert image.grad is not None and (image.grad != 0).float().mean() > 0.9
 
 

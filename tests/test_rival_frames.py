@@ -9,11 +9,12 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from torch import nn
 
 from svv.core.cameras import sphere_cameras
 from svv.core.flow import camera_flow, is_consistent, splatted
-from svv.train.features import load_features
-from svv.train.judge_features import with_style_colours
+from svv.train.features import PatchFeatures
+from svv.train.judge_features import untrained, with_style_colours
 from svv.train.rival_frames import (
     LEAST_VARIANCE,
     Before,
@@ -28,7 +29,7 @@ from svv.train.style_loss import StyleLossSettings, StyleTarget
 
 SIZE, STEPS = 64, 12
 CAMERAS = sphere_cameras(300, (0.0, 0.0, 0.0), 4.0, np.radians(25), SIZE)
-NETWORK = load_features("network")
+NETWORK = untrained()
 LOSS = unseeded(StyleLossSettings(style_size=SIZE))
 
 
@@ -106,9 +107,9 @@ def test_where_nothing_arrives_a_frame_is_painted_too(stripes: torch.Tensor) -> 
     assert np.abs(made - rgba)[rgba[..., 3] > 0].max() > 0.1
 
 
-@pytest.mark.parametrize("features", ["network", "embedded"])
-def test_adain_gives_features_the_style_s_statistics(stripes: torch.Tensor, features: str) -> None:
-    rgba, network = ball(0)[0], load_features(features)
+@pytest.mark.parametrize("network", [NETWORK, PatchFeatures()])
+def test_adain_gives_features_the_style_s_statistics(stripes: torch.Tensor, network: nn.Module) -> None:
+    rgba = ball(0)[0]
     target = StyleTarget(network, stripes, LOSS)
     colours, mask = (torch.from_numpy(rgba).permute(2, 0, 1)[k] for k in (slice(3), 3))
     measure = StatisticsLoss(target, colours, mask)

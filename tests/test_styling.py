@@ -11,6 +11,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from safetensors.torch import save_file
 
 from svv.core.nnfm import luminance
 from svv.errors import BadInput, Cancelled
@@ -22,6 +23,7 @@ from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import PATCH_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import StyledView, spread_along_rays, stylization_cameras, visible_from
 from tests.balls import SHORT
+from tests.untrained import vgg16_state
 
 SMALL = replace(PATCH_LOSS, style_size=96)
 RED, GREEN = np.array([0.85, 0.2, 0.1]), np.array([0.1, 0.7, 0.25])
@@ -171,9 +173,20 @@ def test_a_new_region_joins_those_that_are_styled(scene: Scene, picture: np.ndar
     assert new[1] > new[0] + 0.15
 
 
-def test_stopped_work_goes_on_only_with_the_same_masks(scene: Scene, picture: np.ndarray, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def network(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A file of weights with which paint is matched."""
+    torch.manual_seed(0)
+    file = tmp_path_factory.mktemp("weights") / "untrained.safetensors"
+    save_file(vgg16_state(), file)
+    return str(file)
+
+
+def test_stopped_work_goes_on_only_with_the_same_masks(
+    scene: Scene, picture: np.ndarray, network: str, tmp_path: Path
+) -> None:
     path = tmp_path / "x.checkpoint"
-    matched = {"features": "network", "loss": replace(StyleLossSettings(), style_size=96), "checkpoint": path}
+    matched = {"features": network, "loss": replace(StyleLossSettings(), style_size=96), "checkpoint": path}
 
     def stop(fraction: float, label: str) -> None:
         if label == "stylization":
@@ -262,9 +275,9 @@ def test_likeness_of_colour_pairs_regions_and_styles(scene: Scene) -> None:
     assert report["styles"] == {str(k): f"style {len(styles) - 1 - k}" for k in range(len(styles))}
 
 
-def test_progress_ends_where_the_work_does(scene: Scene, picture: np.ndarray) -> None:
+def test_progress_ends_where_the_work_does(scene: Scene, picture: np.ndarray, network: str) -> None:
     """Without a matching, too: laying is all of it then."""
-    for features in ("embedded", "network"):
+    for features in ("embedded", network):
         told: list[float] = []
         style(scene, [picture], features=features, progress=lambda fraction, label, told=told: told.append(fraction))
         assert told[-1] == pytest.approx(1.0) and all(b >= a - 1e-9 for a, b in itertools.pairwise(told))

@@ -19,7 +19,7 @@ from svv import cli
 from svv.errors import BadInput, Cancelled
 from svv.io import fetch
 from svv.train import weight_files, weights
-from svv.train.features import PatchFeatures, StyleFeatures, load_features
+from svv.train.features import PatchFeatures, VggFeatures, load_features
 from svv.train.weight_files import ALEXNET_LAYERS, VGG16_LAYERS, State, content_sha256, read_arrays
 
 VGG16_WIDTHS = (64, 64, 128, 128, 256, 256, 256)
@@ -176,7 +176,7 @@ def test_the_index_s_file_is_kept_and_nothing_of_it_runs(
     assert again.source == accepted.name and again.sha256 == fetch.sha256_of(accepted)
     assert content_sha256(again.state) == content_sha256(weight_files.from_sdist(accepted)["vgg16"])
     features = load_features("auto")
-    assert isinstance(features, StyleFeatures) and features.title == "VGG-16" and features.channels == 768
+    assert isinstance(features, VggFeatures) and features.title == "VGG-16" and features.channels == 768
     assert features.note == ""
 
 

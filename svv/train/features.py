@@ -1,20 +1,16 @@
 """Features for style matching, each a map of a quarter of the picture's resolution.
 
-Three kinds: patches in a cosine basis, weighed by frequency, which need no weights; a small network trained on
-generated textures, whose weights ship with us; and VGG-16 up to conv3, whose weights are fetched once. The networks
-are stacks of 3x3 convolutions with ReLU in three blocks, halved between them, and give the concatenated
-activations of the third.
+Two kinds: VGG-16 up to conv3, whose weights are fetched once, and patches in a cosine basis, weighed by frequency,
+which need no weights.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from importlib.resources import as_file, files
 from pathlib import Path
 
 import torch
 import torch.nn.functional as F
-from safetensors import SafetensorError, safe_open
+from safetensors import SafetensorError
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
@@ -23,7 +19,6 @@ from svv.train import weights
 from svv.train.weight_files import VGG16_LAYERS
 
 VGG16_WIDTHS = ((64, 64), (128, 128), (256, 256, 256))
-NETWORK_FILE = "style_features.safetensors"
 STRIDE = 4
 """Pixels of the picture to a cell of the feature map."""
 
@@ -65,44 +60,27 @@ class PatchFeatures(nn.Module):
         return found.unflatten(0, (len(image), 3)).flatten(1, 2)
 
 
-class StyleFeatures(nn.Module):
-    """Three blocks of convolutions; ``forward`` gives the third's activations, concatenated.
-
-    Args:
-        widths: Channels of each convolution, a tuple for each block.
-        pool: What halves the map between blocks, ``"max"`` as in VGG or ``"mean"``.
-        mean: Subtracted from the picture's channels before the first convolution.
-        deviation: Divides them after that.
-        taps: Which activations of the third block are concatenated; all by default.
-    """
+class VggFeatures(nn.Module):
+    """VGG-16 up to conv3 (Simonyan & Zisserman 2015): the activations of conv3_1 to conv3_3, concatenated."""
 
     mean: Tensor
     deviation: Tensor
-    title = "untrained network"
     note = ""
 
-    def __init__(
-        self,
-        widths: Sequence[Sequence[int]] = VGG16_WIDTHS,
-        pool: str = "max",
-        mean: Sequence[float] = (0.485, 0.456, 0.406),
-        deviation: Sequence[float] = (0.229, 0.224, 0.225),
-        taps: Sequence[int] | None = None,
-    ) -> None:
+    def __init__(self, title: str = "VGG-16") -> None:
         super().__init__()
-        self.pool = nn.MaxPool2d(2) if pool == "max" else nn.AvgPool2d(2)
-        self.taps = tuple(range(len(widths[2]))) if taps is None else tuple(taps)
-        self.register_buffer("mean", torch.tensor(mean).view(3, 1, 1), persistent=False)
-        self.register_buffer("deviation", torch.tensor(deviation).view(3, 1, 1), persistent=False)
+        self.title = title
+        self.register_buffer("mean", torch.tensor([0.485, 0.456, 0.406]).view(3, 1, 1), persistent=False)
+        self.register_buffer("deviation", torch.tensor([0.229, 0.224, 0.225]).view(3, 1, 1), persistent=False)
         self.layers: list[list[nn.Conv2d]] = []
         channels = 3
-        for block in widths:
+        for block in VGG16_WIDTHS:
             self.layers.append([])
             for width in block:
                 self.layers[-1].append(nn.Conv2d(channels, width, 3, padding=1, padding_mode="reflect"))
                 channels = width
         self.blocks = nn.ModuleList(nn.ModuleList(block) for block in self.layers)
-        self.channels = sum(widths[2][tap] for tap in self.taps)
+        self.channels = sum(VGG16_WIDTHS[2])
 
     def forward(self, image: Tensor) -> Tensor:
         """Features of pictures.
@@ -117,24 +95,22 @@ class StyleFeatures(nn.Module):
         maps: list[Tensor] = []
         for number, block in enumerate(self.layers):
             if number:
-                x = self.pool(x)
+                x = F.max_pool2d(x, 2)
             for layer in block:
                 x = torch.relu(layer(x))
                 maps.append(x)
-        third = maps[-len(self.layers[2]) :]
-        return torch.cat([third[tap] for tap in self.taps], 1)
+        return torch.cat(maps[-len(self.layers[2]) :], 1)
 
 
-def load_features(name: str = "auto", progress: Progress = silent) -> PatchFeatures | StyleFeatures:
+def load_features(name: str = "auto", progress: Progress = silent) -> PatchFeatures | VggFeatures:
     """A frozen feature network.
 
     Args:
-        name: ``"embedded"``: what was judged best of what ships in this package (:class:`PatchFeatures`).
-            ``"network"``: the small network trained on generated textures that ships, too.
+        name: ``"embedded"``: those that need no weights (:class:`PatchFeatures`).
             ``"vgg16"``: VGG-16 with ImageNet weights, from this machine or fetched (:mod:`svv.train.weights`).
             ``"auto"``: the same where it is on this machine or can be fetched without much ado
             (:func:`svv.train.weights.first_use`), else the embedded features, whose ``note`` says how to get better.
-            Else the path of a file of VGG-16 weights (.pth or .safetensors) or of ours (.safetensors).
+            Else the path of a file of VGG-16 weights (.pth or .safetensors).
         progress: Told about a download.
 
     Returns:
@@ -151,59 +127,47 @@ def load_features(name: str = "auto", progress: Progress = silent) -> PatchFeatu
             instead = PatchFeatures()
             instead.note = weights.BETTER
             return instead
-        network = _network(found.state, {}, "VGG-16")
+        network = _network(found.state, "VGG-16")
     elif name == "vgg16":
-        network = _network((weights.load(name) or weights.get(name, progress)).state, {}, "VGG-16")
-    elif name == "network":
-        with as_file(files("svv.train") / "data" / NETWORK_FILE) as path:
-            network = read_features(path)
-        network.title = "trained network"
+        network = _network((weights.load(name) or weights.get(name, progress)).state, "VGG-16")
     else:
         network = read_features(Path(name))
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
 
 
-def read_features(path: Path) -> StyleFeatures:
-    """The network whose weights a file holds: ours, or VGG-16's (``features.N.weight``, as torchvision names them).
+def read_features(path: Path) -> VggFeatures:
+    """VGG-16 with the weights of a file (``features.N.weight``, as torchvision names them).
 
     Raises:
         BadInput: The file is missing, unreadable or holds something else.
     """
     if not path.is_file():
-        raise BadInput(f"There is no file of feature weights at {path}: give a path, 'embedded', 'network' or 'vgg16'.")
+        raise BadInput(f"There is no file of feature weights at {path}: give a path, 'embedded' or 'vgg16'.")
     try:
         if path.suffix == ".safetensors":
             state = load_file(path)
-            with safe_open(path, "pt") as file:
-                metadata = file.metadata() or {}
         else:
-            state, metadata = torch.load(path, map_location="cpu", weights_only=True), {}
+            state = torch.load(path, map_location="cpu", weights_only=True)
     except (SafetensorError, RuntimeError, ValueError, EOFError, OSError, KeyError) as error:
         raise BadInput(f"{path} is not a file of feature weights (.pth or .safetensors): {error}.") from error
     except Exception as error:  # torch.load raises pickle's errors for anything that is not a state dict
         raise BadInput(f"{path} is not a file of feature weights that can be read safely.") from error
-    return _network(state, metadata, path.name)
+    return _network(state, path.name)
 
 
-def _network(state: dict[str, Tensor], metadata: dict[str, str], title: str) -> StyleFeatures:
-    if metadata.get("svv") == "style features":
-        widths = [[int(width) for width in block.split("-")] for block in metadata["widths"].split(",")]
-        network = StyleFeatures(widths, metadata["pool"], (0.5, 0.5, 0.5), (0.25, 0.25, 0.25))
-    else:
-        # Of torchvision's layers 0..30, the convolutions up to conv3_3 are these.
-        rows = [(b, i) for b, block in enumerate(VGG16_WIDTHS) for i in range(len(block))]
-        names = dict(zip(VGG16_LAYERS, rows, strict=True))
-        wanted = {
-            (f"features.{n}.{kind}", f"blocks.{b}.{i}.{kind}")
-            for n, (b, i) in names.items()
-            for kind in ("weight", "bias")
-        }
-        if any(there not in state for there, _ in wanted):
-            raise BadInput(f"{title} holds neither VGG-16 weights (features.0.weight ...) nor style features of ours.")
-        network, state = StyleFeatures(), {here: state[there] for there, here in wanted}
+def _network(state: dict[str, Tensor], title: str) -> VggFeatures:
+    # Of torchvision's layers 0..30, the convolutions up to conv3_3 are these.
+    rows = [(b, i) for b, block in enumerate(VGG16_WIDTHS) for i in range(len(block))]
+    wanted = {
+        (f"features.{n}.{kind}", f"blocks.{b}.{i}.{kind}")
+        for n, (b, i) in zip(VGG16_LAYERS, rows, strict=True)
+        for kind in ("weight", "bias")
+    }
+    if any(there not in state for there, _ in wanted):
+        raise BadInput(f"{title} does not hold the weights of VGG-16 (features.0.weight ...).")
+    network = VggFeatures(title)
     try:
-        network.load_state_dict({name: tensor.float() for name, tensor in state.items()})
+        network.load_state_dict({here: state[there].float() for there, here in wanted})
     except RuntimeError as error:
         raise BadInput(f"The weights in {title} have other shapes than the network they are for.") from error
-    network.title = title
     return network

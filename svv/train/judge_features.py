@@ -24,11 +24,10 @@ from svv.core.nnfm import colour_statistics, colour_transfer
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import atomic_path, make_folder
 from svv.io.output import write_png
-from svv.train.features import STRIDE, PatchFeatures, StyleFeatures, load_features
+from svv.train.features import STRIDE, PatchFeatures, VggFeatures, load_features
 from svv.train.gallery import open_style
 from svv.train.style_loss import PAPER_LOSS, PATCH_LOSS, StyleLossSettings, StyleTarget, resized
 from svv.train.textures import STYLE_PICTURES, style_picture
-from svv.train.train_features import WIDTHS
 
 OURS = PATCH_LOSS
 DIRECTIONS = 128
@@ -44,9 +43,9 @@ class RawPatches(nn.Module):
 
 
 def untrained() -> nn.Module:
-    """A network of the embedded one's shape with random weights (He et al. 2015)."""
+    """VGG-16 with random weights (He et al. 2015)."""
     torch.manual_seed(0)
-    network = StyleFeatures(WIDTHS, "mean", (0.5, 0.5, 0.5), (0.25, 0.25, 0.25))
+    network = VggFeatures("untrained VGG-16")
     for layer in network.modules():
         if isinstance(layer, nn.Conv2d):
             nn.init.kaiming_normal_(layer.weight)
@@ -57,8 +56,8 @@ def untrained() -> nn.Module:
 CANDIDATES: dict[str, tuple[Callable[[], nn.Module], StyleLossSettings]] = {
     "untrained network, plain matching": (untrained, PAPER_LOSS),
     "untrained network, ours": (untrained, replace(OURS, balance=0.02)),
-    "trained network, plain matching": (lambda: load_features("network"), PAPER_LOSS),
-    "trained network, ours": (lambda: load_features("network"), replace(OURS, balance=0.02)),
+    "VGG-16, plain matching": (lambda: load_features("vgg16"), PAPER_LOSS),
+    "VGG-16, ours": (lambda: load_features("vgg16"), replace(StyleLossSettings(), seeded=False)),
     "raw patches, plain matching": (RawPatches, PAPER_LOSS),
     "raw patches, ours": (RawPatches, OURS),
     "cosine patches, plain matching": (PatchFeatures, PAPER_LOSS),

@@ -1,8 +1,5 @@
-"""Pictures of textures and strokes, generated: nothing of anybody else's, any number of them, from a seed.
-
-They serve twice: the embedded style features are trained on them (:mod:`svv.train.train_features`), and
-:func:`style_picture` draws the two style pictures of the demo. Everything is painted from a few primitives: a
-spectrum, a palette, a flow field and one dab of paint, whose bristles and thickness are shaded at the end.
+"""What pictures of the gallery are painted with: noise of a spectrum, ramps of colours, and one dab of paint, whose
+bristles and thickness are shaded at the end; and two pictures painted so.
 
 Letters: n is the size of a (square) picture in pixels, rng the random generator.
 """
@@ -15,25 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates
-from scipy.spatial import cKDTree
+from scipy.ndimage import gaussian_filter
 
 Floats = NDArray[np.float32]
-
-
-def hsv(hue: NDArray, saturation: NDArray, value: NDArray) -> Floats:
-    """Colours (..., 3) in [0, 1] of hue (in turns, wraps), saturation and value (Smith 1978)."""
-    k = (np.array([5.0, 3.0, 1.0]) + np.asarray(hue)[..., None] * 6) % 6
-    ramp = np.clip(np.minimum(k, 4 - k), 0, 1)
-    return (np.asarray(value)[..., None] * (1 - np.asarray(saturation)[..., None] * ramp)).astype(np.float32)
-
-
-def palette(rng: Generator, count: int | np.integer) -> Floats:
-    """So many colours (count, 3) that go together: one to three hues, dark to light, some of them greyish."""
-    k = int(count)
-    hues = rng.random() + rng.choice([0, 0.08, 0.33, 0.5], 3) * rng.choice([-1, 1], 3)
-    hue = rng.choice(hues, k) + rng.normal(0, 0.03, k)
-    return hsv(hue, rng.beta(1.6, 1.6, k) * rng.uniform(0.3, 1), np.clip(rng.normal(0.6, 0.3, k), 0.03, 1))
 
 
 def spectrum_noise(rng: Generator, n: int, exponent: float, stretch: float = 1.0) -> Floats:
@@ -126,169 +107,8 @@ class Canvas:
         return np.clip(self.colours * (1 + strength * (dx + dy))[..., None], 0, 1).astype(np.float32)
 
 
-def flow_field(rng: Generator, n: int) -> Floats:
-    """Angles (n, n) of a smooth flow: along the level lines of blurred noise, or nearly straight."""
-    heights = smooth(rng, n, rng.uniform(0.06, 0.25) * n)
-    if rng.random() < 0.5:
-        dy, dx = np.gradient(heights)
-        return np.arctan2(dx, -dy).astype(np.float32)
-    return (rng.uniform(0.2, 1.2) * heights + rng.uniform(0, np.pi)).astype(np.float32)
-
-
-def clouds(rng: Generator, n: int) -> Floats:
-    noise = spectrum_noise(rng, n, rng.uniform(0.6, 2.2), rng.uniform(1, 4))
-    return ramp(palette(rng, rng.integers(2, 7)), rank(noise))
-
-
-def leaves(rng: Generator, n: int) -> Floats:
-    """Dead leaves: ellipses that hide each other (Lee, Mumford and Huang 2001)."""
-    colours, largest = palette(rng, 7), rng.uniform(4, 26)
-    canvas = Canvas(np.tile(colours[0], (n, n, 1)))
-    slim, spread, angle = rng.uniform(0.2, 1), rng.choice([0.2, 3]), rng.uniform(0, np.pi)
-    for _ in range(int(min(900, 4 * n * n / largest**2))):
-        y, x = rng.uniform(-5, n + 5, 2)
-        length = 1.5 + largest * 0.9 * rng.power(2)
-        colour = np.clip(rng.choice(colours) + rng.normal(0, 0.05, 3), 0, 1)
-        canvas.dab(rng, y, x, angle + spread * rng.normal(), length, length * slim, colour, bristles=0)
-    return canvas.lit(rng.uniform(-1, 2))
-
-
-def strokes(rng: Generator, n: int) -> Floats:
-    """Brush strokes along a flow field, their colours from a smooth field and jittered."""
-    colours, angles, hues = (
-        palette(rng, 6),
-        flow_field(rng, n),
-        rank(smooth(rng, n, rng.uniform(0.03, 0.2) * n)),
-    )
-    canvas = Canvas(ramp(colours, hues) * 0.7)
-    width = rng.uniform(1, 4.5)
-    length, jitter, mix = width * rng.uniform(2.5, 9), rng.uniform(0.02, 0.12), rng.uniform(0.02, 0.5)
-    bristles, bend = rng.uniform(0, 0.9), rng.uniform(0, 0.15)
-    for y, x in rng.uniform(0, n, (int(min(1500, 0.9 * n * n / (width * length))), 2)):
-        t = hues[int(y), int(x)] + mix * rng.normal()
-        colour = np.clip(ramp(colours, np.array(t)) + rng.normal(0, jitter, 3) + rng.normal(0, jitter), 0, 1)
-        angle = angles[int(y), int(x)] + rng.normal(0, 0.08)
-        stretch = rng.uniform(0.6, 1.2)
-        canvas.dab(rng, y, x, angle, length * stretch, width, colour, rng.normal(0, bend), bristles)
-    return canvas.lit(rng.uniform(0, 1.5))
-
-
-def cells(rng: Generator, n: int) -> Floats:
-    """Worley's cells (1996): a mosaic with joints, or the distance to the seeds or between them."""
-    count = int(np.exp(rng.uniform(np.log(20), np.log(800))))
-    seeds = rng.random((count, 2)) * n
-    tiles = np.concatenate([seeds + np.array((a, b)) for a in (-n, 0, n) for b in (-n, 0, n)])
-    squeeze, bend = [1, rng.uniform(0.4, 1.6)], rng.uniform(0, 6)
-    y, x = np.mgrid[:n, :n] + bend * np.stack([smooth(rng, n, 8), smooth(rng, n, 8)])
-    distance, index = cKDTree(tiles * squeeze).query(np.stack([y, x], -1) * squeeze, k=2)
-    gap = distance[..., 1] - distance[..., 0]
-    kind = rng.integers(3)
-    if kind == 0:
-        joint = np.clip(gap / rng.uniform(1, 4), 0, 1)[..., None]
-        colours = palette(rng, 12)
-        return (colours[index[..., 0] % count % 11] * joint + colours[11] * (1 - joint)).astype(np.float32)
-    return ramp(palette(rng, rng.integers(2, 5)), rank(distance[..., 0] if kind == 1 else gap))
-
-
-def hatching(rng: Generator, n: int) -> Floats:
-    """Parallel lines, one to three directions over each other, as dense as a tone asks."""
-    y, x = np.mgrid[:n, :n].astype(np.float32)
-    wave, tone = smooth(rng, n, rng.uniform(8, 40)) * rng.uniform(0, 8), spectrum_noise(rng, n, 1.6)
-    ink = np.zeros((n, n), np.float32)
-    for _ in range(rng.integers(1, 4)):
-        angle, frequency = rng.uniform(0, np.pi), rng.uniform(0.3, 1.6)
-        line = np.sin((x * np.cos(angle) + y * np.sin(angle) + wave) * frequency)
-        ink = np.maximum(ink, np.clip((line - rng.uniform(-0.5, 0.7)) * 3, 0, 1) * (tone > 0.6 * rng.normal()))
-    return ramp(palette(rng, 2), ink)
-
-
-def dots(rng: Generator, n: int) -> Floats:
-    """Stippling: round dabs, as dense as a tone asks, in one ink or in many colours."""
-    tone, size = rank(smooth(rng, n, rng.uniform(6, 30))), rng.uniform(0.9, 4)
-    colours = palette(rng, rng.integers(2, 8))
-    canvas = Canvas(np.tile(colours[0], (n, n, 1)))
-    wanted, contrast, hues = (
-        rng.uniform(0.3, 2.5),
-        rng.uniform(0, 2),
-        rank(smooth(rng, n, rng.uniform(5, 40))),
-    )
-    for y, x in rng.uniform(0, n, (int(min(1800, wanted * n * n / (4 * size**2))), 2)):
-        if rng.random() < tone[int(y), int(x)] ** contrast:
-            t = hues[int(y), int(x)] + rng.normal(0, 0.25)
-            colour = ramp(colours[1:], np.array(t)) if len(colours) > 2 else colours[1]
-            radius = size * rng.uniform(0.7, 1.2)
-            canvas.dab(rng, y, x, 0, radius, radius, colour, bristles=0)
-    return canvas.lit(rng.uniform(0, 1))
-
-
-def labyrinth(rng: Generator, n: int) -> Floats:
-    """Spots and labyrinths of short-range activation and long-range inhibition (Turing 1952)."""
-    pattern, inner = rng.normal(size=(n, n)), rng.uniform(1, 3)
-    outer, bias = inner * rng.uniform(1.4, 2.5), rng.normal(0, 0.1)
-    for _ in range(20):
-        difference = gaussian_filter(pattern, inner, mode="wrap") - gaussian_filter(pattern, outer, mode="wrap")
-        pattern = np.tanh(27 * difference + bias)
-    return ramp(palette(rng, 3), rank(gaussian_filter(pattern, 0.7) + 0.02 * smooth(rng, n, 1)))
-
-
-def ripples(rng: Generator, n: int) -> Floats:
-    """Wood, marble, weave and scales: a few waves, bent by noise and multiplied or added."""
-    y, x = np.mgrid[:n, :n].astype(np.float32)
-    bend, total = (
-        spectrum_noise(rng, n, rng.uniform(1.5, 2.5)) * rng.uniform(0, 12),
-        np.zeros((n, n), np.float32),
-    )
-    angle = rng.uniform(0, np.pi)
-    for _ in range(rng.integers(1, 4)):
-        wave = np.sin((x * np.cos(angle) + y * np.sin(angle) + bend) * rng.uniform(0.1, 1.2) + rng.uniform(0, 6))
-        total = total + np.abs(wave) if rng.random() < 0.4 else total + wave
-        angle += rng.choice([np.pi / 2, np.pi / 3, rng.uniform(0, np.pi)])
-    sharp = np.exp(rng.uniform(-0.5, 2))
-    return ramp(palette(rng, rng.integers(2, 6)), 0.5 + 0.5 * np.tanh(sharp * (total - total.mean())))
-
-
-def bodies(rng: Generator, n: int) -> Floats:
-    """Large shaded shapes with sharp outlines: what renders of a volume look like before they are stylized."""
-    picture = np.tile(palette(rng, 1)[0], (n, n, 1))
-    for colour in palette(rng, rng.integers(2, 7)):
-        height = smooth(rng, n, rng.uniform(4, 25)) - rng.uniform(-0.3, 1.2)
-        dy, dx = np.gradient(gaussian_filter(height, 2)) / (np.std(np.gradient(height)) + 1e-6)
-        light = np.clip(0.75 + rng.uniform(0.05, 0.3) * (dy * rng.normal() + dx * rng.normal()), 0, 1.4)
-        inside = np.clip(height * rng.uniform(4, 20), 0, 1)[..., None]
-        picture = picture * (1 - inside) + inside * colour * light[..., None]
-    return np.clip(picture, 0, 1).astype(np.float32)
-
-
-GENERATORS: tuple[Callable[[Generator, int], Floats], ...] = (
-    clouds, leaves, strokes, cells, hatching, dots, labyrinth, strokes, ripples, bodies,
-)  # fmt: skip
-
-
-def warped(rng: Generator, picture: Floats) -> Floats:
-    """The picture bent by a smooth displacement of a few pixels."""
-    n = len(picture)
-    sigma, strength = rng.uniform(10, 40), rng.uniform(1, 9)
-    grid = np.mgrid[:n, :n] + strength * np.stack([smooth(rng, n, sigma), smooth(rng, n, sigma)])
-    return np.stack([map_coordinates(picture[..., c], grid, order=1, mode="reflect") for c in range(3)], -1)
-
-
-def texture(seed: int, size: int = 224) -> Floats:
-    """Generated picture number ``seed``: (size, size, 3) float32 in [0, 1]; the same on every machine."""
-    rng = np.random.default_rng(seed)
-    picture = GENERATORS[seed % len(GENERATORS)](rng, size)
-    if rng.random() < 0.3:
-        picture = warped(rng, picture)
-    if rng.random() < 0.3:  # a second texture in patches, or laid over the first
-        other = GENERATORS[rng.integers(len(GENERATORS))](rng, size)
-        patch = np.clip(spectrum_noise(rng, size, 1.8) * 4 + 0.5, 0, 1)[..., None]
-        picture = picture * (1 - patch) + other * patch if rng.random() < 0.6 else picture * (0.4 + 0.6 * other)
-    if rng.random() < 0.15:
-        picture = gaussian_filter(picture, (rng.uniform(0.3, 1), rng.uniform(0.3, 1), 0))
-    return np.clip(picture, 0, 1).astype(np.float32)
-
-
 def style_picture(name: str, size: int = 512, seed: int = 0) -> Floats:
-    """One of the demo's style pictures, painted by this module.
+    """A picture painted by this module.
 
     Args:
         name: ``"brush strokes"`` or ``"stippling"``.

@@ -7,7 +7,7 @@ What is seen depends linearly on the paint: paint that has more contrast than it
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from scipy.ndimage import map_coordinates
 from torch import Tensor
 
 from svv.core.cameras import sphere_cameras
-from svv.errors import silent
+from svv.errors import Progress, silent
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
@@ -26,6 +26,9 @@ from svv.train.config import StylizeSettings
 from svv.train.distil import paint_pixel
 from svv.train.style_loss import StyleTarget
 from svv.train.stylize import StyledView, visible_from
+
+Contrast = tuple[float, float]
+"""Of all colours, and of fine detail: deviations, or gains of them."""
 
 PATCH = 5
 """Side in pixels of the patches whose deviation is fine contrast."""
@@ -52,10 +55,37 @@ DEPTH = 5.0
 """Pixels of the stylization views that a region may be deep along a ray, and carry strokes of the usual size."""
 
 
+class _Paint:
+    """What a lattice holds of one region, and the gains that make its contrast another."""
+
+    def __init__(
+        self, lattice: SparseLattice, own: NDArray[np.int64], place: NDArray[np.float32], wanted: Contrast, reach: float
+    ) -> None:
+        self.lattice, self.wanted = lattice, wanted
+        self.index = torch.from_numpy(own).to(lattice.table.device)
+        self.before = lattice.table[self.index]
+        self.mean = self.before.mean(0)
+        self.low = torch.from_numpy(surroundings(place, self.before.cpu().numpy(), reach)).to(self.before)
+        self.gains = 1.0, 1.0
+
+    def correct(self, found: Contrast) -> None:
+        coarse, fine = (
+            float(np.clip(gain * wanted / max(seen, 1e-4), LEAST, MOST))
+            for gain, wanted, seen in zip(self.gains, self.wanted, found, strict=True)
+        )
+        self.gains = coarse, fine
+        colours = self.mean + coarse * (self.low - self.mean) + fine * (self.before - self.low)
+        self.lattice.table[self.index] = colours.clamp_(0.0, 1.0)
+
+
 @torch.no_grad()
 def match_contrast(
-    scene: Scene, field: UnrestrictedField, targets: dict[int, StyleTarget], settings: StylizeSettings
-) -> dict[int, tuple[float, float]]:
+    scene: Scene,
+    field: UnrestrictedField,
+    targets: Mapping[int, StyleTarget],
+    settings: StylizeSettings,
+    progress: Progress = silent,
+) -> dict[int, Contrast]:
     """Give the paint of regions the contrast at which it is seen as strong as in its style, within bounds.
 
     Colours c with the mean m and the mean l of their surroundings become m + a (l - m) + b (c - l): a brings the
@@ -66,40 +96,37 @@ def match_contrast(
         field: Laid paint, changed in place.
         targets: Style of each region that is to change.
         settings: Of stage 3.
+        progress: Called after each round; may raise.
 
     Returns:
         a and b of each region that is seen.
     """
-    if not targets:
-        return {}
-    rig = scene.camera_rig
-    cameras = sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], settings.style_size)
-    views = visible_from(scene, cameras, silent)
-    lattice = field.encoding
+    rig, lattice = scene.camera_rig, field.encoding
     assert isinstance(lattice, SparseLattice)
     place = lattice.places_of_level(0, scene.occupancy.occupied, scene.occupancy.cells)
     owner = _owners(scene, place)
-    gains, reach = {}, PATCH * paint_pixel(scene, settings)
+    paints = {}
     for k, target in targets.items():
         own, style = np.flatnonzero(owner == k), target.picture
         inside = torch.ones_like(style[0]) if target.inside is None else torch.from_numpy(target.inside).to(style)
         wanted = contrasts([(style, inside)])
-        if wanted is None or not len(own):
-            continue
-        index = torch.from_numpy(own).to(lattice.table.device)
-        before = lattice.table[index]
-        mean = before.mean(0)
-        low = torch.from_numpy(surroundings(place[own], before.cpu().numpy(), reach)).to(before)
-        coarse, fine = 1.0, 1.0
-        for _ in range(ROUNDS):
-            found = contrasts([_seen(field, view, k) for view in views])
-            if found is None:
-                break
-            coarse = float(np.clip(coarse * wanted[0] / max(found[0], 1e-4), LEAST, MOST))
-            fine = float(np.clip(fine * wanted[1] / max(found[1], 1e-4), LEAST, MOST))
-            lattice.table[index] = (mean + coarse * (low - mean) + fine * (before - low)).clamp_(0.0, 1.0)
-        gains[k] = coarse, fine
-    return gains
+        if wanted is not None and len(own):
+            paints[k] = _Paint(lattice, own, place[own], wanted, PATCH * paint_pixel(scene, settings))
+    cameras = sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], settings.style_size)
+    views = visible_from(scene, cameras, silent) if paints else []
+    for turn in range(ROUNDS):
+        progress(turn / ROUNDS, "contrast")
+        pictures: dict[int, list[tuple[Tensor, Tensor]]] = {k: [] for k in paints}
+        for view in views:
+            pieces = view.position.split(kernels_of(view.position.device.type).SAMPLES)
+            colours = torch.cat([field(piece) for piece in pieces])
+            for k in paints:
+                pictures[k].append(_seen(colours, view, k))
+        for k, paint in paints.items():
+            if (found := contrasts(pictures[k])) is not None:
+                paint.correct(found)
+    progress(1.0, "contrast")
+    return {k: paint.gains for k, paint in paints.items()}
 
 
 def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest: float) -> dict[int, float]:
@@ -136,7 +163,7 @@ def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest:
     }
 
 
-def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> tuple[float, float] | None:
+def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> Contrast | None:
     """Deviation of colours, and of patches from their means, root mean squares over pictures.
 
     Args:
@@ -176,9 +203,8 @@ def surroundings(
     return (np.stack(totals, 1) / np.maximum(count, 1e-6)[:, None]).astype(np.float32)
 
 
-def _seen(field: UnrestrictedField, view: StyledView, region: int) -> tuple[Tensor, Tensor]:
-    """What a view shows of a region: straight colours (3, h, w) and where they count (h, w)."""
-    colours = torch.cat([field(p) for p in view.position.split(kernels_of(view.position.device.type).SAMPLES)])
+def _seen(colours: Tensor, view: StyledView, region: int) -> tuple[Tensor, Tensor]:
+    """What a view whose samples have these colours shows of a region: (3, h, w), and where they count (h, w)."""
     image, mask = view.image(colours, region, 0.0)
     there = mask[mask > COVERED]
     enough = float(there.median()) if len(there) else 1.0

@@ -334,15 +334,17 @@ def stylize_scene(
         # Patches know no shapes: what they make of strokes that are there already is specks (docs/painting.md).
         plain = laid_as_colours and weights.seeded and not refined and isinstance(network, PatchFeatures)
         laid = plain or not targets
-        told = part(progress, 0.0, 1.0 if laid else 0.3)
+        solved = laid_as_colours and weights.seeded and weights.contrast
+        end = 0.9 if solved else 1.0
+        told = part(progress, 0.0, end if laid else 0.3)
         field = started(scene, transferred, targets, settings, seed, before, saved, seconds, told, previews, inks)
         if not laid:
             stylization = Stylization(scene, field, targets, settings, part(progress, 0.3, 0.35), refined)
             watch = None if previews is None else partial(previews.look, field)
-            loop = Loop(settings.style_iterations, None, part(progress, 0.35, 1.0), "stylization", watch=watch)
+            loop = Loop(settings.style_iterations, None, part(progress, 0.35, end), "stylization", watch=watch)
             seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
-        if laid_as_colours and weights.seeded and weights.contrast:
-            match_contrast(scene, field, targets, settings)
+        if solved:
+            match_contrast(scene, field, targets, settings, part(progress, end, 1.0))
     seconds["total"] = cost.seconds
     field.requires_grad_(False)
     styled = painting(field)

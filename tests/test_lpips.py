@@ -14,7 +14,13 @@ from scipy.ndimage import gaussian_filter
 
 from svv.errors import BadInput
 from svv.train.lpips import Lpips, lpips
-from svv.train.style_statistics import statistics_distance, style_statistics
+from svv.train.style_statistics import (
+    Statistics,
+    neighbours_distance,
+    statistics_distance,
+    style_activations,
+    style_statistics,
+)
 from svv.train.textures import style_picture
 from svv.train.weight_files import State, content_sha256
 from svv.train.weights import NETWORKS
@@ -34,6 +40,10 @@ def network(published: Published) -> Lpips:
 def untrained() -> Lpips:
     torch.manual_seed(0)
     return Lpips().eval()
+
+
+def statistics(network: Lpips, picture: np.ndarray, mask: np.ndarray | None = None) -> Statistics:
+    return style_statistics(style_activations(network, picture, mask))
 
 
 @pytest.mark.parametrize("name", ["vgg16", "alexnet"])
@@ -125,12 +135,12 @@ def test_its_heads_are_not_negative(published: Published) -> None:
 
 def test_without_a_mask_they_are_plain_means_and_deviations(untrained: Lpips) -> None:
     picture = pictures()[0]
-    found = style_statistics(untrained, picture)
+    found = statistics(untrained, picture)
     x = torch.from_numpy(picture.astype(np.float32)).permute(2, 0, 1)[None] * 2 - 1
     for layer, mean, deviation in zip(untrained.activations(x), found.means, found.deviations, strict=True):
         torch.testing.assert_close(mean, layer[0].mean((1, 2)), rtol=1e-4, atol=1e-5)
         torch.testing.assert_close(deviation, layer[0].std((1, 2), unbiased=False), rtol=1e-3, atol=1e-4)
-    whole = style_statistics(untrained, picture, np.ones(picture.shape[:2]))
+    whole = statistics(untrained, picture, np.ones(picture.shape[:2]))
     assert statistics_distance(found, whole) == 0
 
 
@@ -141,14 +151,14 @@ def test_what_lies_outside_the_mask_does_not_count(untrained: Lpips, seed: int, 
     picture, mask = random.random((height, width, 3)), random.random((height, width)) < 0.3
     mask[height // 2, width // 2] = True
     other = np.where(mask[..., None], picture, random.random((height, width, 3)))
-    a, b = (style_statistics(untrained, p, mask) for p in (picture, other))
+    a, b = (statistics(untrained, p, mask) for p in (picture, other))
     assert statistics_distance(a, b) == 0
     inverted = np.where(mask[..., None], 1 - picture, picture)
-    assert statistics_distance(a, style_statistics(untrained, inverted, mask)) > 0
+    assert statistics_distance(a, statistics(untrained, inverted, mask)) > 0
 
 
 def test_the_distance_is_a_distance(untrained: Lpips) -> None:
-    a, b, c = (style_statistics(untrained, picture) for picture in pictures()[:3])
+    a, b, c = (statistics(untrained, picture) for picture in pictures()[:3])
     assert statistics_distance(a, a) == 0
     assert statistics_distance(a, b) == statistics_distance(b, a) > 0
     around = statistics_distance(a, b) + statistics_distance(b, c)
@@ -158,7 +168,7 @@ def test_the_distance_is_a_distance(untrained: Lpips) -> None:
 def test_a_style_is_nearest_to_itself(network: Lpips) -> None:
     """Halves of a picture are alike in manner, however little their pixels have in common."""
     drawn = [style_picture(name, 192) for name in ("brush strokes", "stippling")]
-    left, right = ([style_statistics(network, p[:, half]) for p in drawn] for half in (slice(96), slice(96, None)))
+    left, right = ([statistics(network, p[:, half]) for p in drawn] for half in (slice(96), slice(96, None)))
     for own in (0, 1):
         assert statistics_distance(left[own], right[own]) < 0.7 * statistics_distance(left[own], right[1 - own])
 
@@ -167,7 +177,28 @@ def test_pictures_and_masks_without_statistics_are_refused(untrained: Lpips) -> 
     picture = np.zeros((40, 40, 3))
     for bad in (np.zeros((30, 40, 3)), np.zeros((40, 40)), np.zeros((40, 40, 4))):
         with pytest.raises(BadInput, match="31 x 31"):
-            style_statistics(untrained, bad)
+            statistics(untrained, bad)
     for mask in (np.zeros((40, 40)), np.ones((40, 39))):
         with pytest.raises(BadInput, match="mask"):
-            style_statistics(untrained, picture, mask)
+            statistics(untrained, picture, mask)
+
+
+# --- neighbours ------------------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 2**31), st.integers(2, 30), st.integers(2, 8))
+@settings(deadline=None)
+def test_neighbours_know_no_order_and_no_repeats(seed: int, count: int, channels: int) -> None:
+    style = torch.randn(count, channels, generator=torch.Generator().manual_seed(seed))
+    shuffled = torch.cat([style, style])[torch.randperm(2 * count, generator=torch.Generator().manual_seed(seed))]
+    rounding = sums_apart(channels) * 8
+    assert neighbours_distance(shuffled, style) == pytest.approx(0.0, abs=rounding)
+    half = style[: (count + 1) // 2]
+    assert -rounding <= neighbours_distance(half, style) <= 4.0 + rounding
+
+
+def test_neighbours_miss_what_is_not_there_and_what_is_too_much() -> None:
+    """Half of a style lacks the other half; the whole and something else has too much."""
+    style = torch.eye(8)
+    assert neighbours_distance(style[:4], style) > 0.3
+    assert neighbours_distance(torch.cat([style, -style]), style) > 0.3

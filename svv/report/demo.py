@@ -12,8 +12,8 @@ from svv.report.run import check, run_job
 from svv.report.source import VolumeSource
 from svv.report.stages import Show, Stages, unseen
 
-STYLES = ("watercolour", "woodcut", "impasto")
-"""Pictures of the gallery, for the shell, the field lines and the ring (:data:`svv.train.gallery.GALLERY`)."""
+STYLES = ("woodcut", "watercolour", "impasto")
+"""Pictures of the gallery, for the field lines, the shell and the ring (:data:`svv.train.gallery.GALLERY`)."""
 
 OPACITIES = {"shell": 0.04, "lines": 0.95, "ring": 0.98}
 """Paint wants surfaces: fog with strokes in it is fog (see :func:`svv.dvr.demo_volume.demo_transfer_function`)."""

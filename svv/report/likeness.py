@@ -12,15 +12,18 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.report.orbit_path import LEAST_ALPHA
+from svv.train.config import StylizeSettings
 from svv.train.judge_features import figures
 from svv.train.lpips import Lpips
-from svv.train.style_loss import resized
+from svv.train.style_loss import StyleLossSettings, resized
 from svv.train.style_statistics import StyleJudge
 
-CAPTION = {"adain": "adain", "lines": "lines", "contrast": "contrast", "patches 1/1": "patches"}
+CAPTION = {
+    "neighbours": "neighbours", "adain": "adain", "lines": "lines", "contrast": "contrast", "patches 1/1": "patches",
+}  # fmt: skip
 """Figures that stand under a picture's name on sheets, and what they are called there."""
 
-FIGURES = 2
+FIGURES = 3
 """To be raised when a figure changes its meaning: those that were kept are then taken anew."""
 
 
@@ -34,8 +37,9 @@ class Judge:
 
 
 def judge_of(style: NDArray[np.floating], long_side: int, network: Lpips | None) -> Judge:
-    """A style (h, w, 3) in [0, 1], brought to the long side of the pictures, where its strokes are as painted."""
-    wanted = resized(torch.from_numpy(np.asarray(style, np.float32)).permute(2, 0, 1), long_side)
+    """A style (h, w, 3) in [0, 1] as it is compared with pictures of a long side: its strokes as large as in paint."""
+    painted = round(long_side * StyleLossSettings().style_size / StylizeSettings().style_size)
+    wanted = resized(torch.from_numpy(np.asarray(style, np.float32)).permute(2, 0, 1), painted)
     return Judge(wanted, StyleJudge(wanted.permute(1, 2, 0).numpy(), network))
 
 

@@ -21,7 +21,7 @@ Row = dict[str, Any]
 SHOWN = ("flip", "rmse", "flip_part", "rmse_part")
 """Consistency figures that the table shows."""
 
-JUDGED = ("adain", "lines", "patches 1/1", "patches 1/2", "colour", "contrast", "changed")
+JUDGED = ("neighbours", "adain", "lines", "patches 1/1", "patches 1/2", "colour", "contrast", "changed")
 """Figures against the style that the table shows; the CSV has all."""
 
 

@@ -1,4 +1,4 @@
-"""How alike two pictures are in manner: by AlexNet's activations, in the statistics that AdaIN transfers, and by lines.
+"""How alike two pictures are in manner: by AlexNet's activations, their statistics and their neighbours, and by lines.
 
 No style is trained on either here, so both can judge what was painted with other features.
 """
@@ -28,14 +28,24 @@ class Statistics:
     """As many."""
 
 
+NEIGHBOURS = 1
+"""The layer whose activations look for their nearest, from 0: of conv2, places are 8 pixels apart and see 51."""
+
+WHOLE, LEAST_PLACES = 0.8, 8
+"""Share of a place that must be inside to be one, and how many it takes."""
+
+Layers = list[tuple[Tensor, Tensor]]
+"""Of each layer the activations (channels, places), and how much of each place the mask covers (places,)."""
+
+
 @torch.no_grad()
-def style_statistics(
+def style_activations(
     network: Lpips, picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None
-) -> Statistics:
-    """Statistics of AlexNet's activations after each ReLU (Huang and Belongie 2017, eq. 5 and 6).
+) -> Layers:
+    """AlexNet's activations after each ReLU.
 
     What lies outside the mask does not count: it is given the mean colour of what lies inside before the network sees
-    it, and each place of a layer weighs as much as the mask covers of its cell.
+    it.
 
     Args:
         network: :func:`svv.train.lpips.load_lpips`; its heads are not used.
@@ -54,14 +64,22 @@ def style_statistics(
     filled = np.where(cover[..., None] > 0, picture, 0) * cover[..., None] + inside * (1 - cover[..., None])
     x = torch.from_numpy(filled.astype(np.float32)).permute(2, 0, 1)[None] * 2 - 1
     share = torch.from_numpy(cover.astype(np.float32))[None]
-    means, deviations = [], []
+    found = []
     for activation in network.activations(x.to(network.shift.device)):
         height, width = activation.shape[2:]
-        weight = F.adaptive_avg_pool2d(share, (height, width)).to(activation)
-        weight = weight / weight.sum()
-        mean = (activation[0] * weight).sum((1, 2))
+        covered = F.adaptive_avg_pool2d(share, (height, width)).to(activation)
+        found.append((activation[0].flatten(1), covered.flatten()))
+    return found
+
+
+def style_statistics(layers: Layers) -> Statistics:
+    """Mean and deviation of each channel (Huang and Belongie 2017, eq. 5 and 6); a place weighs what is covered."""
+    means, deviations = [], []
+    for activation, covered in layers:
+        weight = covered / covered.sum()
+        mean = (activation * weight).sum(1)
         means.append(mean)
-        deviations.append(((activation[0] - mean[:, None, None]).square() * weight).sum((1, 2)).sqrt())
+        deviations.append(((activation - mean[:, None]).square() * weight).sum(1).sqrt())
     return Statistics(tuple(means), tuple(deviations))
 
 
@@ -73,6 +91,27 @@ def statistics_distance(a: Statistics, b: Statistics) -> float:
     """
     pairs = [*zip(a.means, b.means, strict=True), *zip(a.deviations, b.deviations, strict=True)]
     return float(sum((x - y).norm() for x, y in pairs))
+
+
+def places_of(layers: Layers) -> Tensor:
+    """The activations of :data:`NEIGHBOURS` at places that lie inside. (places, channels)"""
+    activation, covered = layers[NEIGHBOURS]
+    return activation[:, covered > WHOLE].T
+
+
+def neighbours_distance(a: Tensor, style: Tensor) -> float:
+    """Mean cosine distance of each place to its nearest in the style, plus that of the style's to theirs, from 0 to 4.
+
+    The first says whether there is anything that the style has not, the second whether all of the style is there
+    (both ways as Simakov et al. 2008, in features). Activations are taken about the style's mean.
+
+    Args:
+        a: Of the picture. (places, channels)
+        style: Of the style. (places, channels)
+    """
+    mean = style.mean(0)
+    likeness = F.normalize(a - mean, dim=1) @ F.normalize(style - mean, dim=1).T
+    return float(2.0 - likeness.amax(1).mean() - likeness.amax(0).mean())
 
 
 class StyleJudge:
@@ -87,9 +126,11 @@ class StyleJudge:
         self.network = network = network if min(style.shape[:2]) >= MIN_SIZE else None
         self.lines = StyleLines.of(style)
         if network is not None:
-            self.own = style_statistics(network, style)
-            noise = statistics_distance(self.own, style_statistics(network, shuffled(style)))
-            self.unit = max(noise, 1e-6)  # a style of one colour is its own noise
+            own, noise = style_activations(network, style), style_activations(network, shuffled(style))
+            self.own, self.places = style_statistics(own), places_of(own)
+            # A style of one colour is its own noise.
+            self.unit = max(statistics_distance(self.own, style_statistics(noise)), 1e-6)
+            self.far = max(neighbours_distance(places_of(noise), self.places), 1e-6)
 
     def figures(
         self, picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None
@@ -101,9 +142,9 @@ class StyleJudge:
             mask: (h, w), bool or opacity: where the picture counts; all of it by default.
 
         Returns:
-            ``adain``: distance of the statistics of AlexNet's layers, in units of noise's (without a network it is
-            left out); ``lines`` and its parts, see :meth:`svv.core.lines.StyleLines.distances`. Nothing for a picture
-            of which too little lies inside the mask.
+            ``neighbours`` and ``adain``: :func:`neighbours_distance`, and distance of the statistics of AlexNet's
+            layers, in units of noise's (without a network they are left out); ``lines`` and its parts, see
+            :meth:`svv.core.lines.StyleLines.distances`. Nothing for a picture of which too little lies inside the mask.
         """
         inside = np.ones(picture.shape[:2], bool) if mask is None else np.asarray(mask) > 0.9
         if interior(inside).sum() < LEAST_INSIDE:
@@ -111,5 +152,8 @@ class StyleJudge:
         found = self.lines.distances(picture, inside)
         if self.network is None or min(picture.shape[:2]) < MIN_SIZE:
             return found
-        distance = statistics_distance(self.own, style_statistics(self.network, picture, inside))
-        return {"adain": distance / self.unit, **found}
+        layers = style_activations(self.network, picture, inside)
+        found = {"adain": statistics_distance(self.own, style_statistics(layers)) / self.unit, **found}
+        if len(places := places_of(layers)) >= LEAST_PLACES:
+            found = {"neighbours": neighbours_distance(places, self.places) / self.far, **found}
+        return found

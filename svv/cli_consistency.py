@@ -22,7 +22,7 @@ CONSISTENCY = (
     "svv consistency scene.svv --network pcn --json unstyled.json --out unstyled",
 )
 COMPARE = (
-    "svv compare-styles a.svv b.svv --style brush.png --style dots.png --out modes",
+    "svv compare-styles a.svv b.svv --style brush.png --style gallery:woodcut --out modes",
     "svv compare-styles a.svv --style brush.png --modes ours,arf-like --size 200 --every 20 --out quick",
 )
 ABLATE = (
@@ -117,7 +117,9 @@ def consistency(
 @spread
 def compare_styles(
     scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv ...", help="Trained scenes.")],
-    style: Annotated[list[Path], typer.Option(metavar="IMG", help="A picture; may be given several times.")],
+    style: Annotated[
+        list[str], typer.Option(metavar="IMG|gallery:NAME", help="A picture; may be given several times.")
+    ],
     out: Out,
     modes: Annotated[
         str,
@@ -135,13 +137,14 @@ def compare_styles(
     The folder gets modes.md, .csv and .json and a contact sheet a scene and style. Stopped with Ctrl-C, the same
     command goes on where it was.
     """
+    from svv.report.gallery import style_file
     from svv.report.style_modes import Comparison, compare_styles, write_comparison
 
     protocol = frames.protocol(flows)
     names = tuple(dict.fromkeys(part.strip() for part in modes.split(",")))
     how = Comparison(protocol, names, training.preset.value, training.seed, training.features, paper_loss)
     with shown("Comparing") as progress:
-        rows = compare_styles(scenes, style, out, how, progress)
+        rows = compare_styles(scenes, [style_file(name, out) for name in style], out, how, progress)
     print(write_comparison(out, rows, how))
 
 
@@ -149,7 +152,9 @@ def compare_styles(
 def ablate(
     scene: SceneFile,
     out: Out,
-    style: Annotated[list[Path] | None, typer.Option(metavar="IMG", help="A picture for the stylization's.")] = None,
+    style: Annotated[
+        list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A picture for the stylization's.")
+    ] = None,
     views: Annotated[
         Path | None, typer.Option(metavar="VIEWS", help="Its folder of views, for those of the palette network.")
     ] = None,
@@ -157,7 +162,8 @@ def ablate(
         str | None,
         typer.Option(
             metavar="A,B",
-            help="Of colour-transfer, lighting, background, along-rays, paint-cells, refinement, lambda-delta.",
+            help="Of matching, painted-start, form, tone, contrast, depth, colour-transfer, lighting, background, "
+            "along-rays, paint-cells, refinement, lambda-delta.",
         ),
     ] = None,
     frames: Frames = FEW_FRAMES,
@@ -169,11 +175,12 @@ def ablate(
     The folder gets ablations.md, .csv and .json and the pictures. Stopped with Ctrl-C, the same command goes on.
     """
     from svv.report.ablation import Ablation, run_ablation
+    from svv.report.gallery import style_file
 
     protocol = frames.protocol("depth")
     names = None if only is None else tuple(dict.fromkeys(part.strip() for part in only.split(",")))
     job = Ablation(
-        scene, tuple(style or ()), views, names, protocol, training.preset.value, training.seed, training.features,
+        scene, tuple(style_file(name, out) for name in style or ()), views, names, protocol, training.preset.value, training.seed, training.features,
         paper_loss,
     )  # fmt: skip
     with shown("Ablations") as progress:

@@ -18,9 +18,7 @@ from svv.train.lpips import Lpips
 from svv.train.style_loss import StyleLossSettings, resized
 from svv.train.style_statistics import StyleJudge
 
-CAPTION = {
-    "neighbours": "neighbours", "adain": "adain", "lines": "lines", "contrast": "contrast", "patches 1/1": "patches",
-}  # fmt: skip
+CAPTION = {"neighbours": "neighbours", "contrast": "contrast"}
 """Figures that stand under a picture's name on sheets, and what they are called there."""
 
 FIGURES = 3

@@ -180,8 +180,8 @@ def ablate(
     protocol = frames.protocol("depth")
     names = None if only is None else tuple(dict.fromkeys(part.strip() for part in only.split(",")))
     job = Ablation(
-        scene, tuple(style_file(name, out) for name in style or ()), views, names, protocol, training.preset.value, training.seed, training.features,
-        paper_loss,
+        scene, tuple(style_file(name, out) for name in style or ()), views, names, protocol, training.preset.value,
+        training.seed, training.features, paper_loss,
     )  # fmt: skip
     with shown("Ablations") as progress:
         text = run_ablation(job, out, progress)

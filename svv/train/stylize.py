@@ -223,15 +223,16 @@ def visible_from(
         if not bool(seen.any()):
             continue
         position, weight, ray = samples.position[seen], weight[seen], samples.ray[seen].long()
-        region = torch.zeros_like(ray)
+        region = torch.zeros_like(ray, dtype=torch.int16)
         if scene.palette is not None and not whole:
-            region = torch.cat([scene.palette.material(p)[1].argmax(1) for p in position.split(piece)])
+            region = torch.cat([scene.palette.material(p)[1].argmax(1).short() for p in position.split(piece)])
         row, column = ray // camera.width, ray % camera.width
         top, left = max(0, int(row.min()) - RIM), max(0, int(column.min()) - RIM)
         bottom = min(camera.height, int(row.max()) + RIM + 1)
         right = min(camera.width, int(column.max()) + RIM + 1)
         width = right - left
-        pixel = (row - top) * width + column - left
+        # All views are kept at a time: three quarters of a gigabyte for fog, with numbers no longer than they must be.
+        pixel = ((row - top) * width + column - left).int()
         views.append(StyledView(position, weight, pixel, region, bottom - top, width))
     progress(1.0, "stylization views")
     return views

@@ -263,12 +263,11 @@ def test_every_mode_paints_and_is_measured(compared: tuple[Path, list[dict[str, 
     assert found["video"]["depth 1 rmse"] < 0.9 * found["frame-by-frame"]["depth 1 rmse"]
 
 
-def test_strokes_hold_still_where_frames_alone_do_not(tiny: None, tmp_path: Path) -> None:
+def test_strokes_hold_still_where_frames_alone_do_not(folder: Path, tiny: None, tmp_path: Path) -> None:
     """Of what there is to see, that is: what is calm holds still, too. On a surface, as fog has none to hold them."""
     solid_ball().save(tmp_path / "ball.svv")
-    Image.fromarray(to_bytes(stripes())).save(tmp_path / "stripes.png")
     how = Comparison(Protocol(size=64, every=90, flows=("depth",)), ("ours", "frame-by-frame"), "draft")
-    ours, alone = compare_styles([tmp_path / "ball.svv"], [tmp_path / "stripes.png"], tmp_path / "modes", how)
+    ours, alone = compare_styles([tmp_path / "ball.svv"], [folder / "stripes.png"], tmp_path / "modes", how)
     assert ours["depth 10 rmse_part"] < 0.6 * alone["depth 10 rmse_part"]
     assert ours["contrast"] > 0.7
 
@@ -288,11 +287,8 @@ def test_compared_again_nothing_is_trained(
 
 
 def test_the_arf_like_mode_says_one_colour_from_every_side(scene: Scene) -> None:
-    target = StyleTarget(
-        load_features("embedded"),
-        torch.from_numpy(stripes()).permute(2, 0, 1),
-        unseeded(StyleLossSettings(style_size=SIZE)),
-    )
+    picture = torch.from_numpy(stripes()).permute(2, 0, 1)
+    target = StyleTarget(load_features("embedded"), picture, unseeded(StyleLossSettings(style_size=SIZE)))
     made, seconds = arf_like(scene, target, STEPS, 0, silent)
     assert all(r.lighting == 0.0 and r.style == "ARF-like" for r in made.regions)
     assert set(seconds) == {"distil", "stylize", "recolour"}

@@ -110,7 +110,10 @@ def _deflated(table: np.ndarray) -> np.ndarray:
     """Bytes (V, F), compressed. (N,)"""
     columns = table.T.copy()
     columns[:, 1:] -= columns[:, :-1].copy()  # whole numbers modulo 256
-    return np.frombuffer(zlib.compress(columns.tobytes()), np.uint8)
+    # Differences are noise with many small numbers: looking for strings in it loses (6 % of a painted table) to Huffman's
+    # code with runs alone, which any reader of deflated data reads.
+    stream = zlib.compressobj(memLevel=9, strategy=zlib.Z_RLE)
+    return np.frombuffer(stream.compress(columns.tobytes()) + stream.flush(), np.uint8)
 
 
 def _inflated(content: np.ndarray, shape: list[int]) -> np.ndarray:

@@ -23,7 +23,7 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Region, Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
-from svv.measure import measured
+from svv.measure import give_memory_back, measured
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field, lit_by, preset
 from svv.train.contrast import match_contrast
@@ -343,6 +343,8 @@ def stylize_scene(
             watch = None if previews is None else partial(previews.look, field)
             loop = Loop(settings.style_iterations, None, part(progress, 0.35, end), "stylization", watch=watch)
             seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
+            del stylization, loop  # samples and moments, a third of a gigabyte: what follows has samples of its own
+            give_memory_back()
         if solved:
             match_contrast(scene, field, targets, settings, part(progress, end, 1.0))
     seconds["total"] = cost.seconds

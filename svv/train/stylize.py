@@ -12,7 +12,7 @@ computed once.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -130,9 +130,10 @@ class Stylization:
         with torch.no_grad():
             colours = torch.cat([self.field(p) for p in view.position.split(self.piece)])
         colours.requires_grad_()
-        losses = self.losses(index, colours)
-        loss = torch.stack(losses).sum()
-        (gradient,) = torch.autograd.grad(loss, colours)
+        gradient, values = torch.zeros_like(colours), []
+        for loss in self.losses(index, colours):  # one graph at a time: each holds the features of an image
+            gradient += torch.autograd.grad(loss, colours)[0]
+            values.append(loss.detach())
         if self.networks is not None:
             self.networks.zero_grad(set_to_none=True)
         for first in range(0, len(colours), self.piece):
@@ -146,7 +147,7 @@ class Stylization:
         if self.field.direct:
             with torch.no_grad():  # only what was looked up has moved
                 self.field.encoding.table.clamp_(0.0, 1.0)
-        return loss.detach() / len(losses)
+        return torch.stack(values).mean()
 
     def _damp(self) -> None:
         """Let colours move as far as their gradients say.
@@ -159,9 +160,9 @@ class Stylization:
         beta1, beta2, _ = self.tables.constants
         self.tables.constants = beta1, beta2, max(DAMPING * typical, 1e-12)
 
-    def losses(self, index: int, colours: Tensor) -> list[Tensor]:
+    def losses(self, index: int, colours: Tensor) -> Iterator[Tensor]:
         """What is to fall in one view, a scalar a region that is seen in it, for its samples' colours (S, 3)."""
-        view, start, losses = self.views[index], self.starts[index], []
+        view, start = self.views[index], self.starts[index]
         for region, target in self.targets.items():
             if self._covers(view, region):
                 image, mask = view.image(colours, region, target.background)
@@ -170,8 +171,7 @@ class Stylization:
                 loss = target.loss(image, mask) + self.anchors[region] * away
                 if target.settings.along_rays:
                     loss = loss + target.settings.along_rays * spread_along_rays(view, own, colours[own])
-                losses.append(loss)
-        return losses
+                yield loss
 
     @staticmethod
     def _covers(view: StyledView, region: int) -> bool:

@@ -15,7 +15,7 @@ Modes that stylize frames and have no field are in :mod:`svv.train.rival_frames`
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -103,10 +103,10 @@ class Refit(Stylization):
             self.pictures.append(painted * mask + behind)
         progress(1.0, "images")
 
-    def losses(self, index: int, colours: Tensor) -> list[Tensor]:
+    def losses(self, index: int, colours: Tensor) -> Iterator[Tensor]:
         """Squared distance of the view to its picture, over what is visible."""
         image, mask = self.views[index].image(colours, 0, self.targets[0].background)
-        return [((image - self.pictures[index]).square().mean(0) * mask).sum() / mask.sum()]
+        yield ((image - self.pictures[index]).square().mean(0) * mask).sum() / mask.sum()
 
 
 def unseeded(loss: StyleLossSettings) -> StyleLossSettings:

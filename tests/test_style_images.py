@@ -84,6 +84,7 @@ def test_twenty_thousand_pixels_wide_is_shrunk(tmp_path: Path, suffix: str) -> N
 
 def test_sentences_for_what_cannot_be_used(tmp_path: Path) -> None:
     Image.new("RGB", (1, 1)).save(tmp_path / "tiny.png")
+    Image.new("RGBA", (20, 20), (200, 30, 30, 0)).save(tmp_path / "nothing.png")
     (tmp_path / "text.png").write_text("not a picture")
     (tmp_path / "empty.png").touch()
     Image.effect_noise((64, 64), 50).save(tmp_path / "whole.png")
@@ -91,6 +92,7 @@ def test_sentences_for_what_cannot_be_used(tmp_path: Path) -> None:
     for name, words in {
         "missing.png": "no style picture",
         "tiny.png": "at least 16 x 16",
+        "nothing.png": "wholly transparent",
         "text.png": "PNG or JPEG",
         "empty.png": "PNG or JPEG",
         "cut.png": "damaged",

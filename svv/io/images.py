@@ -35,7 +35,8 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
         (h, w, 3) float32 sRGB in [0, 1], row 0 at the top.
 
     Raises:
-        BadInput: The file is missing, not a readable picture, smaller than 16 x 16, or far too large.
+        BadInput: The file is missing, not a readable picture, smaller than 16 x 16, far too large, or
+            wholly transparent.
     """
     path = Path(path)
     if not path.is_file():
@@ -49,7 +50,7 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
             _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
             image.draft(image.mode, (2 * long_side, 2 * long_side))
             image.load()
-            return _pixels(image, long_side)
+            return _pixels(path, image, long_side)
     except UnidentifiedImageError as error:
         raise BadInput(f"{path} is not a picture that can be read: save it as PNG or JPEG.") from error
     except (OSError, SyntaxError, ValueError, EOFError) as error:
@@ -69,7 +70,7 @@ def _check_size(path: Path, width: int, height: int, decoder_shrinks: bool) -> N
         raise BadInput(f"The style picture {path} has {width} x {height} pixels: shrink it to a few thousand first.")
 
 
-def _pixels(image: Image.Image, long_side: int) -> NDArray[np.float32]:
+def _pixels(path: Path, image: Image.Image, long_side: int) -> NDArray[np.float32]:
     deep = image.mode.startswith(("I", "F"))
     if deep:  # greyscale of 16 or 32 bits, or floating point: Pillow would clip it to 8 bits
         upright = ImageOps.exif_transpose(image)
@@ -81,6 +82,8 @@ def _pixels(image: Image.Image, long_side: int) -> NDArray[np.float32]:
         return np.repeat(values[..., None], 3, 2)
     if image.has_transparency_data:
         image = image.convert("RGBA")
+        if image.getchannel("A").getextrema() == (0, 0):
+            raise BadInput(f"The style picture {path} is wholly transparent: choose one that shows something.")
         if max(image.size) > 2 * long_side:  # compositing needs a second copy: not of the full size
             image = image.resize(_size(image, 2 * long_side), Image.Resampling.BOX)
         image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)

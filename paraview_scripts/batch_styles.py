@@ -38,14 +38,14 @@ def main() -> None:
 
 def paint(chosen) -> None:
     """Paint style after style, each a stage that is not done twice."""
+    from svv.cli.options import parse_mapping
     from svv.fields.scene import Scene
     from svv.io.images import read_style
     from svv.io.output import write_png
-    from svv.options import parse_mapping
+    from svv.job.stages import Stages, fingerprint
     from svv.progress import shown
-    from svv.report.pictures import fitted, over_white, read_png, sheet
-    from svv.report.render import orbit
-    from svv.report.stages import Stages, fingerprint
+    from svv.render.frames import orbit
+    from svv.render.pictures import fitted, over_white, read_png, sheet
     from svv.train.pipeline import stylize_scene
 
     if not 0 <= chosen.frame <= 180:

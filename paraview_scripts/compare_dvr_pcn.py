@@ -54,7 +54,7 @@ def main() -> None:
 
 def compare(chosen) -> None:
     """Do every step that has not been done, then write table and chart."""
-    from svv.report.stages import Stages
+    from svv.job.stages import Stages
 
     if min(chosen.volumes) < 16 or min(chosen.images) < 16:
         raise BadInput("Volumes need at least 16 voxels along each side, and images 16 pixels.")
@@ -199,7 +199,7 @@ def function():
 def unseen(chosen, size: int) -> list:
     """Views from the orbit, none of which is a training view."""
     from svv.fields.scene import Scene
-    from svv.report.render import orbit
+    from svv.render.frames import orbit
 
     path = orbit(Scene.load(chosen.out / "scene.svv"), 181, size, size)
     return [path[int(k)] for k in np.linspace(0, 180, VIEWS + 2).round()[1:-1]]

@@ -5,8 +5,8 @@ Run it with `svv pvpython`. Without an edit it lists the regions.
 
 from pathlib import Path
 
+from svv.cli.options import parse_colour
 from svv.errors import BadInput
-from svv.options import parse_colour
 from svv.pv import scripts
 
 EXAMPLES = (

@@ -39,8 +39,8 @@ def render(chosen) -> None:
     from svv.io.atomic import check_writable, make_folder
     from svv.io.output import write_mp4, write_png
     from svv.progress import shown
-    from svv.report.pictures import over_white, sheet
-    from svv.report.render import orbit
+    from svv.render.frames import orbit
+    from svv.render.pictures import over_white, sheet
 
     if chosen.frames < 2 or not 16 <= chosen.size <= 4096:
         raise BadInput("An orbit needs at least 2 frames, of 16 to 4096 pixels.")

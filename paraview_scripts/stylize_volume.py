@@ -37,10 +37,10 @@ def main() -> None:
 def stylize(chosen) -> None:
     """Do the job, then render the scene as the view saw the volume."""
     from svv.fields.scene import Scene
+    from svv.job.run import run_job
+    from svv.job.steps import JobSettings
     from svv.progress import shown
-    from svv.report.job import JobSettings
-    from svv.report.render import write_view
-    from svv.report.run import run_job
+    from svv.render.frames import write_view
 
     display, view = scripts.open_volume(chosen.volume, chosen.tf, chosen.array)
     settings = JobSettings(

@@ -8,26 +8,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from svv._version import __version__ as __version__
+
 if TYPE_CHECKING:
     from svv.core.cameras import Camera as Camera
     from svv.core.correction import Correction as Correction
     from svv.errors import BadInput as BadInput
     from svv.errors import Cancelled as Cancelled
-    from svv.fields.scene import Region as Region
+    from svv.fields.region import Region as Region
     from svv.fields.scene import Rendering as Rendering
     from svv.fields.scene import Scene as Scene
     from svv.io.camera_file import read_camera as read_camera
     from svv.io.images import read_style as read_style
     from svv.io.output import write_png as write_png
     from svv.io.viewset import ViewSet as ViewSet
-    from svv.report.render import orbit as orbit
+    from svv.render.frames import orbit as orbit
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.ink import Ink as Ink
     from svv.train.pipeline import evaluate_scene as evaluate_scene
     from svv.train.pipeline import stylize_scene as stylize_scene
     from svv.train.pipeline import train_scene as train_scene
-
-__version__ = "0.1.0"
 
 PUBLIC = {
     "BadInput": "svv.errors",
@@ -35,13 +35,13 @@ PUBLIC = {
     "Cancelled": "svv.errors",
     "Correction": "svv.core.correction",
     "Ink": "svv.train.ink",
-    "Region": "svv.fields.scene",
+    "Region": "svv.fields.region",
     "Rendering": "svv.fields.scene",
     "Scene": "svv.fields.scene",
     "ViewSet": "svv.io.viewset",
     "correct_palette": "svv.train.correct",
     "evaluate_scene": "svv.train.pipeline",
-    "orbit": "svv.report.render",
+    "orbit": "svv.render.frames",
     "read_camera": "svv.io.camera_file",
     "read_style": "svv.io.images",
     "stylize_scene": "svv.train.pipeline",

@@ -11,7 +11,7 @@ from hypothesis import settings
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
-    from svv.train.weight_files import State
+    from svv.styles.weight_files import State
 
 # Machines differ in speed, and compiled kernels build on their first call: no test may fail for the time it takes.
 settings.register_profile("svv", deadline=None)
@@ -52,7 +52,7 @@ def of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[st
 @pytest.fixture(scope="session")
 def published(of_the_user: Mapping[str, str | None]) -> Callable[[str], State]:
     """The real weights of a network, ``vgg16`` or ``alexnet``, wherever they can be had; else the test is skipped."""
-    from svv.train import weights
+    from svv.styles import weights
 
     def get(name: str) -> State:
         with pytest.MonkeyPatch.context() as patch:

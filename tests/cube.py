@@ -11,8 +11,9 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
+from svv.fields.region import Region
 from svv.fields.rendering import Marching
-from svv.fields.scene import Region, Scene
+from svv.fields.scene import Scene
 
 
 def cube_scene(seed: int = 0) -> Scene:

@@ -8,8 +8,9 @@ import torch
 from svv.core.box import Box
 from svv.fields.networks import BaseField, FieldSettings, PaletteField
 from svv.fields.occupancy import Occupancy
+from svv.fields.region import Region
 from svv.fields.rendering import Marching
-from svv.fields.scene import Region, Scene
+from svv.fields.scene import Scene
 
 CELLS, RADIUS = 32, 0.4
 

@@ -1,4 +1,4 @@
-"""What `svv ablate` says of palette networks: laws of its measures, on a network whose offsets are known."""
+"""What `svv bench ablate` says of palette networks: laws of its measures, on a network whose offsets are known."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from svv.bench.ablation.palette import offset_size
 from svv.core.cameras import sphere_cameras
 from svv.io.viewset import ViewSet
-from svv.report.ablation_palette import offset_size
 from tests.cube import cube_scene
 
 CAMERAS = sphere_cameras(4, (0.0, 0.0, 0.0), 3.0, 0.5, 24)

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from svv import cli
+from svv.bench.styles.blind import agreement, find_cases, open_key, read_choices, report, wilson, write_sheets
+from svv.cli import app as cli
 from svv.errors import BadInput
 from svv.io.output import write_png
-from svv.report.blind import agreement, find_cases, open_key, read_choices, report, wilson, write_sheets
-from svv.train.textures import style_picture
+from svv.styles.textures import style_picture
 
 NAMES = ("ball-brush-0", "ball-brush-1", "ball-dots-0", "ball-dots-1", "cube-dots-0")
 SIZE = 96
@@ -246,7 +246,7 @@ def test_the_command_goes_from_folders_to_agreement(
     ways, styles = trial
 
     def call(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["svv", "blind", *map(str, arguments)])
+        monkeypatch.setattr(sys, "argv", ["svv", "bench", "blind", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             cli.main()
         return int(ended.value.code or 0), *capsys.readouterr()

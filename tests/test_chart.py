@@ -1,4 +1,4 @@
-"""`svv chart`: which runs it makes, that none is made twice, what it shows of them, and a small one end to end."""
+"""`svv bench chart`: which runs it makes, none of them twice, what it shows of them, and a small one end to end."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv import cli
+from svv.bench.chart import job, process, result
+from svv.bench.chart.job import Chart
+from svv.bench.chart.plan import Grid, Measure, Training, trainings
+from svv.bench.chart.result import make_chart
+from svv.bench.chart.scenes import read_scenes, shrunk, spread_over
+from svv.bench.chart.table import COLUMNS
+from svv.cli import app as cli
+from svv.cli.options import Encoding, Lighting, Preset, parse_choices, parse_limits, parse_whole
 from svv.core.cameras import sphere_cameras
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.options import Encoding, Lighting, Preset, parse_choices, parse_limits, parse_whole
-from svv.report.chart import job, process
-from svv.report.chart.job import Chart, make_chart
-from svv.report.chart.plan import Grid, Measure, Training, trainings
-from svv.report.chart.scenes import read_scenes, shrunk, spread_over
-from svv.report.chart.table import COLUMNS
 from svv.train.config import PRESETS, preset
 
 # --- runs and their keys -------------------------------------------------------------------------------------------
@@ -169,7 +170,7 @@ def runner(monkeypatch: pytest.MonkeyPatch) -> Runner:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing is most of the time of a chart whose runs are made up."""
-    monkeypatch.setattr(job, "write_result", lambda chart, rows: None)
+    monkeypatch.setattr(result, "write_result", lambda chart, rows: None)
 
 
 GRID = Grid(("draft",), ("lattice", "hash"), (2.0, None), render_sizes=(32, 16))
@@ -293,7 +294,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     (tmp_path / "empty").mkdir()
     before = sorted(tmp_path.iterdir())
     test = [] if "--test" in arguments else ["--test", "5"]
-    monkeypatch.setattr(sys, "argv", ["svv", "chart", *arguments, *test, "--out", "out"])
+    monkeypatch.setattr(sys, "argv", ["svv", "bench", "chart", *arguments, *test, "--out", "out"])
     with pytest.raises(SystemExit) as ended:
         cli.main()
     error = capsys.readouterr().err
@@ -342,7 +343,7 @@ class Sources(HTMLParser):
 def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from svv.dvr.demo_volume import demo_transfer_function, demo_volume
     from svv.io.atomic import write_json
-    from svv.report.demo import _write_volume
+    from svv.job.demo import _write_volume
 
     _write_volume(tmp_path / "ball.vti", demo_volume(24))
     write_json(tmp_path / "tf.json", [demo_transfer_function().to_dict()])
@@ -350,7 +351,7 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
     arguments = [str(tmp_path / "ball.vti"), "--tf", str(tmp_path / "tf.json"), "--presets", "draft", "--encodings",
                  "lattice", "--kernels", "fast,torch", "--lighting", "auto", "--time-limits", "1", "--sizes", "32",
                  "--render-sizes", "48", "--n", "12", "--test", "5", "--out", str(out)]  # fmt: skip
-    cli.app(["chart", *arguments], prog_name="svv", standalone_mode=False)
+    cli.app(["bench", "chart", *arguments], prog_name="svv", standalone_mode=False)
     said = capsys.readouterr()
     assert said.out == f"{out / 'chart.html'}\n"
     assert said.err.startswith("2 runs to train")
@@ -377,6 +378,6 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
     assert sources.kinds == ["data:image/png"] * 3
     assert not list(out.rglob("*checkpoint")) and not list(out.rglob(".*"))
     before = {path: path.stat().st_mtime_ns for path in (out / "runs").rglob("*")}
-    cli.app(["chart", *arguments], prog_name="svv", standalone_mode=False)
+    cli.app(["bench", "chart", *arguments], prog_name="svv", standalone_mode=False)
     assert capsys.readouterr().err.startswith("0 runs to train")
     assert before == {path: path.stat().st_mtime_ns for path in (out / "runs").rglob("*")}

@@ -1,4 +1,4 @@
-"""What `svv chart` draws and says of runs: the Pareto front, the axes, which runs are compared."""
+"""What `svv bench chart` draws and says of runs: the Pareto front, the axes, which runs are compared."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from svv.report.chart import figures
-from svv.report.chart.table import Row, front
+from svv.bench.chart import figures
+from svv.bench.chart.table import Row, front
 
 Numbers = list[tuple[float, float]]
 POINTS = st.lists(st.tuples(st.integers(0, 6).map(float), st.integers(0, 6).map(float)), max_size=24)

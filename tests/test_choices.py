@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 
+from svv.bench.stability.scenes import NESTED, SCENES, Array, KnownScene, Range, shells
 from svv.core.box import Box
 from svv.core.cameras import sphere_cameras
 from svv.dvr.mappers import Shading
@@ -24,7 +25,7 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.report.stability_scenes import NESTED, SCENES, Array, KnownScene, Range, shells
+from svv.styles.textures import style_picture
 from svv.train.config import PRESETS, fitted_field
 from svv.train.distil import paint_pixel
 from svv.train.levels import with_fewest_levels, without_finer
@@ -32,7 +33,6 @@ from svv.train.loop import Loop
 from svv.train.painting import paint_cells
 from svv.train.pipeline import stylize_scene, train_scene
 from svv.train.reconstruct import first_occupancy
-from svv.train.textures import style_picture
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(

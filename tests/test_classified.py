@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv import cli
+from svv.cli import app as cli
 from svv.core.box import Box
 from svv.core.classified import LEAST, MOST, ClassifiedVolume, ValueRange
 from svv.dvr.classify import classified

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from svv import cli
+from svv.cli import app as cli
 from svv.errors import BadInput
 from svv.fields.scene import Scene
 from tests.cube import cube_paint

@@ -54,7 +54,7 @@ def test_an_error_passes_through() -> None:
 
 WORK = """
 import sys, time
-from svv import cli
+from svv.cli import app as cli
 from svv.progress import shown
 def work(path):
     with shown("Working [1/2]") as progress:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from svv import cli
+from svv.cli import app as cli
 from svv.core.cameras import Camera, look_at, orbit_cameras
 from svv.errors import BadInput, Progress, silent
 from svv.io.output import EMPTY_REGION, to_bytes

@@ -1,4 +1,4 @@
-"""``svv consistency``, ``compare-styles`` and ``ablate``: what the measures mean, the modes, resuming, bad use."""
+"""``svv bench consistency``, ``compare`` and ``ablate``: what the measures mean, the modes, resuming, bad use."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ import pytest
 import torch
 from PIL import Image
 
-from svv import cli
+from svv.bench.ablation import painting as ablation
+from svv.bench.styles import modes as style_modes
+from svv.bench.styles.consistency import consistency, draw_frames, means, measure_frames
+from svv.bench.styles.modes import MODES, Comparison, compare_styles
+from svv.bench.styles.path import METRICS, OrbitPath, Protocol, Warp
+from svv.bench.styles.rival_frames import frame_alone
+from svv.bench.styles.rivals import arf_like, unseeded
+from svv.bench.styles.table import averaged, victories
+from svv.cli import app as cli
 from svv.core.cameras import Camera, sphere_cameras
 from svv.core.palette import PaletteSettings, extract_palette
 from svv.errors import BadInput, Cancelled, silent
 from svv.fields.scene import Rendering, Scene
 from svv.io.output import to_bytes
 from svv.io.viewset import ViewSet
-from svv.report import ablation, style_modes
-from svv.report.consistency import consistency, draw_frames, means, measure_frames
-from svv.report.orbit_path import METRICS, OrbitPath, Protocol, Warp
-from svv.report.style_modes import MODES, Comparison, compare_styles
-from svv.report.style_table import averaged, victories
+from svv.styles.features import load_features
 from svv.train.config import PRESETS, Preset, StylizeSettings
-from svv.train.features import load_features
 from svv.train.pipeline import train_scene
-from svv.train.rival_frames import frame_alone
-from svv.train.rivals import arf_like, unseeded
 from svv.train.style_loss import StyleLossSettings, StyleTarget
 from tests.solid_ball import solid_ball
 
@@ -367,8 +368,8 @@ def call(*arguments: str | Path, monkeypatch: pytest.MonkeyPatch) -> int:
 def test_the_command(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = ("consistency", folder / "balls.svv", "--orbit", "11", "--size", "48", "--every", "5", "--json",
-                 tmp_path / "c.json", "--out", tmp_path / "out")  # fmt: skip
+    arguments = ("bench", "consistency", folder / "balls.svv", "--orbit", "11", "--size", "48", "--every", "5",
+                 "--json", tmp_path / "c.json", "--out", tmp_path / "out")  # fmt: skip
     assert call(*arguments, monkeypatch=monkeypatch) == 0
     content = json.loads((tmp_path / "c.json").read_text())
     assert {(r["flow"], r["interval"]) for r in content["rows"]} == {(f, n) for f in ("depth", "tvl1") for n in (1, 10)}
@@ -378,15 +379,15 @@ def test_the_command(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["consistency", "{s}", "--flows", "raft"], "--flows has no 'raft'"),
-        (["consistency", "{s}", "--network", "styled"], "no network 'styled'"),
-        (["consistency", "{s}", "--orbit", "5"], "10 apart"),
-        (["compare-styles", "{s}", "--style", "{p}", "--modes", "ours,theirs"], "no mode 'theirs'"),
-        (["compare-styles", "{s}", "{s}", "--style", "{p}"], "same name"),
-        (["ablate", "{s}"], "--style"),
-        (["ablate", "{s}", "--only", "lighting"], "needs a picture"),
-        (["ablate", "{s}", "--style", "{p}", "--only", "lambda-delta"], "--views"),
-        (["ablate", "{s}", "--style", "{p}", "--only", "luck"], "no ablation 'luck'"),
+        (["bench", "consistency", "{s}", "--flows", "raft"], "--flows has no 'raft'"),
+        (["bench", "consistency", "{s}", "--network", "styled"], "no network 'styled'"),
+        (["bench", "consistency", "{s}", "--orbit", "5"], "10 apart"),
+        (["bench", "compare", "{s}", "--style", "{p}", "--modes", "ours,theirs"], "no mode 'theirs'"),
+        (["bench", "compare", "{s}", "{s}", "--style", "{p}"], "same name"),
+        (["bench", "ablate", "{s}"], "--style"),
+        (["bench", "ablate", "{s}", "--only", "lighting"], "needs a picture"),
+        (["bench", "ablate", "{s}", "--style", "{p}", "--only", "lambda-delta"], "--views"),
+        (["bench", "ablate", "{s}", "--style", "{p}", "--only", "luck"], "no ablation 'luck'"),
     ],
 )
 def test_bad_use(

@@ -15,9 +15,9 @@ from svv.core.cameras import sphere_cameras
 from svv.errors import silent
 from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
+from svv.styles.features import PatchFeatures
 from svv.train.contrast import LEAST, MOST, contrasts, match_contrast, stroke_scales, surroundings
 from svv.train.distil import paint_pixel
-from svv.train.features import PatchFeatures
 from svv.train.painting import painted_field
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import PATCH_LOSS, StyleTarget

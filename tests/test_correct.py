@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
+from svv.bench.stability.measures import matched, overlaps
+from svv.bench.stability.scenes import BLUE, GREEN, ORANGE, RED, SCENES, KnownScene, Range, ring_and_balls, shells
 from svv.core.correction import Correction
 from svv.dvr.views import make_views
 from svv.errors import BadInput, Cancelled
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.report.stability_measures import matched, overlaps
-from svv.report.stability_scenes import BLUE, GREEN, ORANGE, RED, SCENES, KnownScene, Range, ring_and_balls, shells
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.correct import correct_palette
 from svv.train.pipeline import train_scene

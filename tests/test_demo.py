@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from svv import cli
+from svv.cli import app as cli
 from svv.errors import BadInput, Cancelled, Progress
 from svv.io.output import write_mp4, write_png
+from svv.job.demo import run_demo
+from svv.job.page import Page, Picture, Table, cost_table, write_page
+from svv.job.run import run_job
+from svv.job.source import ViewSource, VolumeSource
+from svv.job.stages import Stages, fingerprint
+from svv.job.steps import JobSettings
 from svv.measure import measured
-from svv.report.demo import run_demo
-from svv.report.job import JobSettings
-from svv.report.page import Page, Picture, Table, cost_table, write_page
-from svv.report.pictures import cropped, error_picture, hex_colour, over_white, sheet, shrunk
-from svv.report.run import run_job
-from svv.report.source import ViewSource, VolumeSource
-from svv.report.stages import Stages, fingerprint
+from svv.render.pictures import cropped, error_picture, hex_colour, over_white, sheet, shrunk
 
 
 class Recipe:

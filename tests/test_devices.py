@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from svv import cli
+from svv.cli import app as cli
 from svv.core.box import Box
 from svv.core.cameras import sphere_cameras
 from svv.errors import BadInput

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from svv.bench.stability.scenes import EASY
 from svv.dvr.views import make_views
-from svv.report.stability_scenes import EASY
 from svv.train.config import PRESETS, ReconstructSettings, StylizeSettings
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "python.md"

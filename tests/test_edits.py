@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from svv.errors import BadInput
 from svv.fields.edits import IDENTITY, STEPS, edits_of, with_edits
-from svv.fields.scene import Region, Scene
+from svv.fields.region import Region
+from svv.fields.scene import Scene
 from svv.io import scene_file
 from tests.cube import cube_camera
 

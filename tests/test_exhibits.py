@@ -11,10 +11,10 @@ import pytest
 import torch
 from PIL import Image
 
+from svv.bench.styles.exhibits import Exhibit, paint_figures, paint_sheet
 from svv.errors import BadInput
 from svv.fields.scene import Scene
 from svv.io.output import write_png
-from svv.report.exhibits import Exhibit, paint_figures, paint_sheet
 from svv.train.config import PRESETS, StylizeSettings
 
 HOW = Exhibit("draft", 48)

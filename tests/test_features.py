@@ -12,13 +12,13 @@ import torch
 from safetensors.torch import save_file
 from torch import nn
 
+from svv.bench.styles.judge_features import figures, judge
 from svv.core.nnfm import luminance
 from svv.errors import BadInput
 from svv.io.output import write_png
-from svv.train.features import PatchFeatures, VggFeatures, load_features, read_features
-from svv.train.judge_features import figures, judge
+from svv.styles.features import PatchFeatures, VggFeatures, load_features, read_features
+from svv.styles.textures import style_picture
 from svv.train.style_loss import PATCH_LOSS, StyleTarget, resized, solid
-from svv.train.textures import style_picture
 from tests.tolerances import sums_apart
 from tests.untrained import vgg16_state
 
@@ -173,7 +173,7 @@ def test_a_style_of_one_colour_is_no_measure_of_detail() -> None:
 
 def test_features_are_judged_by_likeness_to_the_style(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Flat grey is further from a style than what was stylized with features that work."""
-    monkeypatch.setattr("svv.train.judge_features.STYLE_PICTURES", ("stippling",))
+    monkeypatch.setattr("svv.bench.styles.judge_features.STYLE_PICTURES", ("stippling",))
     view, out = tmp_path / "view.png", tmp_path / "out"
     write_png(view, np.concatenate([np.full((64, 64, 3), 0.5), np.ones((64, 64, 1))], axis=2))
     table = judge(view, [], out, 64, 6, ["cosine patches, ours without energy"])

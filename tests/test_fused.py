@@ -24,12 +24,14 @@ from svv.errors import silent
 from svv.fields.encodings import HashGrid, SparseLattice
 from svv.fields.networks import FieldSettings
 from svv.fields.occupancy import Occupancy
+from svv.fields.region import Region
 from svv.fields.rendering import Marching, RayCaster
-from svv.fields.scene import Region, Scene
+from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels import compiled, dispatch, plain
-from svv.kernels.dispatch import CPU, Kernels, Limits, Samples
+from svv.kernels.dispatch import CPU
 from svv.kernels.marching import uniform as compiled_uniform
+from svv.kernels.types import Kernels, Limits, Samples
 from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.recolour import recolour
 from svv.train.reconstruct import Reconstruction

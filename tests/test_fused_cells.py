@@ -21,7 +21,7 @@ from svv.core.encodings import directions_of_samples
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.kernels import plain
-from svv.kernels.dispatch import Samples
+from svv.kernels.types import Samples
 
 GPU = torch.cuda.is_available()
 if not GPU:

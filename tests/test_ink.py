@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 
 from svv.errors import BadInput, silent
 from svv.kernels.inking import flat_distance
+from svv.styles.gallery import open_style
 from svv.train.form import form_of_opacity
-from svv.train.gallery import open_style
 from svv.train.ink import (
     BLANK,
     HATCHING,

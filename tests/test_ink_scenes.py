@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import torch
 
-from svv import cli
+from svv.cli import app as cli
 from svv.errors import BadInput, Cancelled
-from svv.fields.paint_light import PAINT_LIGHT, lights_of
+from svv.fields.paint_light import lights_of
+from svv.fields.region import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.train import pipeline
 from svv.train.config import PRESETS
@@ -180,7 +181,7 @@ def test_what_cannot_be_is_one_sentence(
 
 
 def test_a_picture_is_asked_for_where_one_is_needed(tmp_path: Path) -> None:
-    from svv.report.gallery import style_file
+    from svv.render.gallery import style_file
 
     with pytest.raises(BadInput, match="here one is needed"):
         style_file("ink:hatching", tmp_path)

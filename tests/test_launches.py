@@ -21,8 +21,9 @@ from svv.core.box import Box
 from svv.core.cameras import sphere_cameras
 from svv.fields.networks import FieldSettings, PaletteField
 from svv.fields.occupancy import Occupancy
+from svv.fields.region import Region
 from svv.fields.rendering import Marching
-from svv.fields.scene import Region, Scene
+from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.train.batches import RayPool

@@ -6,6 +6,7 @@ import ast
 import importlib
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -15,32 +16,31 @@ import svv
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "svv").rglob("*.py"))
 
-BOTTOM = {"svv", "errors"}
-COLUMN = ["core", "kernels", "fields", "train", "report"]
+BOTTOM = {"_version", "errors"}
+COLUMN = ["core", "kernels", "fields", "styles", "train", "render", "job", "bench"]
 BELOW = {layer: BOTTOM | set(COLUMN[:level]) for level, layer in enumerate(COLUMN)}
-BELOW["svv"] = set()
+BELOW["svv"] = {"_version"}
+BELOW["_version"] = set()
 BELOW["errors"] = set()
 BELOW["io"] = BOTTOM | {"core"}
 BELOW["dvr"] = BOTTOM | {"core", "io"}
 BELOW["progress"] = BELOW["measure"] = BELOW["ending"] = BOTTOM
 BELOW["fields"] |= {"io"}
+BELOW["styles"] |= {"io"}
 BELOW["train"] |= {"io", "measure"}
-BELOW["report"] |= {"io", "dvr", "progress", "measure", "ending"}
-BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending", "measure"}
-BELOW["face"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "ending", "pv"}
-FACES = {
-    "cli", "cli_blind", "cli_cache", "cli_chart", "cli_consistency", "cli_edit", "cli_features", "cli_job",
-    "cli_paraview", "cli_profile", "cli_sheet", "cli_stability", "cli_style", "cli_table", "option_group",
-    "options", "__main__",
-}  # fmt: skip
-"""Modules of the command line, one layer."""
+BELOW["render"] |= {"io", "measure"}
+BELOW["job"] |= {"io", "dvr", "progress", "measure", "ending"}
+BELOW["bench"] |= BELOW["job"]
+BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending", "measure"} - {"bench"}
+BELOW["cli"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "ending", "pv"}
+BELOW["__main__"] = {"cli"}
 
 ALLOWED = {
     "paraview": {"pv"},
     "vtk": set(),  # loads all of VTK, and is not ParaView's
-    "vtkmodules": {"dvr", "report", "pv", "face"},
-    "pyvista": {"report", "face"},
-    "torch": {"core", "kernels", "fields", "train", "report"},
+    "vtkmodules": {"dvr", "job", "bench", "pv"},
+    "pyvista": {"render", "cli"},
+    "torch": {"core", "kernels", "fields", "styles", "train", "render", "job", "bench"},
     **dict.fromkeys(("os", "pathlib", "io", "shutil", "tempfile", "PIL"), set(BELOW) - {"core"}),
 }
 """Packages that only some layers may import: core touches no file, torch never meets VTK."""
@@ -48,14 +48,14 @@ ALLOWED = {
 
 def layer_of(module: str) -> str:
     """The layer of a dotted module name: 'svv.core.colour' is in 'core'."""
-    if module == "svv":
-        return "svv"
-    name = module.split(".")[1]
-    return "face" if name in FACES else name
+    return "svv" if module == "svv" else module.split(".")[1]
 
 
 def imported(path: Path, source: str) -> set[str]:
-    """Dotted names that a module imports, relative ones made absolute, lazy ones included."""
+    """Dotted names that a module imports, relative ones made absolute, lazy ones included.
+
+    'from svv.core import colour' is both 'svv.core' and 'svv.core.colour': what it names may be a module.
+    """
     package = [*path.with_suffix("").parts[:-1]]
     names = set()
     for node in ast.walk(ast.parse(source)):
@@ -64,9 +64,8 @@ def imported(path: Path, source: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             module = ".".join([*base, *([node.module] if node.module else [])])
-            # 'from svv import core' imports a layer, 'from svv import __version__' does not
-            names |= {f"svv.{alias.name}" for alias in node.names} if module == "svv" else {module}
-    return {"svv" if name == "svv.__version__" else name for name in names}
+            names |= {f"{module}.{alias.name}" for alias in node.names}
+    return names
 
 
 def without_interface(source: str) -> str:
@@ -84,7 +83,7 @@ def violations(path: Path, source: str) -> list[str]:
     """What a module imports against the layers."""
     if path == Path("svv/__init__.py"):
         source = without_interface(source)
-    own = layer_of(".".join(path.with_suffix("").parts).removesuffix(".__init__"))
+    own = layer_of(named(path))
     if own not in BELOW:
         return [f"{path}: '{own}' is no layer; name it in {Path(__file__).name}"]
     found = []
@@ -97,9 +96,64 @@ def violations(path: Path, source: str) -> list[str]:
     return found
 
 
+def named(path: Path) -> str:
+    """The dotted name of a module: 'svv/core/colour.py' is 'svv.core.colour'."""
+    return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+
+
+def circle(sources: Mapping[Path, str]) -> list[str]:
+    """Modules that import each other round about, in order, with the first at the end again; [] where none do."""
+    names = {named(path) for path in sources}
+    graph: dict[str, list[str]] = {}
+    for path, source in sources.items():
+        plain = without_interface(source) if path == Path("svv/__init__.py") else source
+        found = {name if name in names else name.rpartition(".")[0] for name in imported(path, plain)}
+        graph[named(path)] = sorted(found & names - {named(path)})
+    finished: set[str] = set()
+
+    def walk(name: str, way: list[str]) -> list[str]:
+        if name in way:
+            return [*way[way.index(name) :], name]
+        if name not in finished:
+            for other in graph[name]:
+                if found := walk(other, [*way, name]):
+                    return found
+            finished.add(name)
+        return []
+
+    return next((found for name in sorted(graph) if (found := walk(name, []))), [])
+
+
 @pytest.mark.parametrize("path", MODULES, ids=str)
 def test_imports_point_down(path: Path) -> None:
     assert violations(path, (ROOT / path).read_text()) == []
+
+
+def test_no_module_imports_itself_round_about() -> None:
+    assert circle({path: (ROOT / path).read_text() for path in MODULES}) == []
+
+
+@pytest.mark.parametrize(
+    "back",
+    [
+        "from svv.fields.b import B",
+        "from svv.fields import b",
+        "from . import b",
+        "from .b import B",
+        "if TYPE_CHECKING:\n    from svv.fields.b import B",
+        "def f():\n    from svv.fields.c import C",
+    ],
+)
+def test_a_circle_is_found(back: str) -> None:
+    sources = {
+        "a": back,
+        "b": "from svv.fields.c import C",
+        "c": "from svv.fields.a import A",
+    }
+    files = {Path(f"svv/fields/{name}.py"): source for name, source in sources.items()}
+    assert set(circle(files)) == {f"svv.fields.{name}" for name in ("ac" if "c import" in back else "abc")}
+    del files[Path("svv/fields/a.py")]
+    assert circle({**files, Path("svv/fields/a.py"): "import svv.core.colour"}) == []
 
 
 @pytest.mark.parametrize(
@@ -118,8 +172,10 @@ def test_imports_point_down(path: Path) -> None:
         ("svv/train/x.py", "import pyvista"),
         ("svv/train/x.py", "from svv.dvr.views import draw"),
         ("svv/train/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
-        ("svv/report/x.py", "from paraview import simple"),
-        ("svv/report/x.py", "from svv.cli import main"),
+        ("svv/job/x.py", "from paraview import simple"),
+        ("svv/job/x.py", "from svv.cli.app import main"),
+        ("svv/pv/x.py", "from svv.bench.chart import job"),
+        ("svv/train/x.py", "from svv import __version__"),
         ("svv/errors.py", "from svv.core import colour"),
         ("svv/elsewhere.py", ""),
         ("svv/__init__.py", "from svv.fields.scene import Scene"),
@@ -134,7 +190,7 @@ def test_an_upward_import_is_found(path: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("svv/core/x.py", "from .colour import parse_hex\nfrom svv import __version__\nimport numpy, torch"),
+        ("svv/core/x.py", "from .colour import parse_hex\nfrom svv._version import __version__\nimport numpy, torch"),
         ("svv/dvr/__init__.py", "from .views import draw\nfrom ..core import cameras"),
         ("svv/dvr/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
         ("svv/pv/x.py", "from paraview import simple"),
@@ -149,7 +205,7 @@ def test_a_downward_import_is_not(path: str, source: str) -> None:
     ("modules", "heavy"),
     [
         (["svv"], {"torch", "vtk", "vtkmodules", "numpy"}),
-        (["svv.cli"], {"torch", "vtk", "vtkmodules"}),
+        (["svv.cli.app"], {"torch", "vtk", "vtkmodules"}),
         # inside ParaView there may be no torch, and there must be no second VTK
         (
             [

@@ -15,7 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from svv.cli import app
+from svv.bench.stability.scenes import KnownScene, Range
+from svv.cli.app import app
 from svv.core.cameras import Camera, look_at
 from svv.core.light import RIM, Lamp, blinn_phong
 from svv.dvr.mappers import Shading
@@ -26,11 +27,10 @@ from svv.fields.phong import Beams
 from svv.fields.rendering import RayCaster
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.report.job import Job, JobSettings
-from svv.report.run import run_job
-from svv.report.source import ViewSource
-from svv.report.stability_scenes import KnownScene, Range
-from svv.report.stages import Stages
+from svv.job.run import run_job
+from svv.job.source import ViewSource
+from svv.job.stages import Stages
+from svv.job.steps import Job, JobSettings
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import PRESETS
 from svv.train.lighting import light_by_trial

@@ -13,10 +13,10 @@ from svv.dvr.views import make_views
 from svv.fields.rendering import RayCaster, composite, march
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
+from svv.styles.textures import style_picture
 from svv.train.config import PRESETS
 from svv.train.lighting import LEAST, change_aside, shows_light
 from svv.train.pipeline import stylize_scene, train_scene
-from svv.train.textures import style_picture
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(

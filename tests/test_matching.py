@@ -20,7 +20,7 @@ from svv.core.cameras import sphere_cameras
 from svv.core.nnfm import cell_weights, nnfm_loss
 from svv.errors import silent
 from svv.fields.scene import Scene
-from svv.train.features import load_features
+from svv.styles.features import load_features
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import StyleLossSettings
 from svv.train.stylize import StyledView, stylization_cameras, visible_from
@@ -28,7 +28,7 @@ from tests.balls import SHORT
 from tests.solid_ball import solid_ball
 
 if TYPE_CHECKING:
-    from svv.train.weight_files import State
+    from svv.styles.weight_files import State
 
 SIZE, STYLE = 64, 96
 STEPS = replace(SHORT, stylize=replace(SHORT.stylize, style_iterations=10, style_views=4, style_size=SIZE))

@@ -21,7 +21,7 @@ def test_the_command_says_how_to_wait_before_torch_is_loaded() -> None:
     code = (
         "import os, sys\n"
         "for name in ('OMP_WAIT_POLICY', 'GOMP_SPINCOUNT'): os.environ.pop(name, None)\n"
-        "from svv import cli\n"
+        "from svv.cli import app as cli\n"
         "cli.end_with = lambda run, name: print('torch' in sys.modules, os.environ['GOMP_SPINCOUNT'])\n"
         "cli.main()\n"
     )

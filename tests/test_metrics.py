@@ -139,7 +139,7 @@ def test_weights_are_found_checked_and_loaded(monkeypatch: pytest.MonkeyPatch, t
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(BadInput, match="not the published"):
         load_lpips()
-    monkeypatch.setattr("svv.train.weight_files.ALEXNET_SHA256_PREFIX", "")
+    monkeypatch.setattr("svv.styles.weight_files.ALEXNET_SHA256_PREFIX", "")
     loaded = load_lpips()
     assert loaded is not None
     a, b = picture(0, 64), picture(1, 64)

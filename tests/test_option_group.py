@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from svv.option_group import spread
+from svv.cli.option_group import spread
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
 from svv.kernels.quilting import mirrored, misfits, places
+from svv.styles.features import PatchFeatures
 from svv.train.distil import paint_pixel
-from svv.train.features import PatchFeatures
 from svv.train.form import Form, form_of_opacity, tangents
 from svv.train.painting import MOST_CELLS, MOST_VERTICES, paint_cells, painted_start
 from svv.train.quilt import Guides, Manner, Quilt, spread

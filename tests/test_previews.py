@@ -14,7 +14,7 @@ from PIL import Image
 
 from svv.errors import BadInput
 from svv.fields.scene import Scene
-from svv.report.render import SHOWN_SIZE, orbit, previews_in
+from svv.render.frames import SHOWN_SIZE, orbit, previews_in
 from svv.train import previews
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import PATCH_LOSS

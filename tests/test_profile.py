@@ -1,4 +1,4 @@
-"""``svv profile``: what it counts is right, what it measures adds up, and what it watches is left as it was."""
+"""``svv bench profile``: what it counts is right, what it measures adds up, and what it watches is left as it was."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
-from svv.cli import app
+from svv.bench.profile.ceilings import Ceilings
+from svv.bench.profile.profile import profile_views
+from svv.bench.profile.table import STAGES, Profile, as_text, profile_of
+from svv.bench.profile.watch import NETWORKS, Watch
+from svv.bench.profile.work import Watched, Work, watched
+from svv.cli.app import app
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.views import make_views
 from svv.errors import BadInput, silent
@@ -18,11 +23,6 @@ from svv.fields.encodings import SparseLattice
 from svv.fields.networks import mlp
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import kernels_of
-from svv.report.profile import profile_views
-from svv.report.profile_ceilings import Ceilings
-from svv.report.profile_table import STAGES, Profile, as_text, profile_of
-from svv.report.profile_watch import NETWORKS, Watch
-from svv.report.profile_work import Watched, Work, watched
 
 CEILINGS = Ceilings(bytes=1e9, operations=1e10, half_operations=None, gathers=1e8, far_gathers=1e7)
 
@@ -129,7 +129,7 @@ def test_a_profile_of_a_training(views: ViewSet) -> None:
 def test_the_command(views: ViewSet, tmp_path: Path) -> None:
     views.write(tmp_path / "views", "train")
     options = ["--preset", "draft", "--steps", "8", "--timed", "1", "--json", str(tmp_path / "p.json")]
-    said = CliRunner().invoke(app, ["profile", str(tmp_path / "views"), *options])
+    said = CliRunner().invoke(app, ["bench", "profile", str(tmp_path / "views"), *options])
     assert said.exit_code == 0, said.output
     content = json.loads((tmp_path / "p.json").read_text())
     assert [p["name"] for p in content["profiles"]][-1].startswith("an image")

@@ -11,6 +11,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from svv.bench.stability.scenes import SCENES
 from svv.core.classified import ClassifiedVolume, ValueRange
 from svv.dvr.classify import MOST_RANGES, classified
 from svv.dvr.grids import from_array
@@ -20,7 +21,6 @@ from svv.dvr.views import make_views
 from svv.errors import BadInput
 from svv.fields.rendering import march
 from svv.io.viewset import ViewSet
-from svv.report.stability_scenes import SCENES
 from svv.train.batches import RayPool
 from svv.train.config import PRESETS, Preset, ReconstructSettings
 from svv.train.pipeline import train_scene

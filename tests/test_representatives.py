@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from svv.fields.rendering import composite, representatives
 from svv.kernels import compiled, plain
-from svv.kernels.dispatch import Samples
+from svv.kernels.types import Samples
 
 STEP = 0.1
 

@@ -11,11 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import nn
 
-from svv.core.cameras import sphere_cameras
-from svv.core.flow import camera_flow, is_consistent, splatted
-from svv.train.features import PatchFeatures
-from svv.train.judge_features import untrained, with_style_colours
-from svv.train.rival_frames import (
+from svv.bench.styles.judge_features import untrained, with_style_colours
+from svv.bench.styles.rival_frames import (
     LEAST_VARIANCE,
     Before,
     StatisticsLoss,
@@ -24,7 +21,10 @@ from svv.train.rival_frames import (
     frame_of_statistics,
     statistics_of,
 )
-from svv.train.rivals import unseeded
+from svv.bench.styles.rivals import unseeded
+from svv.core.cameras import sphere_cameras
+from svv.core.flow import camera_flow, is_consistent, splatted
+from svv.styles.features import PatchFeatures
 from svv.train.style_loss import StyleLossSettings, StyleTarget
 
 SIZE, STEPS = 64, 12

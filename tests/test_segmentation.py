@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from svv.core.filling import filled
 from svv.core.segmentation import neighbours, regions, selection, superpixels
 from svv.errors import BadInput
-from svv.train.segmenters import SAM_VARIABLE, SAM_WEIGHTS, SegmentAnything, Superpixels, segmenter, style_regions
+from svv.styles.segmenters import SAM_VARIABLE, SAM_WEIGHTS, SegmentAnything, Superpixels, segmenter, style_regions
 
 H, W = 72, 96
 CASES = 12
@@ -212,7 +212,7 @@ def test_sam_says_what_is_missing(sam: Path, monkeypatch: pytest.MonkeyPatch) ->
     with pytest.raises(BadInput, match=r"weights are not there.*sam_vit_h_4b8939\.pth"):
         segmenter("sam")
     monkeypatch.delitem(sys.modules, "segment_anything")
-    monkeypatch.setattr("svv.train.segmenters.find_spec", lambda name: None)
+    monkeypatch.setattr("svv.styles.segmenters.find_spec", lambda name: None)
     with pytest.raises(BadInput, match="package segment_anything, which is not installed"):
         segmenter("sam")
 

@@ -1,4 +1,4 @@
-"""``svv stability``: the measures on constructed cases, the scenes' truth, resuming, and what comes out."""
+"""``svv bench stability``: the measures on constructed cases, the scenes' truth, resuming, and what comes out."""
 
 from __future__ import annotations
 
@@ -14,13 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from svv import cli
-from svv.core.cameras import orbit_cameras
-from svv.dvr.grids import index_to_world, to_array
-from svv.errors import BadInput, Cancelled
-from svv.report.stability import Matrix, run_stability
-from svv.report.stability_cases import CASES, EASIEST, Bench, BenchSettings, Case, Measures, barely_masked, tiny
-from svv.report.stability_measures import (
+from svv.bench.stability.cases import CASES, EASIEST, Bench, BenchSettings, Case, Measures, barely_masked, tiny
+from svv.bench.stability.measures import (
     FOREGROUND_DROP,
     colour_differences,
     failures,
@@ -28,8 +23,13 @@ from svv.report.stability_measures import (
     overlaps,
     palette_error,
 )
-from svv.report.stability_scenes import NESTED, SCENES, TRANSPARENT, Range
-from svv.report.stability_table import FILES, summary, write_summary
+from svv.bench.stability.runs import Matrix, run_stability
+from svv.bench.stability.scenes import NESTED, SCENES, TRANSPARENT, Range
+from svv.bench.stability.table import FILES, summary, write_summary
+from svv.cli import app as cli
+from svv.core.cameras import orbit_cameras
+from svv.dvr.grids import index_to_world, to_array
+from svv.errors import BadInput, Cancelled
 from svv.train.config import Preset, preset
 
 # --- measures ----------------------------------------------------------------------------------------------------
@@ -304,7 +304,7 @@ def test_unsteady_seeds_are_a_failure(counted: list[tuple[int, str]], tmp_path: 
 def test_bad_use(
     arguments: list[str], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["svv", "stability", *arguments])
+    monkeypatch.setattr(sys, "argv", ["svv", "bench", "stability", *arguments])
     with pytest.raises(SystemExit) as ended:
         cli.main()
     error = capsys.readouterr().err
@@ -315,7 +315,7 @@ def test_bad_use(
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["stability", "--case", "transparent", "--seeds", "2", "--out", str(tmp_path / "out")]
+    arguments = ["bench", "stability", "--case", "transparent", "--seeds", "2", "--out", str(tmp_path / "out")]
     monkeypatch.setattr(sys, "argv", ["svv", *arguments])
     with pytest.raises(SystemExit) as ended:
         cli.main()

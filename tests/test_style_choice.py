@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.errors import BadInput
-from svv.fields.scene import Region
+from svv.fields.region import Region
 from svv.train.style_choice import checked_masks, colour_differences, leftovers, mean_colour, pairs_by_colour
 
 COLOURS = st.tuples(*[st.floats(0, 1, width=32)] * 3)

@@ -17,8 +17,8 @@ from svv.core.nnfm import luminance
 from svv.errors import BadInput, Cancelled
 from svv.fields.networks import FieldSettings
 from svv.fields.scene import Scene
+from svv.styles.features import load_features
 from svv.train.config import paint_resolutions
-from svv.train.features import load_features
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import PATCH_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import StyledView, spread_along_rays, stylization_cameras, visible_from

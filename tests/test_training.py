@@ -15,9 +15,10 @@ from torch import Tensor
 from svv.core.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled, silent
 from svv.fields import image as fused
+from svv.fields.model import JOINED
 from svv.fields.networks import FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import carve
-from svv.fields.scene import JOINED, Scene
+from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train import pipeline
 from svv.train.checkpoint import Checkpoint

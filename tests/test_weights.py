@@ -15,12 +15,12 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from svv import cli
+from svv.cli import app as cli
 from svv.errors import BadInput, Cancelled
 from svv.io import fetch
-from svv.train import weight_files, weights
-from svv.train.features import PatchFeatures, VggFeatures, load_features
-from svv.train.weight_files import ALEXNET_LAYERS, VGG16_LAYERS, State, content_sha256, read_arrays
+from svv.styles import weight_files, weights
+from svv.styles.features import PatchFeatures, VggFeatures, load_features
+from svv.styles.weight_files import ALEXNET_LAYERS, VGG16_LAYERS, State, content_sha256, read_arrays
 
 VGG16_WIDTHS = (64, 64, 128, 128, 256, 256, 256)
 ALEXNET_SHAPES = ((11, 3, 64), (5, 64, 192), (3, 192, 384), (3, 384, 256), (3, 256, 256))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from svv.train.features import VGG16_WIDTHS
+from svv.styles.features import VGG16_WIDTHS
 
 
 def vgg16_state() -> dict[str, torch.Tensor]:

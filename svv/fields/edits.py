@@ -1,6 +1,6 @@
 """Edits of a scene's regions, and the history that undoes them. Nothing is trained: an edit is a few numbers.
 
-An edit is every field of a :class:`svv.fields.scene.Region` but those that say what the region is (:data:`IDENTITY`),
+An edit is every field of a :class:`svv.fields.region.Region` but those that say what the region is (:data:`IDENTITY`),
 so a new kind of edit is a new field there, and undo, reset and the scene's file know it.
 """
 
@@ -16,13 +16,12 @@ from svv.core.colour import to_hex
 from svv.core.light import COEFFICIENTS, Lamp
 from svv.core.outlines import INK, WIDTH, Pen
 from svv.errors import BadInput
+from svv.fields.model import Model
 from svv.fields.paint_light import paint_light_of
+from svv.fields.region import Region
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-    from svv.fields.networks import FieldSettings
-    from svv.fields.scene import Region
 
 IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light")
 """Fields of a region that are no edits: they come from training and painting."""
@@ -78,7 +77,7 @@ class History:
     past: tuple[Step, ...] = ()
     future: tuple[Step, ...] = ()
 
-    def after(self, what: str, before: Editing) -> History:
+    def after(self, what: str, before: EditedModel) -> History:
         """The history with one more step, from ``before`` on; what was undone cannot be redone any more."""
         return History((*self.past, before.as_step(what))[-STEPS:])
 
@@ -99,13 +98,12 @@ class History:
         return cls(*(tuple(step(values) for values in content[name])[-STEPS:] for name in ("past", "future")))
 
 
-class Editing:
-    """The edits of a scene. Each makes a new scene, which shares the networks and remembers how to undo it."""
+@dataclass(frozen=True)
+class EditedModel(Model):
+    """A model and its edits. Each makes a new one, which shares the networks and remembers how to undo it."""
 
-    regions: tuple[Region, ...]
-    history: History
-    lamp: Lamp
-    settings: FieldSettings
+    history: History = field(default_factory=History)
+    """What undoes the edits."""
 
     def edited(
         self,
@@ -329,17 +327,17 @@ class Editing:
         """The edits as they are, for the history."""
         return Step(what, tuple(map(edits_of, self.regions)), self.lamp)
 
-    def as_one_step(self, before: Editing) -> Self:
+    def as_one_step(self, before: EditedModel) -> Self:
         """The scene with all its edits since ``before``, an earlier state of it, as one step of the history."""
         known = {id(step) for step in before.history.past}
         steps = [step.what for step in self.history.past if id(step) not in known]
         if len(steps) < 2:
             return self
         if self.regions == before.regions and self.lamp == before.lamp:
-            return self._replaced(history=before.history)
-        return self._replaced(history=before.history.after("; ".join(steps), before))
+            return replace(self, history=before.history)
+        return replace(self, history=before.history.after("; ".join(steps), before))
 
-    def with_edits_of(self, other: Editing) -> Self:
+    def with_edits_of(self, other: EditedModel) -> Self:
         """This scene with the edits, and their history, of another that has the same regions.
 
         Which regions are styled, and how strongly, stays.
@@ -348,7 +346,7 @@ class Editing:
             replace(restyled(theirs, own.style), strength=own.strength, mean_light=own.mean_light)
             for own, theirs in zip(self.regions, other.regions, strict=True)
         )
-        return self._replaced(regions=tuple(regions), lamp=other.lamp, history=other.history)
+        return replace(self, regions=tuple(regions), lamp=other.lamp, history=other.history)
 
     def _check_light(self) -> None:
         if self.settings.lighting == "none":
@@ -382,14 +380,11 @@ class Editing:
         lamp = lamp or self.lamp
         if regions == self.regions and lamp == self.lamp:
             return self
-        return self._replaced(regions=regions, lamp=lamp, history=self.history.after(what, self))
+        return replace(self, regions=regions, lamp=lamp, history=self.history.after(what, self))
 
     def _at(self, step: Step, history: History) -> Self:
         regions = (with_edits(r, e) for r, e in zip(self.regions, step.edits, strict=True))
-        return self._replaced(regions=tuple(regions), lamp=step.lamp, history=history)
-
-    def _replaced(self, **changes: Any) -> Self:
-        return replace(cast(Any, self), **changes)
+        return replace(self, regions=tuple(regions), lamp=step.lamp, history=history)
 
 
 def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:

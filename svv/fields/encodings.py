@@ -16,7 +16,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from svv.kernels.dispatch import Lattice, kernels_for
+from svv.kernels.dispatch import kernels_for
+from svv.kernels.types import Lattice
 
 PIECE = 1 << 18
 """Vertices that are looked at together where millions would take hundreds of megabytes."""

@@ -5,7 +5,7 @@ A sixth of the time of an image went into passes over memory between the network
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,6 +15,7 @@ from torch import Tensor
 
 from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import SparseLattice
+from svv.fields.model import Model
 from svv.fields.networks import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import SCALE, SOFT, Beams, PhongLight
@@ -23,11 +24,8 @@ from svv.fields.stroke_opacity import followed
 from svv.kernels import image as kernels
 from svv.kernels.dispatch import kernels_for
 
-if TYPE_CHECKING:
-    from svv.fields.scene import Scene
 
-
-def can_fuse(scene: Scene) -> bool:
+def can_fuse(scene: Model) -> bool:
     """Whether the kernels know the scene's networks: palette and lattices, on the processor."""
     return (
         scene.palette is not None
@@ -37,7 +35,7 @@ def can_fuse(scene: Scene) -> bool:
     )
 
 
-def shade(scene: Scene, samples: Samples, rays: Rays, network: str, beams: Beams) -> tuple[Tensor, Tensor, Tensor]:
+def shade(scene: Model, samples: Samples, rays: Rays, network: str, beams: Beams) -> tuple[Tensor, Tensor, Tensor]:
     """Colour (S, 3), region (S,) int64 and extinction (S,) of samples, for the network ``pcn`` or ``styled``.
 
     The factors on the extinction of whole regions are left to :func:`composite`.
@@ -75,7 +73,7 @@ def shade(scene: Scene, samples: Samples, rays: Rays, network: str, beams: Beams
 
 
 def _light_by_phong(
-    scene: Scene, phong: PhongLight, samples: Samples, beams: Beams, material: Tensor, lights: Tensor, region: Tensor,
+    scene: Model, phong: PhongLight, samples: Samples, beams: Beams, material: Tensor, lights: Tensor, region: Tensor,
     colour: Tensor,
 ) -> None:  # fmt: skip
     """Light ``colour`` (S, 3), in place."""
@@ -105,14 +103,14 @@ def _both_tables(geometry: Tensor, material: SparseLattice) -> Tensor:
     return both
 
 
-def _recoloured(scene: Scene, material: Tensor) -> Tensor:
+def _recoloured(scene: Model, material: Tensor) -> Tensor:
     assert scene.palette is not None
     intensity, weights, offsets = scene.palette.material_of(material)
     return intensity[:, None] * (weights[:, :, None] * scene.edited_colours(offsets)).sum(dim=1)
 
 
 def composite(
-    scene: Scene, samples: Samples, sigma: Tensor, rays: Rays, colour: Tensor, region: Tensor, faint: float,
+    scene: Model, samples: Samples, sigma: Tensor, rays: Rays, colour: Tensor, region: Tensor, faint: float,
     *images: Tensor,
 ) -> None:  # fmt: skip
     """Write what rays see into ``images``: rgba (R, 4), depth (R,), region (R,) int16; other pixels stay."""

@@ -9,7 +9,6 @@ Letters: S samples, P regions.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import torch
@@ -17,16 +16,12 @@ from torch import Tensor
 
 from svv.core.cameras import sphere_cameras
 from svv.core.light import Lamp
+from svv.fields.model import Model
 from svv.fields.networks import PaletteField, encode_directions
 from svv.fields.phong import Beams
+from svv.fields.region import PAINT_LIGHT
 from svv.fields.rendering import RayCaster, composite, march
 from svv.io.images import DRAWN
-
-if TYPE_CHECKING:
-    from svv.fields.scene import Scene
-
-PAINT_LIGHT = 0.6
-"""Part of the light's contrast that is seen on paint unless an edit says otherwise."""
 
 VIEWS, SIZE = 12, 64
 """Views all around, and their side in pixels, over which a region's light is averaged: the mean over 42 views of
@@ -43,7 +38,7 @@ def paint_light_of(style: str | None) -> float:
     return 0.0 if style is not None and style.startswith(DRAWN) else PAINT_LIGHT
 
 
-def lights_of(scene: Scene, network: str) -> Tensor:
+def lights_of(scene: Model, network: str) -> Tensor:
     """What each region makes of the light: a factor f, a scale a of the shade, and what the specular is less by, b.
 
     The lit colour is (1 + f (a m - 1)) c_d + f (c_s - b) for a diffuse colour c_d, shade m and specular c_s. Without
@@ -74,7 +69,7 @@ def lights_of(scene: Scene, network: str) -> Tensor:
 
 
 @torch.no_grad()
-def mean_lights(scene: Scene) -> tuple[tuple[float, float], ...]:
+def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
     """Mean shade m and specular c_s of each region: over what is seen of it all around, under the light of the views.
 
     Edits do not change it. A region that cannot be seen has the means of all. Found once for a palette network.

@@ -19,7 +19,8 @@ from svv.core.cameras import Camera
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.kernels import beams, compiled
-from svv.kernels.dispatch import Limits, Samples, kernels_for
+from svv.kernels.dispatch import kernels_for
+from svv.kernels.types import Limits, Samples
 
 CEILING = 9.0
 """Largest exponent of the extinction (a clipped exponential): e^9 in 1 / box unit is opaque within any step."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,88 +14,25 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.cameras import Camera
-from svv.core.colour import shift_colours
-from svv.core.light import COEFFICIENTS, Lamp
-from svv.core.outlines import INK, WIDTH, Pen, outlined
+from svv.core.light import COEFFICIENTS
+from svv.core.outlines import Pen, outlined
 from svv.errors import BadInput, Progress, silent
 from svv.fields import image as fused
-from svv.fields.edits import Editing, History
-from svv.fields.networks import (
-    BaseField,
-    FieldSettings,
-    PaletteColours,
-    PaletteField,
-    UnrestrictedField,
-    encode_directions,
-)
-from svv.fields.occupancy import Occupancy
-from svv.fields.paint_light import PAINT_LIGHT, lights_of
+from svv.fields.edits import History
+from svv.fields.model import NETWORKS
+from svv.fields.networks import PaletteColours, encode_directions
+from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
+from svv.fields.region import Region
 from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, empty_images, march
-from svv.fields.scene_arrays import NETWORKS, arrays_of, parts_of
+from svv.fields.scene_arrays import arrays_of, parts_of
 from svv.fields.stroke_opacity import fade_of, followed
-from svv.fields.variants import Variant, Variants
+from svv.fields.variants import PaintedModel
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.dispatch import kernels_of
 
-JOINED = 1.0 / 64.0
-"""Samples are joined until they weigh this much in the pixel: half as many colours in a translucent scene, for
-0.02 dB (an opaque one: 0.07 dB); 1/32 would cost 0.1 to 0.2 dB."""
-
 FAINT = 1.0 / 512.0
 """Alpha below half a step of 8 bits: the pixel counts as empty."""
-
-
-@dataclass(frozen=True)
-class Region:
-    """A region of the scene: the samples whose largest palette weight is this colour's, and its edits."""
-
-    colour: tuple[float, float, float]
-    """Palette colour, RGB in [0, 1]."""
-    share: float
-    """Part of the visible pixels' colour that this palette colour explains."""
-    opacity: float = 1.0
-    """Factor on the extinction."""
-    lighting: float = 1.0
-    """Factor on the lighting: 0 shows the flat material."""
-    edited_colour: tuple[float, float, float] | None = None
-    """What ``colour`` was changed to."""
-    style: str | None = None
-    """Name of the style that the UCN gave it; None where the PCN holds its colour."""
-    strength: float = 1.0
-    """How much of the style is shown: 0 the palette's colours, 1 the style's."""
-    values: tuple[float, float] | None = None
-    """The volume's scalar values that it shows, from the smallest to the largest, where they are known,"""
-    ranges: tuple[tuple[float, float], ...] = ()
-    """and the ranges of the transfer function that it is made of."""
-    hidden: bool = False
-    """Whether it is left out of images, whatever its opacity."""
-    ambient: float | None = None
-    """Of an explicit light: what the learned coefficient was changed to, as the next three,"""
-    diffuse: float | None = None
-    """which are parts of the light,"""
-    specular: float | None = None
-    """highlights' too,"""
-    shininess: float | None = None
-    """and the exponent of the highlight."""
-    paint_light: float = PAINT_LIGHT
-    """How much of the light is seen on its paint, in [0, 1]: 0 nothing, 1 all by which it differs from its mean,"""
-    mean_light: tuple[float, float] | None = None
-    """the shade and specular that it has in the mean, found when the scene was painted."""
-    stroke_opacity: float = 0.0
-    """How much its opacity follows its strokes, in [-1, 1]: above 0 dark ones are more opaque, below 0 light ones."""
-
-    outline: float = 0.0
-    """How much ink its outlines have, in [0, 1]: 0 none,"""
-    outline_width: float = WIDTH
-    """how wide they are, in pixels of an image of 800 x 800,"""
-    outline_colour: tuple[float, float, float] = INK
-    """and their colour, RGB in [0, 1]."""
-
-    @property
-    def seen_opacity(self) -> float:
-        """Factor on the extinction in images."""
-        return 0.0 if self.hidden else self.opacity
 
 
 @dataclass(frozen=True)
@@ -112,44 +49,12 @@ class Rendering:
 
 
 @dataclass(frozen=True)
-class Scene(Editing, Variants):
+class Scene(PaintedModel):
     """Networks, geometry and edits of a scene. Edits make a new scene that shares the networks.
 
-    Edits: :class:`svv.fields.edits.Editing`. Paintings: :class:`svv.fields.variants.Variants`.
+    Its values stand in :class:`svv.fields.model.Model`; edits in :class:`svv.fields.edits.EditedModel`, paintings in
+    :class:`svv.fields.variants.PaintedModel`.
     """
-
-    settings: FieldSettings
-    occupancy: Occupancy
-    marching: Marching
-    base: BaseField
-    palette: PaletteField | None = None
-    styled: UnrestrictedField | None = None
-    regions: tuple[Region, ...] = ()
-    camera_rig: dict[str, Any] = field(default_factory=dict)
-    made: dict[str, Any] = field(default_factory=dict)
-    stride: float = 1.0
-    """Sample distance of images in steps of the training's, and"""
-    joined: float = JOINED
-    """the weight in a pixel until which samples are joined: both as :mod:`svv.train.sampling` chose them."""
-    history: History = field(default_factory=History)
-    """What undoes the edits."""
-    painting: str | None = None
-    """Name of the variant whose network is ``styled``, and"""
-    others: tuple[Variant, ...] = ()
-    """the variants that are not shown."""
-    lamp: Lamp = field(default_factory=Lamp)
-    """The light, of a scene whose lighting is ``phong``."""
-
-    @property
-    def networks(self) -> tuple[str, ...]:
-        """The networks it holds, of ``base``, ``pcn`` and ``styled``, the plainest first."""
-        there = (self.base, self.palette, self.styled)
-        return tuple(name for name, network in zip(NETWORKS, there, strict=True) if network is not None)
-
-    @property
-    def device(self) -> torch.device:
-        """Where it is rendered."""
-        return self.base.encoding.table.device
 
     def on(self, device: torch.device) -> Scene:
         """This scene on another device: itself where it is there already, else with networks of its own."""
@@ -262,41 +167,6 @@ class Scene(Editing, Variants):
         diffuse = self.with_style(parts.diffuse(self.edited_colours(parts.offsets)), region, paint)
         return self.light(parts, diffuse, network), region, sigma
 
-    def coefficients(self) -> Tensor | None:
-        """Ambient, diffuse, specular and shininess of each region as edited (P, 4); None without an explicit light."""
-        if self.palette is None or self.palette.phong is None:
-            return None
-        learned = self.palette.phong.coefficients()
-        edited = learned.new_tensor([
-            [torch.nan if (v := getattr(r, name)) is None else v for name in COEFFICIENTS] for r in self.regions
-        ])  # fmt: skip
-        return torch.where(edited.isnan(), learned, edited)
-
-    def edited_colours(self, offsets: Tensor) -> Tensor:
-        """Palette colours of samples with their offsets, recoloured as the regions' edits say. (S, P, 3)"""
-        assert self.palette is not None
-        palette = self.palette.colours
-        colours = palette + offsets
-        edited = [k for k, r in enumerate(self.regions) if r.edited_colour is not None]
-        if edited:
-            own, target = palette[edited].detach(), palette.new_tensor([self.regions[k].edited_colour for k in edited])
-            # The user edits the region's colour as shown; the palette may have drifted from it in training.
-            shown = palette.new_tensor([self.regions[k].colour for k in edited])
-            target = torch.where((target == own).all(1, keepdim=True), shown, target)
-            colours[:, edited] = shift_colours(colours[:, edited], shown, target)
-        return colours
-
-    def paint(self, position: Tensor, network: str) -> Tensor | None:
-        """The UCN's colours (S, 3) of positions (S, 3), in regions that are not styled too; None where not asked."""
-        return None if network != "styled" or self.styled is None else self.styled(position)
-
-    def with_style(self, diffuse: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
-        """Diffuse colour (S, 3) with the paint's (S, 3) in its place where the sample's region (S,) is styled."""
-        if paint is None:
-            return diffuse
-        share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
-        return torch.lerp(diffuse, paint, share[:, None])
-
     def light(self, parts: PaletteColours, diffuse: Tensor, network: str) -> Tensor:
         """Diffuse colour (S, 3) under the scene's light, as bright as each region's edit says. (S, 3)"""
         if network != "styled":  # without paint a is 1 and b is 0, and a GPU has fewer operations to launch
@@ -306,11 +176,6 @@ class Scene(Editing, Variants):
         factor, scale, less = lights_of(self, network)[parts.region].unbind(1)
         shade = (1.0 + factor * (scale * parts.shade - 1.0)).clamp(min=0.0)
         return diffuse * shade[:, None] + (factor * (parts.specular - less))[:, None]
-
-    @property
-    def marching_for_images(self) -> Marching:
-        """How rays are sampled for images of the scene without its edits."""
-        return replace(self.marching, step=self.stride * self.marching.step, least_weight=self.joined, merge=True)
 
     def _marching_as_edited(self, network: str) -> Marching:
         """What is made more transparent shows what lies behind it, so rays no longer end at their old depth."""

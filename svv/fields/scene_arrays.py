@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,20 +12,15 @@ from torch import nn
 from svv.core.box import Box
 from svv.core.light import Lamp
 from svv.fields.encodings import Encoding, SparseLattice
+from svv.fields.model import NETWORKS
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching
-from svv.fields.variants import Variant
-
-if TYPE_CHECKING:
-    from svv.fields.scene import Scene
+from svv.fields.variants import PaintedModel, Variant
 
 Arrays = dict[str, NDArray[Any]]
 
-NETWORKS = ("base", "pcn", "styled")
-
-
-def arrays_of(scene: Scene, packed: bool) -> tuple[dict[str, Any], Arrays]:
+def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays]:
     """Header and arrays of the file, see :meth:`svv.fields.scene.Scene.to_arrays`."""
     box = scene.occupancy.box
     header = {
@@ -119,7 +114,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _normal_resolutions(scene: Scene) -> tuple[int, ...] | None:
+def _normal_resolutions(scene: PaintedModel) -> tuple[int, ...] | None:
     phong = None if scene.palette is None else scene.palette.phong
     return None if phong is None else phong.normals.resolutions
 

@@ -10,19 +10,16 @@ Letters: S samples, P regions.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import torch
 from torch import Tensor
 
 from svv.core.cameras import sphere_cameras
+from svv.fields.model import Model
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import SIZE, VIEWS
 from svv.fields.rendering import RayCaster, Samples, composite, march
-
-if TYPE_CHECKING:
-    from svv.fields.scene import Scene
 
 REACH = 0.8
 """Logarithm of the extinction's factor a standard deviation of the paint's brightness from its mean, at amount 1,"""
@@ -39,7 +36,7 @@ how much of the logarithm of a gain is taken to be seen in that of the opacity: 
 _known: WeakKeyDictionary[UnrestrictedField, dict[tuple[tuple[float, float], ...], Tensor]] = WeakKeyDictionary()
 
 
-def followed(scene: Scene, sigma: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
+def followed(scene: Model, sigma: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
     """The extinction of samples with that of painted regions following their strokes: a new tensor where any does.
 
     Args:
@@ -52,7 +49,7 @@ def followed(scene: Scene, sigma: Tensor, region: Tensor, paint: Tensor | None) 
     return sigma if strokes is None or paint is None else sigma * _factor(strokes, region, brightness(paint))
 
 
-def fade_of(scene: Scene, network: str) -> float:
+def fade_of(scene: Model, network: str) -> float:
     """Least factor that the edits set on an extinction of the scene, strokes' where the network is ``styled``."""
     strokes = strokes_of(scene) if network == "styled" else None
     seen = [r.seen_opacity for r in scene.regions]
@@ -67,7 +64,7 @@ def brightness(colour: Tensor) -> Tensor:
     return colour.clamp(0.0, 1.0) @ colour.new_tensor([0.2126, 0.7152, 0.0722])
 
 
-def strokes_of(scene: Scene) -> Tensor | None:
+def strokes_of(scene: Model) -> Tensor | None:
     """What each region's strokes make of the extinction: a gain g, a slope k, a mean y and a reach b.
 
     The factor on the extinction of a sample whose paint has the brightness v is exp(g + clip(k (y - v), -b, b)).
@@ -92,7 +89,7 @@ def _factor(strokes: Tensor, region: Tensor, bright: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def _solved(scene: Scene, network: UnrestrictedField, amounts: list[float]) -> Tensor:
+def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> Tensor:
     """Means and gains over what is seen of the scene as edited, all around."""
     assert scene.palette is not None
     opacity = scene.palette.colours.new_tensor([r.seen_opacity for r in scene.regions])

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from svv.errors import BadInput
-from svv.fields.edits import restyled
+from svv.fields.edits import EditedModel, restyled
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import mean_lights
+from svv.fields.region import Region
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-    from svv.fields.scene import Region
 
 UNNAMED = "styled"
 """Name of the variant that was given none."""
@@ -35,14 +34,14 @@ class Variant:
     """How it was painted."""
 
 
-class Variants:
-    """The paintings of a scene. One is shown: its network is ``styled``, its styles are the regions'."""
+@dataclass(frozen=True)
+class PaintedModel(EditedModel):
+    """A model and its paintings. One is shown: its network is ``styled``, its styles are the regions'."""
 
-    regions: tuple[Region, ...]
-    styled: UnrestrictedField | None
-    made: dict[str, Any]
-    painting: str | None
-    others: tuple[Variant, ...]
+    painting: str | None = None
+    """Name of the variant whose network is ``styled``, and"""
+    others: tuple[Variant, ...] = ()
+    """the variants that are not shown."""
 
     @property
     def variant(self) -> str | None:
@@ -76,11 +75,11 @@ class Variants:
         self._check_variant(name)
         rest = tuple(other for other in self.every_variant if other.name != name)
         if name != self.variant:
-            return self._replaced_variants(others=tuple(o for o in self.others if o.name != name))
+            return replace(self, others=tuple(o for o in self.others if o.name != name))
         if rest:
             return self._showing(rest[0], rest[1:])
         made = {key: value for key, value in self.made.items() if key != "stylized"}
-        return self._replaced_variants(styled=None, painting=None, others=(), regions=self._styled(None), made=made)
+        return replace(self, styled=None, painting=None, others=(), regions=self._styled(None), made=made)
 
     def painted(
         self, network: UnrestrictedField, styles: Mapping[int, str], made: dict[str, Any], name: str | None = None
@@ -99,8 +98,8 @@ class Variants:
         rest = tuple(other for other in self.every_variant if other.name != name)
         every = tuple(styles.get(region) for region in range(len(self.regions)))
         shown = self._showing(Variant(name, network, every, made), rest)
-        lit = zip(shown.regions, mean_lights(cast(Any, self)), strict=True)
-        return shown._replaced_variants(regions=tuple(replace(region, mean_light=mean) for region, mean in lit))
+        lit = zip(shown.regions, mean_lights(self), strict=True)
+        return replace(shown, regions=tuple(replace(region, mean_light=mean) for region, mean in lit))
 
     def free_name(self, name: str | None) -> str:
         """The name of a variant to be painted; without one it is :data:`UNNAMED`, which may be painted over.
@@ -131,7 +130,8 @@ class Variants:
         return tuple(sorted(every, key=lambda variant: variant.name))
 
     def _showing(self, chosen: Variant, rest: tuple[Variant, ...]) -> Self:
-        return self._replaced_variants(
+        return replace(
+            self,
             styled=chosen.network, painting=chosen.name, others=rest, regions=self._styled(chosen.styles),
             made={**self.made, "stylized": chosen.made},
         )  # fmt: skip
@@ -140,6 +140,3 @@ class Variants:
         if styles is None:
             return tuple(replace(restyled(region, None), mean_light=None) for region in self.regions)
         return tuple(restyled(region, name) for region, name in zip(self.regions, styles, strict=True))
-
-    def _replaced_variants(self, **changes: Any) -> Self:
-        return replace(cast(Any, self), **changes)

@@ -1,4 +1,4 @@
-"""The kernels on the processor: numba, on the tensors' own memory. See :class:`svv.kernels.dispatch.Kernels`."""
+"""The kernels on the processor: numba, on the tensors' own memory. See :class:`svv.kernels.types.Kernels`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.kernels import hashing, lattice, marching, plain, products, rays
-from svv.kernels.dispatch import Lattice, Limits, Samples
+from svv.kernels.types import Lattice, Limits, Samples
 
 NAME = "numba"
 RAYS = 1 << 13

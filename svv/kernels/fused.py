@@ -1,4 +1,4 @@
-"""The kernels on the GPU: Triton. See :class:`svv.kernels.dispatch.Kernels`."""
+"""The kernels on the GPU: Triton. See :class:`svv.kernels.types.Kernels`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from svv.core.networks import relu_layers
 from svv.kernels import fused_networks, fused_rays, fused_tables
-from svv.kernels.dispatch import Lattice, Limits, Samples
+from svv.kernels.types import Lattice, Limits, Samples
 
 NAME = "triton"
 RAYS = 1 << 18

@@ -168,7 +168,7 @@ def fits(x: Tensor, weights: Sequence[Tensor]) -> bool:
 
 
 def run(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
-    """See :meth:`svv.kernels.dispatch.Kernels.network`; networks that do not fit run in plain torch."""
+    """See :meth:`svv.kernels.types.Kernels.network`; networks that do not fit run in plain torch."""
     if not fits(x, weights):
         return relu_layers(x, weights)
     return _Network.apply(x.contiguous(), *weights)  # type: ignore[no-any-return]

@@ -1,4 +1,4 @@
-"""The kernels in torch alone, on any device. See :class:`svv.kernels.dispatch.Kernels`."""
+"""The kernels in torch alone, on any device. See :class:`svv.kernels.types.Kernels`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from svv.core.compositing import composite_samples
 from svv.core.encodings import hash_corners, hash_features, lattice_corners, lattice_features
 from svv.core.networks import relu_layers
 from svv.core.representatives import representatives as reference
-from svv.kernels.dispatch import Lattice, Limits, Samples
+from svv.kernels.types import Lattice, Limits, Samples
 
 NAME = "torch"
 RAYS = 1 << 16

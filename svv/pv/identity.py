@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv import __version__
+from svv._version import __version__
 from svv.errors import BadInput
 from svv.io.atomic import to_json
 from svv.pv.steps import Moment

@@ -53,7 +53,7 @@ def source_of(values: Values, region: int) -> str | None:
 
 def _offered(word: str) -> str:
     """The source of what the panel itself offers: an ink or a picture of the gallery."""
-    from svv.train.gallery import PREFIX
+    from svv.styles.gallery import PREFIX
 
     return word if word in INKS else PREFIX + word
 
@@ -68,9 +68,9 @@ def mask_for(values: Values, region: int, source: str, picture: Colours) -> tupl
     """The part of a picture that a region's row asks for, and its points; None where it asks for all of it.
 
     Raises:
-        BadInput: points or a mask that cannot be (:func:`svv.report.selecting.selected`), or a part that there is not.
+        BadInput: points or a mask that cannot be (:func:`svv.styles.selecting.selected`), or a part that there is not.
     """
-    from svv.report.selecting import selected
+    from svv.styles.selecting import selected
 
     row = f"Region{region}"
     if not asks_for_part(values, region):
@@ -96,7 +96,7 @@ def parts_of(values: Values, picture: Colours) -> NDArray[np.int64]:
     Raises:
         BadInput: no number of parts, or one out of range.
     """
-    from svv.train.segmenters import style_regions
+    from svv.styles.segmenters import style_regions
 
     if not values["PictureParts"]:
         raise BadInput("Say under Picture Parts into how many the pictures are to be cut, 2 to 32.")
@@ -135,7 +135,7 @@ def preview(
     """
     from svv.io.mask_pictures import mask_overlay, regions_overlay, with_rulers
     from svv.io.output import to_bytes
-    from svv.report.selecting import source_size
+    from svv.styles.selecting import source_size
     from svv.train.ink import PAPER, Ink, picture_of, style_named
 
     region = values["ShownMask"]
@@ -165,8 +165,8 @@ def write_masks(scene: Scene, values: Values, folder: Path, progress: Progress) 
     from svv.io.mask_file import overlay_file, write_mask, write_selection
     from svv.io.mask_pictures import mask_overlay
     from svv.io.output import write_png
-    from svv.report.selecting import source_size
-    from svv.train.gallery import open_style
+    from svv.styles.gallery import open_style
+    from svv.styles.selecting import source_size
 
     written = 0
     for region in range(len(scene.regions)):

@@ -48,7 +48,7 @@ GALLERY = (
     "stipple", "cross-hatching", "woodcut", "watercolour", "impasto", "pastel", "mosaic", "ink-wash", "screen-print",
     "charcoal", "oil", "pointillism",
 )  # fmt: skip
-"""The names of :data:`svv.train.gallery.GALLERY`, which takes too long to import before ParaView's window is there."""
+"""The names of :data:`svv.styles.gallery.GALLERY`, which takes too long to import before ParaView's window is there."""
 INKS = ("ink:stippling", "ink:hatching", "ink:cross-hatching")
 """The styles of :data:`svv.train.ink.INKS`, which need no picture."""
 AS_IT_CAME, BESIDE, IN_WORLD = "as it came", "beside the camera", "in the world"

@@ -198,7 +198,8 @@ class StyleRFStylizedView(ImageOutput, Keeping):
         super().__init__(1, 1, "vtkImageData")
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.work import camera_for, draw, style_key, stylize, train, training_moment
+        from svv.pv.styling import stylize
+        from svv.pv.work import camera_for, draw, style_key, train, training_moment
 
         values = self.values
         now, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]

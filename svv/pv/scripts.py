@@ -15,7 +15,7 @@ from typing import Any
 from svv.core.cameras import Camera
 from svv.ending import end_with
 from svv.errors import BadInput
-from svv.report.source import Drawn
+from svv.job.source import Drawn
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Starts ParaView's programs with our plugin and with an environment of ours that holds no second VTK.
 
-Needs nothing beyond Python's own library and imports no ``paraview``: it runs before ParaView does, and the launcher
-of an installation runs it with any Python (``python3 -m svv.pv.start pvpython script.py``).
+Needs nothing beyond Python's own library and imports no ``paraview``: it runs before ParaView does.
 
 The program replaces our process: exit code and signals are its own, and ``mpiexec`` may start one a rank.
 """
@@ -304,27 +303,3 @@ def _home() -> Path:
 
 def _dotted(version: tuple[int, int]) -> str:
     return ".".join(str(part) for part in version)
-
-
-def main() -> NoReturn:
-    """Start what the command line names: a program and its arguments, or ``paraview``'s arguments alone.
-
-    ``--prepare`` by itself prepares the environment instead.
-    """
-    program, arguments = "paraview", sys.argv[1:]
-    if arguments and arguments[0] in PROGRAMS:
-        program, *arguments = arguments
-    try:
-        if program == "paraview" and arguments == ["--prepare"]:
-            from svv.pv.prepare import prepare
-
-            print(prepare())
-            sys.exit(0)
-        run(program, arguments)
-    except BadInput as error:
-        print(f"svv: {error}", file=sys.stderr)
-        sys.exit(2)
-
-
-if __name__ == "__main__":
-    main()

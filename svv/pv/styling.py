@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from svv.errors import BadInput, Progress
+from svv.errors import BadInput, Progress, part
 from svv.io.mask_file import Mask
 from svv.pv.identity import digest_of_scene
 from svv.pv.masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
@@ -53,10 +54,8 @@ def painted(scene: Scene, last: Painting | None, values: Values, progress: Progr
         progress: Called several times a second.
 
     Raises:
-        BadInput, Cancelled: as :func:`svv.pv.work.stylize`.
+        BadInput, Cancelled: as :func:`stylize`.
     """
-    from svv.pv.work import stylize
-
     go_on, name = goes_on(scene, last, values)
     start = last.scene if last is not None and name else scene
     return stylize(start, values, progress, go_on)
@@ -159,3 +158,50 @@ def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
         if source not in rows.values():
             styles.notes.append(f"{source} has no region and is not used; there are more pictures than regions.")
     return styles
+
+
+def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = False) -> Scene:
+    """The scene with its regions painted as the panel says, as a variant that is shown.
+
+    Args:
+        scene: With a palette network.
+        values: The panel's; those that it lacks are at their defaults.
+        progress: Called several times a second.
+        go_on: Go on with the painting that the scene shows.
+
+    Raises:
+        BadInput: any reason of :func:`styles_of` or :func:`svv.train.pipeline.stylize_scene`.
+        Cancelled: ``progress`` raised it.
+    """
+    from svv.kernels.dispatch import device_named
+    from svv.train.pipeline import stylize_scene
+
+    device = device_named(values["Device"])
+    file = values.get("PreviewFile")
+    preview, progress = (None, progress) if not file else told_of(Path(file), progress)
+    styles = styles_of(scene, values, part(progress, 0.0, 0.02))
+    styled, report = stylize_scene(
+        scene.on(device), styles.pictures, styles.mapping, (), values["Preset"], values["Seed"],
+        part(progress, 0.02, 1.0), names=styles.names, masks=styles.masks, stroke_size=values.get("StrokeSize", 1.0),
+        go_on=go_on, variant=None if go_on else values.get("Variant") or None,
+        preview=preview,
+    )  # fmt: skip
+    notes = {**report, "notes": [*styles.notes, *report["notes"]]}
+    return replace(styled, made={**styled.made, "stylized": notes})
+
+
+def told_of(file: Path, progress: Progress) -> tuple[Callable[[Scene], None], Progress]:
+    """What keeps a picture of the painting in a file, and a progress that says so once it is there.
+
+    Raises:
+        BadInput: the file is no .png, or cannot be written.
+    """
+    from svv.render.frames import previews_in
+
+    write, there = previews_in(file), []
+
+    def show(scene: Scene) -> None:
+        write(scene)
+        there.append(scene.variant)
+
+    return show, lambda fraction, label: progress(fraction, f"{label}; see {file}" if there else label)

@@ -6,7 +6,7 @@ nothing is made twice.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -200,54 +200,6 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
     return scene
 
 
-def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = False) -> Scene:
-    """The scene with its regions painted as the panel says, as a variant that is shown.
-
-    Args:
-        scene: With a palette network.
-        values: The panel's; those that it lacks are at their defaults.
-        progress: Called several times a second.
-        go_on: Go on with the painting that the scene shows.
-
-    Raises:
-        BadInput: any reason of :func:`svv.pv.styling.styles_of` or :func:`svv.train.pipeline.stylize_scene`.
-        Cancelled: ``progress`` raised it.
-    """
-    from svv.kernels.dispatch import device_named
-    from svv.pv.styling import styles_of
-    from svv.train.pipeline import stylize_scene
-
-    device = device_named(values["Device"])
-    file = values.get("PreviewFile")
-    preview, progress = (None, progress) if not file else told_of(Path(file), progress)
-    styles = styles_of(scene, values, part(progress, 0.0, 0.02))
-    styled, report = stylize_scene(
-        scene.on(device), styles.pictures, styles.mapping, (), values["Preset"], values["Seed"],
-        part(progress, 0.02, 1.0), names=styles.names, masks=styles.masks, stroke_size=values.get("StrokeSize", 1.0),
-        go_on=go_on, variant=None if go_on else values.get("Variant") or None,
-        preview=preview,
-    )  # fmt: skip
-    notes = {**report, "notes": [*styles.notes, *report["notes"]]}
-    return replace(styled, made={**styled.made, "stylized": notes})
-
-
-def told_of(file: Path, progress: Progress) -> tuple[Callable[[Scene], None], Progress]:
-    """What keeps a picture of the painting in a file, and a progress that says so once it is there.
-
-    Raises:
-        BadInput: the file is no .png, or cannot be written.
-    """
-    from svv.report.render import previews_in
-
-    write, there = previews_in(file), []
-
-    def show(scene: Scene) -> None:
-        write(scene)
-        there.append(scene.variant)
-
-    return show, lambda fraction, label: progress(fraction, f"{label}; see {file}" if there else label)
-
-
 def style_key(values: Values) -> str:
     """What a stylization depends on besides its scene, as a hash; of files their content counts, and their names.
 
@@ -255,7 +207,7 @@ def style_key(values: Values) -> str:
         BadInput: a file is not there.
     """
     from svv.io.images import DRAWN
-    from svv.train.gallery import PREFIX
+    from svv.styles.gallery import PREFIX
 
     files = []
     for name in values["StyleFiles"]:
@@ -310,7 +262,7 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
     from svv.io.mask_pictures import region_map_overlay
     from svv.io.output import to_bytes
     from svv.kernels.dispatch import device_named
-    from svv.report.render import region_colours
+    from svv.render.frames import region_colours
 
     if values.get("Variant"):
         scene = scene.with_variant(values["Variant"])

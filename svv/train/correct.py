@@ -18,7 +18,8 @@ from svv.core.cameras import camera_rig
 from svv.core.correction import Correction, Entry, corrected
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.edits import History, edits_of, with_edits
-from svv.fields.scene import Region, Scene
+from svv.fields.region import Region
+from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.measure import measured

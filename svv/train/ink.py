@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.images import DRAWN
 from svv.kernels import inking
+from svv.styles.gallery import open_style
 from svv.train.form import Floats, Form
-from svv.train.gallery import open_style
 from svv.train.quilt import LIGHT
 
 PAPER = (0.97, 0.955, 0.92)
@@ -145,7 +145,7 @@ def style_named(source: str | Path, progress: Progress = silent) -> tuple[str, S
     """What a style is called, and its picture or its ink: ``ink:NAME``, ``gallery:NAME`` or a file.
 
     Raises:
-        BadInput: as :func:`ink_named` and :func:`svv.train.gallery.open_style`.
+        BadInput: as :func:`ink_named` and :func:`svv.styles.gallery.open_style`.
     """
     ink = ink_named(source)
     return open_style(source, progress) if ink is None else (ink.name, ink)

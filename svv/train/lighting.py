@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from svv.errors import Progress, part
 from svv.fields.networks import FieldSettings, encode_directions
 from svv.fields.phong import Beams
+from svv.fields.region import Region
 from svv.fields.rendering import RayCaster, composite, march
-from svv.fields.scene import Region, Scene
+from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train.batches import RayPool
 from svv.train.config import RecolourSettings

@@ -1,7 +1,7 @@
 """LPIPS with AlexNet (Zhang et al. 2018, version 0.1), where its weights are on this machine; else no number.
 
 The weights are AlexNet's (torchvision's) and the linear heads of the package ``lpips``, as
-:mod:`svv.train.weights` finds and fetches them. Nothing is downloaded here.
+:mod:`svv.styles.weights` finds and fetches them. Nothing is downloaded here.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from svv.errors import BadInput
-from svv.train import weights
+from svv.styles import weights
 
 CHANNELS = (64, 192, 384, 256, 256)
 MIN_SIZE = 31

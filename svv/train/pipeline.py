@@ -16,19 +16,20 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from svv import __version__
+from svv._version import __version__
 from svv.core.cameras import camera_rig
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.networks import UnrestrictedField
-from svv.fields.scene import Region, Scene
+from svv.fields.region import Region
+from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
 from svv.measure import give_memory_back, measured
+from svv.styles.features import PatchFeatures, load_features
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field, lit_by, preset
 from svv.train.contrast import match_contrast
 from svv.train.evaluate import evaluate_scene as evaluate_scene
-from svv.train.features import PatchFeatures, load_features
 from svv.train.ink import PAPER, Ink, Style
 from svv.train.levels import with_fewest_levels
 from svv.train.lighting import light_by_trial, shows_light, with_explicit_light

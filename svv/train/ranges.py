@@ -14,8 +14,9 @@ from torch import Tensor
 from svv.core.classified import ClassifiedVolume
 from svv.core.colour import to_hex
 from svv.core.palette import Palette, PaletteSettings
+from svv.fields.region import Region
 from svv.fields.rendering import Samples, composite, march
-from svv.fields.scene import Region, Scene
+from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train.batches import RayPool
 

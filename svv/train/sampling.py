@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
-from svv.fields.scene import JOINED, Scene
+from svv.fields.model import JOINED
+from svv.fields.scene import Scene
 
 CHOICES = ((2.0, 1 / 32), (2.0, 1 / 64), (1.5, 1 / 32), (1.5, 1 / 64))
 """Sample distances in steps of the training's, and weights until which samples are joined; the cheapest first."""

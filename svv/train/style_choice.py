@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from svv.errors import BadInput
-from svv.fields.scene import Region
+from svv.fields.region import Region
 from svv.train.ink import PAPER, Ink, Style, picture_of
 
 Mask = NDArray[np.bool_]

@@ -1,6 +1,6 @@
 """What a region's render is drawn towards: one style picture, its features and colours, and the loss against them.
 
-The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.train.features`. What is added can be turned off
+The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.styles.features`. What is added can be turned off
 (:data:`PAPER_LOSS`) and answers what goes wrong with NNFM alone: a smooth render stays with the few smooth places of
 the style (balanced matching), colours drift (their mean and covariance), and views that disagree about where a stroke
 lies average it away (the features' energy, and a start that is painted already and holds the strokes in place).
@@ -26,7 +26,7 @@ from svv.core.nnfm import (
     statistics_loss,
     total_variation,
 )
-from svv.train.features import STRIDE, PatchFeatures
+from svv.styles.features import STRIDE, PatchFeatures
 from svv.train.quilt import Guides
 
 LEAST_SHARE = 0.3
@@ -91,7 +91,7 @@ PAPER_LOSS = StyleLossSettings(style_size=400, colours=0.0, variation=0.0, seede
 """The loss as the paper has it."""
 
 PATCH_LOSS = StyleLossSettings(balance=0.05, energy=3.0, variation=0.0, along_rays=6.0, rate=0.1)
-"""What suits patches in a cosine basis (:class:`svv.train.features.PatchFeatures`), which know no shapes: a smooth
+"""What suits patches in a cosine basis (:class:`svv.styles.features.PatchFeatures`), which know no shapes: a smooth
 render would stay with the few smooth places of the style."""
 
 

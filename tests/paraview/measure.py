@@ -94,8 +94,8 @@ def main() -> None:
 
 def measure(chosen: argparse.Namespace, folder: Path) -> dict[str, object]:
     """All figures."""
+    from svv.job.demo import generate
     from svv.pv import start
-    from svv.report.demo import generate
 
     generate(folder)
     if chosen.volume is None:
@@ -152,7 +152,7 @@ def outside(chosen: argparse.Namespace) -> None:
     from svv.dvr.views import make_views
     from svv.fields.scene import Scene
     from svv.io.images import read_style
-    from svv.report.render import orbit
+    from svv.render.frames import orbit
     from svv.train.pipeline import stylize_scene, train_scene
 
     style = read_style(chosen.style)

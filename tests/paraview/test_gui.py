@@ -16,7 +16,7 @@ from PIL import Image
 
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.io.output import write_png
-from svv.train.textures import style_picture
+from svv.styles.textures import style_picture
 
 SCRIPT = """
 from paraview.simple import *

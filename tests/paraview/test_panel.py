@@ -12,12 +12,12 @@ from PIL import Image
 from svv.core.cameras import sphere_cameras
 from svv.core.light import Lamp
 from svv.core.outlines import INK, WIDTH
-from svv.fields.paint_light import PAINT_LIGHT
+from svv.fields.region import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.images import DRAWN
 from svv.io.output import to_bytes, write_png
 from svv.io.viewset import ViewSet
-from svv.train.gallery import GALLERY, open_style
+from svv.styles.gallery import GALLERY, open_style
 from svv.train.ink import INKS
 from svv.train.style_choice import pairs_by_colour
 from tests.cube import cube_paint, cube_scene, lit_cube_scene
@@ -284,7 +284,7 @@ paint = StyleRFStylize(Input=reader, StyleFiles=["halves.png", "blue.png"], Pres
 said["first"] = [status(paint), style()]
 from pathlib import Path
 from svv.fields.scene import Scene
-from svv.pv.work import told_of
+from svv.pv.styling import told_of
 said["labels"] = []
 show, progress = told_of(Path("again.png"), lambda fraction, label: said["labels"].append(label))
 progress(0.1, "before")

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from svv.cli.options import parse_colour
 from svv.io.mask_pictures import WANTED
 from svv.io.output import write_png
-from svv.options import parse_colour
 from svv.pv import start
-from svv.train.gallery import gallery_picture
+from svv.styles.gallery import gallery_picture
 from tests.cube import cube_scene
 
 SCRIPT = """

@@ -13,8 +13,8 @@ import pytest
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.fields.scene import Scene
 from svv.io.output import write_png
-from svv.report.pictures import read_png
-from svv.train.textures import style_picture
+from svv.render.pictures import read_png
+from svv.styles.textures import style_picture
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "paraview_scripts"
 QUICK = ("--preset", "draft", "--time-limit", 5, "--views", 12, "--test", 2, "--size", 96)

@@ -1,0 +1,1 @@
+"""What measures the rest of the package; nothing else imports it."""

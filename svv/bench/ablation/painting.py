@@ -1,0 +1,229 @@
+"""Ablations: what the paper says is needed, and what is ours, left out one at a time.
+
+Of the stylization: the matching of features, the painted start and what its pieces are laid by, colour transfer,
+lighting, the background behind the regions' renders, one colour along a ray, and paint on finer cells than the
+scene's. Of the palette network: the refinement of
+the palette's colours, and the weight of the offsets (lambda_delta). Every variant is a folder, and what is there is not
+done again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from svv.bench.ablation.palette import PALETTE_COLUMNS, PALETTE_NOTE, PALETTES, ablate_palette
+from svv.bench.styles.consistency import draw_frames, measure_frames
+from svv.bench.styles.likeness import caption
+from svv.bench.styles.modes import PaintedAsShown, flat_means, kept_scene, likeness
+from svv.bench.styles.path import FINE, OrbitPath, Protocol, digest, finely
+from svv.bench.styles.table import JUDGED, contact_sheet, markdown, write_tables
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.region import PAINT_LIGHT
+from svv.fields.scene import Scene
+from svv.io.atomic import make_folder
+from svv.io.images import read_style
+from svv.io.viewset import ViewSet
+from svv.train.config import Preset, StylizeSettings
+from svv.train.pipeline import stylize_scene
+from svv.train.style_loss import StyleLossSettings
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class StyleVariant:
+    """A change of the stylization."""
+
+    stylize: Callable[[StylizeSettings], StylizeSettings] = lambda s: s
+    loss: Callable[[StyleLossSettings], StyleLossSettings] = lambda s: s
+    lit: bool = True
+    """Whether its frames are shown with light."""
+
+
+STYLES: dict[str, dict[str, StyleVariant]] = {
+    "matching": {
+        "laid and matched": StyleVariant(),
+        "laid only": StyleVariant(stylize=lambda s: replace(s, style_iterations=0)),
+    },
+    "painted-start": {
+        "begun with pieces of the style": StyleVariant(),
+        "begun with one colour a region": StyleVariant(loss=lambda s: replace(s, seeded=False)),
+    },
+    "form": {
+        "strokes along the form": StyleVariant(),
+        "strokes upright": StyleVariant(loss=lambda s: replace(s, guides=replace(s.guides, along_form=False))),
+    },
+    "tone": {
+        "light strokes where it is light": StyleVariant(),
+        "strokes regardless of light": StyleVariant(loss=lambda s: replace(s, guides=replace(s.guides, tone=0.0))),
+    },
+    "contrast": {
+        "contrast as in the style": StyleVariant(),
+        "contrast as it comes": StyleVariant(loss=lambda s: replace(s, contrast=False)),
+    },
+    "depth": {
+        "larger strokes in fog": StyleVariant(),
+        "strokes of one size": StyleVariant(loss=lambda s: replace(s, largest=1.0)),
+    },
+    "colour-transfer": {
+        "with colour transfer": StyleVariant(),
+        "without colour transfer": StyleVariant(stylize=lambda s: replace(s, colour_transfer=False)),
+    },
+    "lighting": {"with lighting": StyleVariant(), "without lighting": StyleVariant(lit=False)},
+    "background": {
+        "luminance background": StyleVariant(),
+        "black background": StyleVariant(loss=lambda s: replace(s, background=0.0)),
+        "white background": StyleVariant(loss=lambda s: replace(s, background=1.0)),
+    },
+    "along-rays": {
+        "as it is": StyleVariant(),
+        "half as much": StyleVariant(loss=lambda s: replace(s, along_rays=s.along_rays / 2)),
+        "nothing along rays": StyleVariant(loss=lambda s: replace(s, along_rays=0.0)),
+    },
+    "paint-cells": {
+        "paint's own cells": StyleVariant(),
+        "the scene's cells": StyleVariant(stylize=lambda s: replace(s, pixels_a_cell=None)),
+    },
+}
+NAMES = (*STYLES, *PALETTES)
+"""The ablations."""
+
+STYLE_COLUMNS = {name: name for name in (*JUDGED, "content", "seconds") if name != "patches 1/2"}
+"""Figure -> its title in the table."""
+
+STYLE_NOTE = (
+    "FLIP and RMSE between frames so many apart, after warping along the flow of the depth; 'part': of what the frame "
+    "differs from its mean colour. Distances of patches and colours to the first style, best at 0; contrast of fine "
+    "detail against the style's, best at 1; content: likeness to the unstyled frames, 1 at most; changed: by how much "
+    "colours did."
+)
+
+
+@dataclass(frozen=True)
+class Ablation(PaintedAsShown):
+    """Which ablations, of what."""
+
+    scene: Path
+    styles: tuple[Path, ...]
+    """Pictures; the first is taken, or as many as there are regions, in turn."""
+    views: Path | None
+    """The scene's folder of views."""
+    only: tuple[str, ...] | None
+    """Of :data:`NAMES`; None: all for which there is what they need."""
+    protocol: Protocol
+    preset: str = "balanced"
+    seed: int = 0
+    features: str = "auto"
+    paper_loss: bool = False
+
+    def __post_init__(self) -> None:
+        for name in self.only or ():
+            if name not in NAMES:
+                raise BadInput(f"There is no ablation '{name}'; choose of {', '.join(NAMES)}.")
+            if name in STYLES and not self.styles:
+                raise BadInput(f"The ablation '{name}' needs a picture: give --style.")
+            if name in PALETTES and self.views is None:
+                raise BadInput(f"The ablation '{name}' needs the scene's views: give --views.")
+        if not self.names:
+            raise BadInput("Give --style for the ablations of the stylization, --views for those of the palette.")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those that are done."""
+        there = ((STYLES, bool(self.styles)), (PALETTES, self.views is not None))
+        able = [name for group, can in there if can for name in group]
+        return tuple(name for name in able if self.only is None or name in self.only)
+
+
+def run_ablation(job: Ablation, out: Path, progress: Progress = silent) -> str:
+    """Do all variants that are not there yet.
+
+    Args:
+        job: Which.
+        out: Folder of the results.
+        progress: Called several times a second; stops the work when it raises, and the same call goes on.
+
+    Returns:
+        The tables as Markdown, which are in ``ablations.md``, too; ``ablations.csv`` and ``.json`` have all figures.
+
+    Raises:
+        BadInput: a file that is missing or damaged, or a folder that cannot be written to.
+    """
+    scene, make = Scene.load(job.scene), make_folder(out)
+    views = None if job.views is None else _read_views(job.views)
+    pictures = [read_style(path) for path in job.styles]
+    rows: list[Row] = []
+    for number, name in enumerate(job.names):
+        each = part(progress, number / len(job.names), (number + 1) / len(job.names))
+        if name in STYLES:
+            rows += _style_ablation(job, name, scene, pictures, make, each)
+        else:
+            assert views is not None
+            rows += ablate_palette(job.scene, name, scene, views, job.preset, job.seed, make, each)
+    progress(1.0, f"{len(rows)} variants")
+    text = "\n".join(_table(job, name, [r for r in rows if r["ablation"] == name]) for name in job.names)
+    write_tables(out, "ablations", rows, text)
+    return text
+
+
+def _table(job: Ablation, name: str, rows: Sequence[Row]) -> str:
+    metrics = {"flip": "FLIP", "rmse": "RMSE", "rmse_part": "RMSE, part"}
+    apart = {f"depth {n} {k}": f"{title}, {n} apart" for n in job.protocol.intervals for k, title in metrics.items()}
+    columns, note = ({**apart, **STYLE_COLUMNS}, STYLE_NOTE) if name in STYLES else (PALETTE_COLUMNS, PALETTE_NOTE)
+    shown = [{"variant": row["variant"], **{title: _text(key, row) for key, title in columns.items()}} for row in rows]
+    return f"## {name}\n\n{markdown(shown, 'variant', list(columns.values()))}\n\n{note}\n"
+
+
+def _text(key: str, row: Row) -> Any:
+    """A figure as the table shows it; variants differ by hundredths of a decibel."""
+    if key in ("psnr", "psnr_foreground") and row[key] is not None:
+        return f"{row[key]:.2f}"
+    return row.get(key)
+
+
+def _style_ablation(
+    job: Ablation, name: str, scene: Scene, pictures: Sequence[Any], out: Path, progress: Progress
+) -> list[Row]:
+    identity = {"scene": digest(job.scene.read_bytes()), "styles": [digest(p.tobytes()) for p in pictures],
+                "seed": job.seed, "features": job.features}  # fmt: skip
+    seen = digest([identity["scene"], asdict(job.protocol)])
+    path = OrbitPath(scene, job.protocol, out / "geometry", seen, part(progress, 0.0, 0.05))
+    rows, folders, variants = [], {}, STYLES[name]
+    for number, (label, variant) in enumerate(variants.items()):
+        each = part(progress, 0.05 + 0.95 * number / len(variants), 0.05 + 0.95 * (number + 1) / len(variants))
+        chosen = replace(job.chosen, stylize=variant.stylize(job.chosen.stylize))
+        loss = variant.loss(job.loss)
+        key = digest({**identity, "stylize": asdict(chosen.stylize), "loss": asdict(loss)})
+
+        def make(
+            saved: Path, chosen: Preset = chosen, loss: StyleLossSettings = loss, each: Progress = each
+        ) -> tuple[Scene, dict[str, float]]:
+            made, report = stylize_scene(
+                scene, pictures, None, (), chosen, job.seed, part(each, 0.0, 0.7), saved, None, job.features, loss
+            )
+            return made, {k: v for k, v in report["seconds"].items() if k != "total"}
+
+        made, seconds = kept_scene(out / "scenes" / key, key, make)  # variants that are the same share it
+        if not variant.lit:
+            made = replace(made, regions=tuple(replace(r, lighting=0.0) for r in made.regions))
+        folder = out / name / label.replace(" ", "-")
+        draw_frames(
+            folder, digest([key, asdict(job.protocol), variant.lit and PAINT_LIGHT, FINE]), job.protocol.frames,
+            partial(path.render, finely(made), "styled"), part(each, 0.7, 0.9),
+        )  # fmt: skip
+        folders[label] = folder
+        figures = flat_means(measure_frames(path, folder, part(each, 0.9, 1.0)))
+        rows.append({"ablation": name, "variant": label, "seconds": seconds, **figures,
+                     **likeness(path, folder, pictures[0])})  # fmt: skip
+    captions = {str(row["variant"]): caption(row) for row in rows}
+    contact_sheet(out / f"{name}.png", path, {"unstyled": path.folder, **folders}, pictures[0], captions)
+    return rows
+
+
+def _read_views(folder: Path) -> tuple[ViewSet, ViewSet]:
+    """Training and test views of one folder."""
+    return ViewSet.read(folder, "train"), ViewSet.read(folder, "test")

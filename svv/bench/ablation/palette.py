@@ -1,0 +1,177 @@
+"""The ablations of the palette network: the palette's refinement, and the weight of the offsets (lambda_delta).
+
+See :mod:`svv.bench.ablation.painting`. The palette network alone is trained again, on the given scene's frozen
+density, and is measured on the test views.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from svv.bench.stability.measures import matched, overlaps
+from svv.bench.styles.modes import kept_scene
+from svv.bench.styles.path import digest
+from svv.core.palette import PaletteSettings
+from svv.errors import Progress, part
+from svv.fields.region import Region
+from svv.fields.rendering import composite, march
+from svv.fields.scene import Scene
+from svv.io.atomic import write_json
+from svv.io.output import region_picture, write_png
+from svv.io.viewset import ViewSet
+from svv.job.steps import turned
+from svv.render.frames import region_colours
+from svv.render.pictures import Picture, cropped, over_white, sheet
+from svv.train.batches import RayPool
+from svv.train.config import RecolourSettings, preset
+from svv.train.evaluate import evaluate_scene
+from svv.train.ranges import hull_of, regions_of
+from svv.train.recolour import palette_of, recolour
+
+Row = dict[str, Any]
+Array = NDArray[Any]
+
+OFFSET_RAYS = 16384
+"""Random rays that tell how large offsets are."""
+
+
+@dataclass(frozen=True)
+class PaletteVariant:
+    """A change of the palette network."""
+
+    recolour: Callable[[RecolourSettings], RecolourSettings] = lambda s: s
+    palette: PaletteSettings | None = None
+    """How the palette is read from the views; None: as training does, from the volume where that is known."""
+
+
+PALETTES: dict[str, dict[str, PaletteVariant]] = {
+    "refinement": {
+        "refined palette": PaletteVariant(palette=PaletteSettings()),
+        "palette not refined": PaletteVariant(palette=PaletteSettings(refined=False)),
+    },
+    "lambda-delta": {
+        f"lambda_delta = {value:g}": PaletteVariant(recolour=partial(replace, offset_weight=value))
+        for value in (0.0, 0.1, 1.0)
+    },
+}
+
+PALETTE_COLUMNS = {
+    "regions": "regions", "shares": "their shares, %", "overlap": "overlap", "offsets": "offsets", "psnr": "PSNR, dB",
+    "psnr_foreground": "foreground, dB", "ssim": "SSIM", "flip": "FLIP", "lpips": "LPIPS", "seconds": "seconds",
+}  # fmt: skip
+"""Figure -> its title in the table."""
+
+PALETTE_NOTE = (
+    "Shares: of the visible light. Overlap: intersection over union of the region maps with the given scene's, best at "
+    "1. Offsets: by how much colours differ from those of the palette, root mean square, of 1. Scores are of the test "
+    "views: higher is better for PSNR and SSIM, lower for FLIP and LPIPS. In the picture's last row the hue of every "
+    "region is turned."
+)
+
+
+def ablate_palette(
+    file: Path, name: str, scene: Scene, views: tuple[ViewSet, ViewSet], preset_name: str, seed: int, out: Path,
+    progress: Progress,
+) -> list[Row]:  # fmt: skip
+    """Train the variants of one ablation that are not there yet, score them, and draw their sheet.
+
+    Args:
+        file: The given scene's.
+        name: Of :data:`PALETTES`.
+        scene: The given scene, whose base network they all have.
+        views: Training and test views.
+        preset_name: What the variants are trained by.
+        seed: Of their networks and rays.
+        out: Folder of the results.
+        progress: Called several times a second.
+    """
+    train, test = views
+    rows, columns, variants = [], [], PALETTES[name]
+    truth = [scene.render(camera, "pcn") for camera in test.cameras]
+    middle = len(test.cameras) // 2
+    for number, (label, variant) in enumerate(variants.items()):
+        each = part(progress, number / len(variants), (number + 1) / len(variants))
+        settings = variant.recolour(preset(preset_name).recolour)
+        key = digest({"scene": digest(file.read_bytes()), "views": digest(train.images.tobytes()),
+                      "recolour": asdict(settings), "palette": variant.palette and asdict(variant.palette),
+                      "seed": seed})  # fmt: skip
+
+        def make(
+            saved: Path, settings: RecolourSettings = settings, variant: PaletteVariant = variant, each: Progress = each
+        ) -> tuple[Scene, dict[str, float]]:
+            made, seconds = _retrained(scene, train, settings, variant.palette, seed, part(each, 0.0, 0.8))
+            return made, {"pcn": seconds}
+
+        made, seconds = kept_scene(out / "scenes" / key, key, make)
+        scores = evaluate_scene(made, test, "pcn", part(each, 0.8, 1.0))
+        scores["offsets"] = offset_size(made, test, seed)
+        scores["shares"] = ", ".join(f"{100 * region.share:.1f}" for region in made.regions)
+        shown = [made.render(camera, "pcn") for camera in test.cameras]
+        maps = [np.stack([s.region for s in some]) for some in (truth, shown)]
+        table = overlaps(maps[0], maps[1], len(scene.regions), len(made.regions))
+        rows.append({"ablation": name, "variant": label, "seconds": seconds, "regions": len(made.regions),
+                     "overlap": float(np.mean(matched(table))),
+                     **{k: scores[k] for k in PALETTE_COLUMNS if k in scores}})  # fmt: skip
+        write_json(out / "scenes" / key / "scores.json", {**rows[-1], "views": scores["views"], "size": scores["size"]})
+        columns.append(_pictures(made, test, middle, shown[middle].rgba, shown[middle].region))
+    columns.append(_pictures(scene, test, middle, test.images[middle], truth[middle].region))
+    pictures = cropped([list(row) for row in zip(*columns)])
+    write_png(out / f"{name}.png", sheet(pictures, [*variants, "truth, given scene"]))
+    return rows
+
+
+def _pictures(scene: Scene, views: ViewSet, view: int, rgba: Array, region: NDArray[np.int16]) -> list[Picture]:
+    """A view as it is given, its regions, and the view with the hue of every region turned."""
+    edited = replace(scene, regions=tuple(replace(r, style=None) for r in scene.regions))
+    for number, one in enumerate(scene.regions):
+        edited = edited.edited(number, turned(one.colour), None, None)
+    shown = edited.render(views.cameras[view], "pcn").rgba
+    return [over_white(rgba), over_white(region_picture(region, region_colours(scene))), over_white(shown)]
+
+
+@torch.no_grad()
+def offset_size(scene: Scene, views: ViewSet, seed: int) -> float:
+    """By how much the mixed colours differ from the palette's: root mean square of sum_i w_i delta_i over the light.
+
+    Over the channels and over what random pixels of views show, of 1; 0 where every region has one colour.
+    """
+    assert scene.palette is not None
+    batch = RayPool(views, scene.occupancy.box, seed, scene.device).batch(0, OFFSET_RAYS)
+    samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
+    _, weights, offsets = scene.palette.material(samples.position)
+    squares = (weights[:, :, None] * offsets).sum(dim=1).square().mean(dim=1, keepdim=True)
+    seen, transmittance, _ = composite(samples, scene.base.extinction(samples), squares)
+    return float((seen.sum() / (1.0 - transmittance).sum().clamp(min=1e-9)).sqrt())
+
+
+def _retrained(
+    scene: Scene,
+    views: ViewSet,
+    settings: RecolourSettings,
+    palette: PaletteSettings | None,
+    seed: int,
+    progress: Progress,
+) -> tuple[Scene, float]:
+    """The scene with a palette network trained anew, and the seconds that it took."""
+    known = None
+    if palette is None and views.classified is not None:
+        known = regions_of(views.classified, views, scene, seed)
+    found = palette_of(views, scene.occupancy, seed, palette) if known is None else known.palette
+    network, shares, seconds = recolour(
+        views, scene.base, scene.occupancy, scene.marching, found.colours, scene.settings, settings, seed, None,
+        progress, None, None if known is None else known.owners,
+    )  # fmt: skip
+    ranges = ((),) * len(shares) if known is None else known.ranges
+    regions = tuple(
+        Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
+        for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
+    )
+    return replace(scene, palette=network, styled=None, regions=regions), seconds

@@ -1,0 +1,139 @@
+"""The whole chart: views, runs, table, figures and page; what is there is not made again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from svv.bench.chart.plan import Grid, Measure, Rendering, Training, check, trainings
+from svv.bench.chart.process import run_apart
+from svv.bench.chart.scenes import ChartScene, read_scenes
+from svv.bench.chart.table import Row, read_row
+from svv.errors import BadInput, Progress, part
+from svv.io.atomic import make_folder
+from svv.kernels.dispatch import KERNELS
+
+RENDER_SECONDS = 25.0
+DRAW_SECONDS = 25.0
+"""Rough seconds of a run's rendering and of drawing a volume's views, by which the time left is guessed."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A piece of work: views to draw (no rendering), a run to train, or a trained one to render."""
+
+    scene: ChartScene
+    training: Training
+    rendering: Rendering | None
+    draw: bool = False
+
+    @property
+    def expected(self) -> float:
+        """Rough seconds."""
+        if self.draw:
+            return DRAW_SECONDS
+        return self.training.expected if self.rendering is None else RENDER_SECONDS
+
+
+class Chart:
+    """The chart in one folder.
+
+    Args:
+        sources: Folders of views, and volumes.
+        tfs: Transfer functions of the volumes.
+        out: The folder of all results; made where it is missing.
+        grid: What is varied.
+        measure: How it is measured.
+
+    Raises:
+        BadInput: anything that can be known to be wrong before the first run.
+    """
+
+    def __init__(self, sources: Sequence[Path], tfs: Sequence[Path], out: Path, grid: Grid, measure: Measure) -> None:
+        check(grid, measure)
+        _check_matplotlib()
+        self.grid, self.measure, self.out = grid, measure, out
+        self.scenes = read_scenes(sources, tfs, measure)
+        self.steps = [step for scene in self.scenes for step in self._steps(scene)]
+        make_folder(out)
+
+    def _steps(self, scene: ChartScene) -> Iterator[Step]:
+        sizes = scene.sizes(self.grid)
+        keys = {size: scene.views_key(size, self.measure) for size in sizes}
+        drawn: set[int] = set()
+        for run in trainings(self.grid, scene.name, keys, sizes):
+            if scene.volume is not None and run.size not in drawn:
+                drawn.add(run.size)
+                yield Step(scene, run, None, draw=True)
+            yield Step(scene, run, None)
+            for size in scene.render_sizes(self.grid, run.size):
+                yield Step(scene, run, Rendering(run, size, scene.measured_key(size, self.measure)))
+
+    def folder(self, run: Training) -> Path:
+        """Where a run is kept: its scene file and its figures."""
+        return self.out / "runs" / run.name
+
+    def is_done(self, step: Step) -> bool:
+        """Whether a step was done before."""
+        if step.draw:
+            return step.scene.drawn(self.out, step.training.size, self.measure)
+        folder = self.folder(step.training)
+        name = "train.json" if step.rendering is None else step.rendering.file
+        return (folder / name).exists() and (folder / "scene.svv").exists()
+
+    def do(self, progress: Progress) -> int:
+        """Do all steps that are not done; returns how many those were."""
+        left = [step for step in self.steps if not self.is_done(step)]
+        whole, before = sum(step.expected for step in left), 0.0
+        for number, step in enumerate(left):
+            share = part(progress, before / whole, (before + step.expected) / whole)
+            title = f"{number + 1}/{len(left)} {step.training.name.rsplit('-', 1)[0]}"
+            self._do(step, _titled(share, title))
+            before += step.expected
+        return len(left)
+
+    def _do(self, step: Step, progress: Progress) -> None:
+        scene, run = step.scene, step.training
+        if step.draw:
+            scene.draw(self.out, run.size, self.measure, progress)
+            return
+        folder, views = make_folder(self.folder(run)), scene.views_folder(self.out, run.size, self.measure)
+        task: dict[str, Any] = {"folder": str(folder), "views": str(views)}
+        if step.rendering is None:
+            for old in folder.glob("render-*.json"):
+                old.unlink()  # figures of a scene that is no longer there
+            task |= {"work": "train", "run": run.settings}
+        else:
+            task |= {
+                "work": "render",
+                "file": step.rendering.file,
+                "size": step.rendering.size,
+                "test": self.measure.test,
+                "network": self.measure.network,
+                "device": run.device,
+                "volume": scene.as_task(),
+            }
+        run_apart(task, progress, {KERNELS: "torch" if run.kernels == "torch" else ""})
+
+    def rows(self) -> list[Row]:
+        """One row for each run of this command and rendered size that is done, in the command's order."""
+        done = [step for step in self.steps if step.rendering is not None and self.is_done(step)]
+        return [
+            read_row(self.folder(step.training) / "train.json", self.folder(step.training) / step.rendering.file)
+            for step in done
+            if step.rendering is not None
+        ]
+
+
+def _titled(progress: Progress, title: str) -> Progress:
+    return lambda fraction, label: progress(fraction, f"{title}: {label}")
+
+
+def _check_matplotlib() -> None:
+    """The base installation has none, since it stands inside ParaView."""
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise BadInput("Charts need matplotlib; install it with 'pip install svv[standalone]'.") from error

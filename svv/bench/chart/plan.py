@@ -1,0 +1,161 @@
+"""Which runs a chart is made of, and the keys by which a run that is there is known again."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from svv._version import __version__
+from svv.errors import BadInput
+from svv.io.atomic import to_json
+from svv.train.config import lit_by, preset
+
+SECONDS = {"draft": 40.0, "fast": 120.0, "balanced": 250.0, "paper": 9000.0}
+"""Rough seconds of a whole training, by which the time left is guessed before the first run is done."""
+
+HASH_TAKES = 4.0
+"""Rough factor on them with a hash grid."""
+
+TORCH_TAKES = 8.0
+"""Rough factor on them with plain torch."""
+
+LEAST_VIEWS = 5
+"""Timed views of a run at least: a median of fewer says little."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What is varied; every combination is a run."""
+
+    presets: tuple[str, ...] = ("draft", "fast")
+    encodings: tuple[str, ...] = ("lattice", "hash")
+    limits: tuple[float | None, ...] = (15.0, 30.0, 60.0)
+    """Seconds that training may take; None for the preset's whole schedule."""
+    sizes: tuple[int | None, ...] = (None,)
+    """Width of the training views in pixels; None for the views as they are, or 400 of a volume."""
+    render_sizes: tuple[int | None, ...] = (None,)
+    """Width of the rendered views in pixels; None for that of the training views."""
+    devices: tuple[str, ...] = ("cpu",)
+    kernels: tuple[str, ...] = ("fast",)
+    """``fast``: numba on the processor, Triton on a GPU. ``torch``: the plain reference."""
+    seeds: tuple[int, ...] = (0,)
+    lightings: tuple[str, ...] = ("network",)
+    """What scenes that show light are lit by: network, phong or auto."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """How each run is measured and how a volume's views are drawn."""
+
+    test: int = 8
+    """Unseen views that are scored and timed."""
+    network: str = "pcn"
+    """Whose colours are scored: base or pcn."""
+    n: int = 92
+    """Training views drawn of a volume."""
+    mapper: str = "auto"
+    """Ray caster for a volume: auto, gpu or cpu."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """One training run."""
+
+    scene: str
+    """Name of the scene."""
+    source: str
+    """Hash of what the training views depend on."""
+    preset: str
+    encoding: str
+    size: int
+    """Width of the training views, pixels."""
+    limit: float | None
+    device: str
+    seed: int
+    kernels: str = "fast"
+    lighting: str = "network"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that it was asked for (JSON)."""
+        return {k: v for k, v in asdict(self).items() if k != "source"}
+
+    @property
+    def name(self) -> str:
+        """Of its folder: readable, and its own among all settings of a preset that there ever were."""
+        chosen = lit_by(preset(self.preset, self.encoding), self.lighting)
+        key = digest({"run": asdict(self), "preset": asdict(chosen)})
+        limit = "full" if self.limit is None else f"{self.limit:g}s"
+        where = self.device if self.kernels == "fast" else f"{self.device}-{self.kernels}"
+        table = self.encoding if self.lighting == "network" else f"{self.encoding}-{self.lighting}"
+        return "-".join((self.scene, self.preset, table, f"{self.size}px", limit, where, f"seed{self.seed}", key))
+
+    @property
+    def expected(self) -> float:
+        """Rough seconds that it takes."""
+        whole = SECONDS[self.preset] * (HASH_TAKES if self.encoding == "hash" else 1.0)
+        whole *= TORCH_TAKES if self.kernels == "torch" else 1.0
+        return 15.0 + (whole if self.limit is None else min(whole, self.limit))
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """One measurement of a training run's scene: scores and times at one size."""
+
+    training: Training
+    size: int
+    """Width of the rendered views, pixels."""
+    measured: str
+    """Hash of what its figures depend on besides."""
+
+    @property
+    def file(self) -> str:
+        """Name of its JSON file in the folder of its training."""
+        return f"render-{self.size}px-{self.measured}.json"
+
+
+def trainings(grid: Grid, scene: str, source: Mapping[int, str], sizes: tuple[int, ...]) -> list[Training]:
+    """The training runs on one scene, short ones first.
+
+    Args:
+        grid: What is varied.
+        scene: Its name.
+        source: Hash of what the views depend on, by their size.
+        sizes: Widths of the training views.
+    """
+    product = itertools.product(
+        grid.seeds, grid.limits, sizes, grid.presets, grid.encodings, grid.devices, grid.kernels, grid.lightings
+    )
+    runs = [
+        Training(scene, source[size], name, encoding, size, limit, device, seed, kernels, lighting)
+        for seed, limit, size, name, encoding, device, kernels, lighting in product
+    ]
+    return sorted(dict.fromkeys(runs), key=lambda run: (run.seed, run.expected))
+
+
+def check(grid: Grid, measure: Measure) -> None:
+    """Find out what is out of range.
+
+    Raises:
+        BadInput: it is.
+    """
+    for name, encoding, lighting in itertools.product(grid.presets, grid.encodings, grid.lightings):
+        lit_by(preset(name, encoding), lighting)
+    if any(limit is not None and not 1.0 <= limit < float("inf") for limit in grid.limits):
+        raise BadInput("A time limit must be a number of at least 1 second, or 'full' for the whole schedule.")
+    if any(size is not None and size < 16 for size in (*grid.sizes, *grid.render_sizes)):
+        raise BadInput("Views must be at least 16 pixels wide.")
+    if measure.test < LEAST_VIEWS:
+        raise BadInput(f"Give at least {LEAST_VIEWS} test views, not {measure.test}: times are medians over them.")
+    if measure.network not in ("base", "pcn"):
+        raise BadInput(f"A chart shows the network base or pcn, not '{measure.network}'.")
+
+
+def digest(content: Any) -> str:
+    """Eight characters that change with the content (JSON) or with our version."""
+    text = json.dumps(json.loads(to_json({"version": __version__, "content": content})), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:8]

@@ -1,0 +1,97 @@
+"""A process of its own for each run: started, listened to, and stopped when its progress is no longer wanted."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import IO, Any
+
+from svv.errors import BadInput, Progress
+
+PATIENCE = 10.0
+"""Seconds that a stopped process has to leave its files in order."""
+
+LISTEN = 0.5
+"""Seconds between two looks at whether the user wants to stop."""
+
+
+def run_apart(task: dict[str, Any], progress: Progress, variables: Mapping[str, str] | None = None) -> None:
+    """Do a task of :mod:`svv.bench.chart.trial` in a process of its own.
+
+    Args:
+        task: JSON.
+        progress: Told what the process tells; when it raises, the process is stopped.
+        variables: Of the environment, beside those there are.
+
+    Raises:
+        BadInput: what the process says, or that the system ended it.
+        RuntimeError: a defect, with the process's own words.
+    """
+    command = [sys.executable, "-m", "svv.bench.chart.trial"]
+    with tempfile.TemporaryFile("w+") as said:
+        # A session of its own: Ctrl-C reaches us alone, and we say when the process stops.
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True, start_new_session=True,
+            env={**os.environ, **(variables or {})},
+        )  # fmt: skip
+        assert process.stdin is not None and process.stdout is not None
+        try:
+            with suppress(BrokenPipeError):  # it ended at once; its code and its words say why
+                process.stdin.write(json.dumps(task))
+                process.stdin.close()
+            _listen(process.stdout, progress)
+            code = process.wait()
+        except BaseException:
+            _stop(process)
+            raise
+        said.seek(0)
+        words = said.read().strip()
+    if code == 2 and words:
+        raise BadInput(words.splitlines()[-1].removeprefix("chart: "))
+    if code < 0:
+        name = signal.Signals(-code).name
+        raise BadInput(f"The system ended the run ({name}); where memory is short, take smaller views or the lattice.")
+    if code:
+        raise RuntimeError(f"The run ended with code {code}:\n{words}")
+
+
+def _listen(lines: IO[str], progress: Progress) -> None:
+    """Hand on the progress that is written on ``lines``, until they end."""
+    heard: queue.Queue[str | None] = queue.Queue()
+
+    def read() -> None:
+        for line in lines:
+            heard.put(line)
+        heard.put(None)
+
+    threading.Thread(target=read, daemon=True).start()
+    last: tuple[float, str] = (0.0, "starting")
+    while True:
+        try:
+            line = heard.get(timeout=LISTEN)
+        except queue.Empty:
+            progress(*last)  # nothing new, but the user may want to stop
+            continue
+        if line is None:
+            return
+        fraction, label = json.loads(line)
+        last = float(fraction), str(label)
+        progress(*last)
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    """Let the process end by itself, or else end it."""
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

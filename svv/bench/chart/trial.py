@@ -1,0 +1,234 @@
+"""What one process does for a chart: train a scene, or render and score one.
+
+Each run has a process of its own, so that its peak memory is its own. The task comes as JSON on standard input;
+progress goes out as lines of JSON, ``[fraction, label]``, on standard output; what went wrong is one sentence on
+standard error.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv._version import __version__
+from svv.bench.chart.scenes import shrunk, spread_over, unseen_cameras
+from svv.core.cameras import Camera, sphere_cameras
+from svv.core.colour import over
+from svv.core.metrics import psnr, psnr_foreground, ssim
+from svv.ending import end_with
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.scene import Scene
+from svv.io.atomic import write_json
+from svv.io.viewset import ViewSet
+from svv.job.source import VolumeSource, read_meta
+from svv.kernels.dispatch import device_named
+from svv.measure import measured
+from svv.render.frames import orbit
+from svv.train.config import preset
+from svv.train.pipeline import train_scene
+
+WHITE = (1.0, 1.0, 1.0)
+
+
+def train(task: dict[str, Any], progress: Progress) -> None:
+    """Train a scene and write ``scene.svv`` and ``train.json`` into the run's folder."""
+    run, folder = task["run"], Path(task["folder"])
+    warm_up(run)
+    views = shrunk(ViewSet.read(task["views"], "train", part(progress, 0.0, 0.05)), run["size"])
+    scene_file, checkpoint = folder / "scene.svv", folder / "scene.svv.checkpoint"
+    resumed, load, begin = checkpoint.exists(), os.getloadavg()[0], time.process_time()
+    scene, report = _train(views, run, run["limit"], part(progress, 0.05, 1.0), checkpoint)
+    scene.save(scene_file)
+    extra = {
+        "scene_bytes": scene_file.stat().st_size,
+        "views": len(views),
+        "cpu_seconds": time.process_time() - begin,
+        "resumed": resumed,
+        "load_average": load,
+        "svv": __version__,
+    }
+    write_json(folder / "train.json", {**report, "run": run, **extra})
+    checkpoint.unlink(missing_ok=True)
+
+
+def warm_up(run: dict[str, Any]) -> None:
+    """Train for a moment on a ball, so that compiling is not part of the run's seconds."""
+    cameras = sphere_cameras(6, (0.0, 0.0, 0.0), 4.0, float(np.radians(30.0)), 32)
+    images = np.zeros((6, 32, 32, 4), np.uint8)
+    y, x = np.mgrid[:32, :32] - 15.5
+    images[:, np.hypot(x, y) < 9.0] = (200, 60, 40, 255)
+    images[:, (np.hypot(x, y) < 9.0) & (x < 0)] = (40, 80, 200, 255)
+    ball = ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(6)), {})
+    draft = preset("draft", run["encoding"])
+    few_cells = replace(draft, reconstruct=replace(draft.reconstruct, cells=32))
+    _train(ball, {**run, "preset": few_cells}, 0.2, silent, None)
+
+
+def _train(
+    views: ViewSet, run: dict[str, Any], limit: float | None, progress: Progress, checkpoint: Path | None
+) -> tuple[Scene, dict[str, Any]]:
+    return train_scene(
+        views,
+        run["preset"],
+        limit,
+        run["seed"],
+        progress,
+        checkpoint,
+        device_named(run["device"]),
+        run["encoding"],
+        run["lighting"],
+    )
+
+
+def render(task: dict[str, Any], progress: Progress) -> None:
+    """Render unseen views of a trained scene, where the volume is at hand beside its DVR, and write the figures."""
+    folder, size, network = Path(task["folder"]), int(task["size"]), str(task["network"])
+    scene = Scene.load(folder / "scene.svv").on(device_named(task["device"]))
+    first = orbit(scene, 2, size, size)[0]
+    with measured() as cost:  # before views and volume are in memory; the warm-up too
+        scene.render(first, network, WHITE)
+    if task["volume"]:
+        cameras, truth = unseen_cameras(Path(task["views"]), task["test"], size), None
+        dvr = Dvr(Path(task["volume"]["volume"]), Path(task["views"]))
+        dvr.draw(cameras[0])
+    else:
+        views = ViewSet.read(task["views"], "test", part(progress, 0.0, 0.1))
+        views = shrunk(views.take(spread_over(len(views), task["test"])), size)
+        cameras, truth, dvr = list(views.cameras), views.images, None
+    load = os.getloadavg()[0]
+    figures = race(scene, network, cameras, truth, dvr, part(progress, 0.1, 1.0))
+    if dvr is not None:
+        dvr.close()
+    extra = {
+        "network": network,
+        "test_views": len(cameras),
+        "size": [cameras[0].width, cameras[0].height],
+        "background": "white",
+        "render_peak_rss_bytes": cost.peak_rss_bytes,
+        "load_average": load,
+        "svv": __version__,
+    }
+    write_json(folder / task["file"], {**figures, **extra})
+
+
+class Dvr:
+    """Direct volume rendering of the volume, as its views were drawn."""
+
+    def __init__(self, volume: Path, views: Path) -> None:
+        from svv.dvr.mappers import Shading
+        from svv.dvr.stage import set_stage
+        from svv.dvr.transfer_functions import TransferFunction
+        from svv.dvr.views import open_caster
+
+        meta = read_meta(views)
+        stage = set_stage(VolumeSource(volume).image(), TransferFunction.from_dict(meta["tf"]))
+        self._caster, _ = open_caster(stage, meta["mapper"], Shading(**meta["shading"]))
+        self.name = self._caster.name
+
+    def draw(self, camera: Camera) -> NDArray[np.uint8]:
+        """(height, width, 4) uint8, straight alpha."""
+        return self._caster.render(camera)
+
+    def close(self) -> None:
+        """Give back what it holds of the graphics system."""
+        self._caster.close()
+
+
+@dataclass
+class Times:
+    """Seconds of a work and the processor seconds of all its threads, view after view."""
+
+    seconds: list[float]
+    cpu: list[float]
+
+    def of(self, work: Callable[[], Any]) -> Any:
+        """Do the work and note its seconds."""
+        begin, begin_cpu = time.perf_counter(), time.process_time()
+        result = work()
+        self.seconds.append(time.perf_counter() - begin)
+        self.cpu.append(time.process_time() - begin_cpu)
+        return result
+
+    def summary(self) -> dict[str, Any]:
+        """Median, least and most, all of them, and the median of the processor seconds."""
+        return {
+            "median": float(np.median(self.seconds)),
+            "least": min(self.seconds),
+            "most": max(self.seconds),
+            "all": self.seconds,
+            "cpu_median": float(np.median(self.cpu)),
+        }
+
+
+def race(
+    scene: Scene,
+    network: str,
+    cameras: list[Camera],
+    truth: NDArray[np.uint8] | None,
+    dvr: Dvr | None,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Score and time the network's views, each one right after the volume rendering of the same camera.
+
+    Args:
+        scene: What is measured.
+        network: Whose colours.
+        cameras: Unseen ones.
+        truth: Their images (n, h, w, 4), straight alpha; None to take the volume renderings.
+        dvr: The volume's renderer, if there is one.
+        progress: Told after each view.
+
+    Returns:
+        ``psnr``, ``psnr_foreground``, ``ssim`` (means over the views), ``seconds_per_view``, and ``dvr``: its
+        ``seconds_per_view``, ``mapper`` and ``ratio``, the median over the views of network time / its time.
+    """
+    scores: dict[str, list[float]] = {"psnr": [], "psnr_foreground": [], "ssim": []}
+    ours, theirs = Times([], []), Times([], [])
+    for number, camera in enumerate(cameras):
+        progress(number / len(cameras), "unseen views")
+        drawn = None if dvr is None else theirs.of(partial(dvr.draw, camera))
+        shown = ours.of(partial(scene.render, camera, network, WHITE)).rgba[..., :3]
+        straight = drawn if truth is None else truth[number]
+        assert straight is not None
+        image = straight.astype(np.float32) / np.float32(255.0)
+        on_white = np.asarray(over(image, WHITE))
+        scores["psnr"].append(psnr(shown, on_white))
+        scores["psnr_foreground"].append(psnr_foreground(shown, on_white, image[..., 3]))
+        scores["ssim"].append(ssim(shown, on_white))
+    progress(1.0, "unseen views")
+    result: dict[str, Any] = {name: float(np.nanmean(values)) for name, values in scores.items()}
+    result["seconds_per_view"] = ours.summary()
+    if dvr is not None:
+        ratio = np.median(np.divide(ours.seconds, theirs.seconds))
+        result["dvr"] = {"seconds_per_view": theirs.summary(), "mapper": dvr.name, "ratio": float(ratio)}
+    return result
+
+
+WORKS: dict[str, Callable[[dict[str, Any], Progress], None]] = {"train": train, "render": render}
+
+
+def main() -> None:
+    """Do the task on standard input."""
+    out, sys.stdout = sys.stdout, sys.stderr  # nothing else may write between the lines of progress
+
+    def progress(fraction: float, label: str) -> None:
+        print(json.dumps([fraction, label]), file=out, flush=True)
+
+    task = json.load(sys.stdin)
+    if task["work"] not in WORKS:
+        raise BadInput(f"There is no work '{task['work']}'.")
+    WORKS[task["work"]](task, progress)
+
+
+if __name__ == "__main__":
+    end_with(main, "chart")

@@ -1,0 +1,1 @@
+"""Where the seconds of training go, beside what the machine could do at best."""

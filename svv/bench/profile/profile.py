@@ -1,0 +1,151 @@
+"""``svv bench profile``: where the time of training and of an image goes, and how far each part is from its floor."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from svv.bench.profile.ceilings import Ceilings, measure_ceilings
+from svv.bench.profile.table import Profile, profile_of
+from svv.bench.profile.watch import Watch
+from svv.bench.profile.work import watched
+from svv.core.cameras import camera_rig
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.networks import PaletteField
+from svv.fields.region import Region
+from svv.fields.rendering import Marching
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import CPU, kernels_of
+from svv.kernels.products import processor_has_half
+from svv.train.batches import RayPool
+from svv.train.config import Preset, fitted_field, preset
+from svv.train.lighting import shows_light
+from svv.train.ranges import regions_of
+from svv.train.recolour import Recolouring, palette_of
+from svv.train.reconstruct import Reconstruction, first_occupancy
+from svv.train.sampling import with_fewest_samples
+
+COUNTED = 2
+"""Steps whose work is counted, after those that are timed."""
+
+
+def profile_views(
+    views: ViewSet, preset_name: str | Preset, steps: int, timed: int, seed: int, progress: Progress
+) -> dict[str, Any]:
+    """Train on views for a while and draw an image, and say where the time went.
+
+    Stage 1 takes its schedule in ``steps`` steps, pruning and refinement included, and is looked at before the
+    refinement and at the end; stage 2 takes half as many and is looked at there. The networks learn little in so few
+    steps, but the steps have the size that they have in a training.
+
+    Args:
+        views: Training views.
+        preset_name: Of the settings.
+        steps: Of stage 1.
+        timed: Steps and images of each profile that are timed.
+        seed: Of networks and rays.
+        progress: Called several times a second; stops when it raises.
+
+    Returns:
+        ``profiles`` (:class:`Profile`), ``ceilings`` (:class:`Ceilings`), ``threads``, ``half`` (whether colour
+        networks are multiplied in half precision), ``preset``, ``views``, ``size`` [width, height].
+
+    Raises:
+        BadInput: fewer steps than are needed, or what a training refuses.
+    """
+    if steps < (least := 2 * (timed + COUNTED)):
+        raise BadInput(f"{steps} steps are too few to time {timed} of each half; give at least {least}.")
+    chosen = preset(preset_name)
+    progress(0.0, "ceilings of this machine")
+    work = _Steps(Watch(watched(kernels_of("cpu"))), timed, measure_ceilings())
+    scene = _stage_1(views, chosen, steps, seed, work, part(progress, 0.05, 0.55))
+    scene = _stage_2(views, chosen, steps // 2, seed, work, scene, part(progress, 0.55, 0.9))
+    camera = views.cameras[0]
+    progress(0.9, "an image")
+    work.take("an image, palette network", camera.width * camera.height, lambda: scene.render(camera))
+    progress(1.0, "an image")
+    return {
+        "profiles": work.profiles, "ceilings": work.ceilings, "threads": torch.get_num_threads(),
+        "half": processor_has_half(), "preset": chosen.name, "views": len(views.cameras),
+        "size": [camera.width, camera.height],
+    }  # fmt: skip
+
+
+class _Steps:
+    """Profiles that are taken one after the other."""
+
+    def __init__(self, watch: Watch, timed: int, ceilings: Ceilings) -> None:
+        self.watch, self.timed, self.ceilings = watch, timed, ceilings
+        self.profiles: list[Profile] = []
+
+    @property
+    def looked_at(self) -> int:
+        """Steps that a profile takes."""
+        return self.timed + COUNTED
+
+    def take(self, name: str, rays: int, step: Callable[[], object]) -> None:
+        """Time and count a step, which is done again and again."""
+        with self.watch.on():
+            times = self.watch.time(step, self.timed)
+            work = self.watch.count(step, COUNTED)
+        self.profiles.append(profile_of(name, rays, times, work, self.ceilings))
+
+
+def _stage_1(views: ViewSet, chosen: Preset, steps: int, seed: int, work: _Steps, progress: Progress) -> Scene:
+    settings = replace(chosen.reconstruct, iterations=steps, prune_every=max(1, steps // 10))
+    progress(0.0, "where to look")
+    occupancy, _ = first_occupancy(views, settings, chosen.field, silent)
+    field = fitted_field(chosen.field, views.cameras, occupancy.box)[0] if chosen.fitted else chosen.field
+    training = Reconstruction(views, occupancy, field, settings, seed)
+    number = itertools.count()
+
+    def step() -> None:
+        done = next(number)
+        training.step(done, done / steps)
+        progress(done / steps, "stage 1")
+
+    ends = (("stage 1, first half", steps // 2), ("stage 1, second half", steps))
+    for (name, end), begin in zip(ends, (0, steps // 2), strict=True):
+        for _ in range(begin, end - work.looked_at):
+            step()
+        work.take(name, training.budget.rays, step)
+    base, occupancy = training.finish()
+    return Scene(field, occupancy, Marching(training.marching.step), base, camera_rig=camera_rig(views.cameras))
+
+
+def _stage_2(
+    views: ViewSet, chosen: Preset, steps: int, seed: int, work: _Steps, scene: Scene, progress: Progress
+) -> Scene:
+    known = None
+    if views.classified is not None and chosen.reconstruct.use_volume:
+        known = regions_of(views.classified, views, scene, seed)
+    palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette
+    if chosen.fitted:
+        lighting = "network" if shows_light(scene, views, seed)[0] else "none"
+        scene = replace(scene, settings=replace(scene.settings, lighting=lighting))
+    colours = torch.as_tensor(palette.colours, dtype=torch.float32)
+    network = PaletteField(scene.settings, scene.occupancy, scene.base.geometry_width, colours)
+    network.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
+    network.light_like(scene.base)
+    pool = RayPool(views, scene.occupancy.box, seed, CPU)
+    owners = None if known is None else known.owners
+    training = Recolouring(scene.base, network, scene.occupancy, scene.marching, pool, chosen.recolour, owners)
+    number = itertools.count()
+
+    def step() -> None:
+        done = next(number)
+        training.step(done, done / steps)
+        progress(done / steps, "stage 2")
+
+    for _ in range(steps - work.looked_at):
+        step()
+    work.take("stage 2", training.budget.rays, step)
+    network.requires_grad_(False)
+    found = zip(network.colours.tolist(), training.shares(), strict=True)
+    regions = tuple(Region(tuple(colour), float(share)) for colour, share in found)
+    return with_fewest_samples(replace(scene, palette=network, regions=regions), views.cameras)[0]

@@ -1,0 +1,160 @@
+"""The least work of the stages of a training step and of an image: bytes that must move, operations, random reads.
+
+It is counted from the arguments of the functions that do the work, which are watched from outside. "Least" is what is
+left if whatever is used twice stays in the cache: every input is read once and every output written once, and of a
+table only the distinct rows come from memory. Letters: S samples, R rays, L levels, F features a level, C channels,
+V rows of a table, P palette colours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+import svv.kernels.image
+import svv.train.reconstruct
+from svv.core.encodings import lattice_corners
+from svv.kernels.types import Kernels, Lattice
+from svv.train.batches import RayPool
+from svv.train.ranges import Owners
+from svv.train.reconstruct import Reconstruction
+
+FLOAT = 4
+"""Bytes."""
+
+PAIRS = 4
+"""A cell's eight vertices lie in pairs side by side: so many random reads, and as many more for where they lie."""
+
+EXPONENTIAL = 15
+"""Operations of an exponential in single precision: a polynomial, and the scaling before and after it."""
+
+LOCATE = 30
+"""Operations that find a position's cell on a level and the weights of its vertices."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a stage has to do at least."""
+
+    items: float = 0
+    """Samples, rays or rows that it is about."""
+    bytes: float = 0
+    """Bytes that must move between memory and processor."""
+    operations: float = 0
+    """Additions and multiplications in single precision."""
+    gathers: float = 0
+    """Reads at places that only the data tell, each of one cache line."""
+    products: float = 0
+    """Additions and multiplications of matrix products, which may be in half precision."""
+
+    def __add__(self, other: Work) -> Work:
+        return Work(*(getattr(self, k) + getattr(other, k) for k in self.__dataclass_fields__))
+
+    def times(self, factor: float) -> Work:
+        """The work of ``factor`` such stages."""
+        return Work(*(getattr(self, k) * factor for k in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A function that is replaced, while a profile is taken, by one that says when it runs."""
+
+    owner: Any
+    name: str
+    stage: str
+    count: Callable[[Sequence[Any]], Work] | None = None
+    """Work of a call, from its arguments; called before it. Without it what the function calls is not looked at."""
+
+
+def watched(kernels: Kernels) -> list[Watched]:
+    """What is looked at: the kernels that run, and the functions of the training that do work of their own."""
+    march, image = kernels.march, svv.kernels.image
+    return [
+        Watched(RayPool, "batch", "draw pixels", lambda a: Work(a[2], 40 * a[2], 0, a[2])),
+        Watched(kernels, "pixel_rays", "rays", lambda a: Work(len(a[0]), 32 * len(a[0]), 40 * len(a[0]))),
+        Watched(kernels, "march", "march", lambda a: _march(march, a)),
+        Watched(svv.train.reconstruct, "representatives", "choose samples", lambda a: _choose(len(a[0]))),
+        Watched(Owners, "told", "regions of samples", lambda a: Work(len(a[2]), 20 * len(a[2]), 0, len(a[2]))),
+        Watched(kernels, "lattice_encode", "encode", lambda a: _encode(a[0], a[1], a[2].shape[1], 1)),
+        Watched(kernels, "hash_encode", "encode", lambda a: _hash(len(a[0]), len(a[1]), a[3].shape[1], 1)),
+        Watched(image, "features", "encode", _features),
+        Watched(image, "material", "material and light", lambda a: _material(*a[0].shape)),
+        Watched(image, "light", "material and light", lambda a: Work(len(a[0]), 40 * len(a[0]), 50 * len(a[0]))),
+        Watched(kernels, "composite", "composite", lambda a: _composite(len(a[0]), len(a[2].start), a[1].shape[1], 1)),
+        Watched(image, "composite", "composite", lambda a: _composite(len(a[0]), len(a[7]), 7, 1)),
+        Watched(kernels, "composite_backward", "composite, backward",
+                lambda a: _composite(len(a[0]), len(a[5]), a[1].shape[1], 2)),
+        Watched(kernels, "lattice_backward", "encode, backward", lambda a: _encode(a[0], a[2], a[3].shape[1], 2)),
+        Watched(kernels, "hash_backward", "encode, backward", lambda a: _hash(len(a[0]), len(a[2]), a[4].shape[1], 2)),
+        Watched(kernels, "adam", "Adam, tables", _adam),
+        Watched(Reconstruction, "prune", "prune"),
+    ]  # fmt: skip
+
+
+def linear_layer(samples: int, inputs: int, outputs: int) -> Work:
+    """A product (S, inputs) x (inputs, outputs); what goes from layer to layer need not leave the cache."""
+    return Work(products=2 * samples * inputs * outputs)
+
+
+def _march(march: Callable[..., Any], a: Sequence[Any]) -> Work:
+    """Of the points looked at: those in occupied cells up to where each ray ends, which another march tells."""
+    limits = replace(a[8], least_weight=-1.0, merge=False)
+    seen, _ = march(*a[:8], limits, *a[9:])
+    kept, _ = march(*a)
+    levels = len(a[5].scales)
+    points, rays = len(seen), len(a[0])
+    rows = _distinct(seen.position, a[5])
+    moved = 24 * rays + 24 * len(kept) + 20 * rays + (FLOAT + FLOAT) * rows
+    return Work(points, moved, points * (levels * (LOCATE + 16) + 20 + EXPONENTIAL), points * (1 + 2 * PAIRS * levels))
+
+
+def _distinct(x: Tensor, lattice: Lattice) -> int:
+    """Rows of a lattice's table that positions read."""
+    levels = zip(lattice.shapes, lattice.scales, lattice.bases, strict=True)
+    return sum(len(lattice_corners(x, *level, lattice.index)[0].unique()) for level in levels)
+
+
+def _choose(samples: int) -> Work:
+    return Work(samples, 24 * samples, (2 * EXPONENTIAL + 10) * samples)
+
+
+def _encode(x: Tensor, lattice: Lattice, features: int, passes: int) -> Work:
+    """Forward (1) or backward (2: rows are read and written)."""
+    samples, levels = len(x), len(lattice.scales)
+    rows = _distinct(x, lattice)
+    moved = samples * (12 + FLOAT * levels * features) + rows * FLOAT * (1 + passes * features)
+    return Work(samples, moved, samples * levels * (LOCATE + 16 * features), samples * levels * 2 * PAIRS)
+
+
+def _hash(samples: int, levels: int, features: int, passes: int) -> Work:
+    """As :func:`_encode`; every corner is hashed to a place of its own, and may be read only once."""
+    corners = 8 * samples * levels
+    moved = samples * (12 + FLOAT * levels * features)
+    return Work(samples, moved, samples * levels * (LOCATE + 40 + 16 * features), corners)
+
+
+def _features(a: Sequence[Any]) -> Work:
+    x, _, harmonics, shapes, scales, bases, index, tables = a[:8]
+    layout = Lattice(*(torch.from_numpy(v) for v in (shapes, scales, bases, index)))
+    return _encode(torch.from_numpy(x), layout, tables.shape[1], 1) + Work(0, FLOAT * len(x) * harmonics.shape[1])
+
+
+def _material(samples: int, outputs: int) -> Work:
+    colours = (outputs - 1) // 4
+    return Work(samples, samples * (FLOAT * outputs + 20), samples * (colours * (2 * EXPONENTIAL + 12) + 40))
+
+
+def _composite(samples: int, rays: int, channels: int, passes: int) -> Work:
+    """Forward (1), or backward (2: values are read and their gradients written)."""
+    moved = samples * FLOAT * (3 + passes * channels) + rays * FLOAT * (5 + 2 * passes * channels)
+    return Work(samples, moved, samples * (2 * EXPONENTIAL + 4 + 4 * passes * channels))
+
+
+def _adam(a: Sequence[Any]) -> Work:
+    table, _, used = a[:3]
+    rows, features = int(used.sum()), table.shape[1]
+    return Work(rows, len(used) + rows * (8 + FLOAT * 8 * features), rows * (2 * EXPONENTIAL + 14 * features))

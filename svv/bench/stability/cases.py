@@ -1,0 +1,396 @@
+"""The cases of ``svv bench stability``: on which scene, with which settings, and what is measured there."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.optimize import linear_sum_assignment
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.bench.stability.measures import colour_differences, matched, overlaps, palette_error
+from svv.bench.stability.scenes import SCENES, TRANSPARENT, KnownScene
+from svv.core.cameras import Camera, orbit_cameras
+from svv.core.colour import over
+from svv.core.correction import Correction
+from svv.core.metrics import psnr, psnr_foreground
+from svv.dvr.views import make_views, render_views
+from svv.errors import BadInput, Progress, part
+from svv.fields.rendering import RayCaster, march
+from svv.fields.scene import Scene
+from svv.io.images import read_style
+from svv.io.viewset import ViewSet
+from svv.train.config import Preset
+from svv.train.correct import correct_palette
+from svv.train.evaluate import WHITE
+from svv.train.pipeline import stylize_scene, train_scene
+
+Measures = dict[str, Any]
+"""What a run found: ``psnr``, ``psnr_foreground``, ``base_foreground``, ``overlap`` (mean) and ``overlaps``,
+``colour_error``, ``regions``, ``ranges``, ``finite``; for some cases ``lost``, ``style_error``, ``refused``."""
+
+INSIDE, NEAR, FAR = 0.05, 0.4, 4.0
+"""Distances of cameras from the scene's middle, as parts of that of the training cameras. The first are in the hole of
+the easy scene's ring: what a camera within its matter would look at, no view has ever shown."""
+
+WIDE = np.pi / 2
+"""Angle of view from inside, radians."""
+
+LARGER = 3
+"""How many times larger the views are on which a scene trained on small ones is tested."""
+
+STYLE_STEPS: dict[str, Any] = {"distil_iterations": 100, "style_iterations": 20, "style_views": 20}
+"""Stylization is shortened to this, whatever the preset: what is asked is whether it stays in bounds."""
+
+STYLE_SIZE = 128
+"""Pixels along the side of the style pictures."""
+
+
+@dataclass(frozen=True)
+class BenchSettings:
+    """What all runs have in common."""
+
+    n: int = 92
+    """Training views, where the case does not say another number."""
+    test: int = 6
+    """Unseen views for the scores."""
+    size: int = 200
+    """Width and height of the views in pixels."""
+    resolution: int = 64
+    """Voxels along each side of a volume."""
+    time_limit: float = 15.0
+    """Seconds that the training of a run may take, the same for each preset."""
+    steps: tuple[tuple[str, int, int], ...] = ()
+    """(preset, steps of stage 1, of stage 2) instead of a time limit, for a machine that does other work too: then the
+    same seed gives the same figures."""
+    samples: int | None = None
+    """Visible samples a step at most, and an eighth as many rays; None: as many as the preset draws."""
+
+    def applied(self, preset: Preset) -> tuple[Preset, float | None]:
+        """The preset with these settings, and its time limit in seconds if it has one."""
+        base, palette = preset.reconstruct, preset.recolour
+        if self.samples is not None:
+            rays = max(1, self.samples // 8)
+            base = replace(base, samples=self.samples, rays=rays)
+            palette = replace(palette, samples=self.samples, rays=rays)
+        for name, first, second in self.steps:
+            if name == preset.name:
+                base, palette = replace(base, iterations=first), replace(palette, iterations=second)
+                return replace(preset, reconstruct=base, recolour=palette), None
+        return replace(preset, reconstruct=base, recolour=palette), self.time_limit
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A scene's volume and views, with what is true of them."""
+
+    known: KnownScene
+    volume: vtkImageData
+    train: ViewSet
+    test: ViewSet
+    classes: NDArray[np.int16]
+    """Of the pixels of the test views, see :meth:`KnownScene.class_maps`."""
+
+
+class Bench:
+    """Draws scenes and trains on them; holds what the next run may need again."""
+
+    def __init__(self, settings: BenchSettings) -> None:
+        self.settings = settings
+        self._drawn: dict[tuple[str, int], Drawn] = {}
+        self._trained: tuple[Any, Scene] | None = None
+
+    def drawn(self, scene: str, views: int, progress: Progress) -> Drawn:
+        """The views of a known scene."""
+        if (scene, views) not in self._drawn:
+            s, known = self.settings, SCENES[scene]
+            volume = known.volume(s.resolution)
+            train, test = make_views(volume, known.transfer_function(), views, s.size, test=s.test, mapper="cpu",
+                                     rescale=False, name=scene, progress=progress)  # fmt: skip
+            assert test is not None
+            self._drawn[scene, views] = Drawn(known, volume, train, test, known.class_maps(volume, test.cameras))
+        return self._drawn[scene, views]
+
+    def trained(self, case: Case, preset: Preset, seed: int, progress: Progress) -> tuple[Drawn, Scene]:
+        """A case's views and the scene trained on them; the last one is kept for cases that share it."""
+        views = case.views or self.settings.n
+        drawn = self.drawn(case.scene, views, part(progress, 0.0, 0.1))
+        if case.views_only:
+            drawn = replace(drawn, train=replace(drawn.train, classified=None))
+        changed = case.change(preset)
+        key = case.scene, views, changed, seed, case.views_only
+        if self._trained is None or self._trained[0] != key:
+            self._trained = None
+            applied, limit = self.settings.applied(changed)
+            scene, _ = train_scene(drawn.train, applied, limit, seed, part(progress, 0.1, 0.9))
+            self._trained = key, scene
+        return drawn, self._trained[1]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One thing that may go wrong. Cases that differ only in ``measure`` share one training."""
+
+    title: str
+    measure: Callable[[Bench, Case, Preset, int, Progress], Measures]
+    scene: str = "easy"
+    """One of :data:`svv.bench.stability.scenes.SCENES`."""
+    views: int | None = None
+    """Training views; None: as many as are usual."""
+    change: Callable[[Preset], Preset] = lambda preset: preset
+    """Of the preset's settings."""
+    encoding: str | None = None
+    """Only for presets with this encoding; others have no such thing."""
+    views_only: bool = False
+    """Whether the training sees the images alone, without the volume."""
+
+    def concerns(self, preset: Preset) -> bool:
+        """Whether the case makes sense with a preset."""
+        return self.encoding in (None, preset.field.encoding)
+
+
+# --- what is measured --------------------------------------------------------------------------------------------
+
+
+def as_saved(scene: Scene) -> Scene:
+    """The scene as it comes back from its file."""
+    return Scene.from_bytes(scene.to_bytes())
+
+
+def scores(scene: Scene, known: KnownScene, views: ViewSet, classes: NDArray[np.int16]) -> Measures:
+    """A scene against the truth on views, by the protocol of :func:`svv.train.evaluate.evaluate_scene`."""
+    found: dict[str, list[float]] = {"psnr": [], "psnr_foreground": [], "base_foreground": []}
+    maps, finite = [], True
+    for camera, image in zip(views.cameras, views.images, strict=True):
+        truth = image.astype(np.float32) / np.float32(255.0)
+        white = np.asarray(over(truth, WHITE))
+        view = scene.render(camera, "pcn")
+        base = scene.render(camera, "base", WHITE).rgba[..., :3]
+        shown = np.asarray(over(view.rgba, WHITE))
+        finite &= bool(np.isfinite(view.rgba).all() and np.isfinite(base).all())
+        found["psnr"].append(psnr(shown, white))
+        found["psnr_foreground"].append(psnr_foreground(shown, white, truth[..., 3]))
+        found["base_foreground"].append(psnr_foreground(base, white, truth[..., 3]))
+        maps.append(view.region)
+    table = overlaps(classes, np.stack(maps), len(known.ranges), len(scene.regions))
+    each = matched(table)
+    colours = np.array([r.colour for r in scene.regions])
+    return {
+        **{key: float(np.nanmean(values)) for key, values in found.items()},
+        "finite": finite,
+        "overlap": float(np.mean(each)),
+        "overlaps": each,
+        "colour_error": palette_error(colours, np.array([r.colour for r in known.ranges])),
+        "regions": len(scene.regions),
+        "ranges": len(known.ranges),
+        "colours": colours.tolist(),
+    }
+
+
+def on_unseen_views(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
+    """The usual scores."""
+    drawn, scene = bench.trained(case, preset, seed, progress)
+    return scores(as_saved(scene), drawn.known, drawn.test, drawn.classes)
+
+
+def corrected_by_hand(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
+    """The scores after somebody has set the palette to the transfer function's colours, and ``found``: how many regions
+    there were before."""
+    drawn, scene = bench.trained(case, preset, seed, part(progress, 0.0, 0.6))
+    truth = np.array([r.colour for r in drawn.known.ranges])
+    which, own = linear_sum_assignment(colour_differences(truth, np.array([r.colour for r in scene.regions])))
+    correction = Correction(
+        remove=tuple(sorted(set(range(len(scene.regions))) - set(own.tolist()))),
+        colours={int(k): drawn.known.ranges[r].colour for r, k in zip(which, own, strict=True)},
+        add=tuple(r.colour for k, r in enumerate(drawn.known.ranges) if k not in which),
+    )
+    applied, limit = bench.settings.applied(case.change(preset))
+    after, _ = correct_palette(scene, drawn.train, correction, applied, limit, seed, part(progress, 0.6, 1.0))
+    return {**scores(as_saved(after), drawn.known, drawn.test, drawn.classes), "found": len(scene.regions)}
+
+
+def before_and_after_saving(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
+    """The scores from the file, whose tables are in bytes or half precision, and how many dB it has ``lost``."""
+    drawn, scene = bench.trained(case, preset, seed, progress)
+    after = scores(as_saved(scene), drawn.known, drawn.test, drawn.classes)
+    before = scores(scene, drawn.known, drawn.test, drawn.classes)
+    return {**after, "lost": before["psnr_foreground"] - after["psnr_foreground"]}
+
+
+def from_cameras(place: Callable[[Bench, Drawn], Sequence[Camera]]) -> Callable[..., Measures]:
+    """The scores on views from other cameras than the usual ones."""
+
+    def measure(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
+        drawn, scene = bench.trained(case, preset, seed, progress)
+        cameras = place(bench, drawn)
+        images = render_views(drawn.volume, drawn.known.transfer_function(), cameras, "cpu")
+        views = ViewSet(tuple(cameras), images, tuple(str(k) for k in range(len(cameras))), {})
+        return scores(as_saved(scene), drawn.known, views, drawn.known.class_maps(drawn.volume, cameras))
+
+    return measure
+
+
+def at_distance(factor: float, fov: float | None = None) -> Callable[[Bench, Drawn], list[Camera]]:
+    """Cameras on the test path at another distance from the middle."""
+
+    def place(bench: Bench, drawn: Drawn) -> list[Camera]:
+        rig, s = drawn.train.meta["rig"], bench.settings
+        return orbit_cameras(s.test + 2, rig["centre"], factor * rig["radius"], fov or rig["fov_x"], s.size)[1:-1]
+
+    return place
+
+
+def larger(bench: Bench, drawn: Drawn) -> list[Camera]:
+    """The test cameras with larger images."""
+    side = LARGER * bench.settings.size
+    return [camera.resized(side, side) for camera in drawn.test.cameras]
+
+
+def refusal(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
+    """Whether a transfer function that shows nothing is refused in one sentence."""
+    volume = TRANSPARENT.volume(bench.settings.resolution)
+    try:
+        make_views(volume, TRANSPARENT.transfer_function(), 12, 32, mapper="cpu", rescale=False)
+    except BadInput as error:
+        text = str(error)
+        return {"refused": "transparent" in text and text.endswith(".") and "\n" not in text, "sentence": text}
+    return {"refused": False}
+
+
+def painted_like(picture: Callable[[], NDArray[np.float32]]) -> Callable[..., Measures]:
+    """Whether a stylization stays finite and in gamut, and how far the regions' mean colour is from the style's."""
+
+    def measure(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
+        drawn, scene = bench.trained(case, preset, seed, part(progress, 0.0, 0.6))
+        style = picture()
+        short = replace(preset, stylize=replace(preset.stylize, **STYLE_STEPS, style_size=bench.settings.size))
+        styled, _ = stylize_scene(scene, [style], None, (), short, seed, part(progress, 0.6, 1.0))
+        styled = as_saved(styled)
+        for region in range(len(styled.regions)):
+            styled = styled.edited(region, lighting=0.0)  # the paint itself
+        camera = drawn.test.cameras[len(drawn.test.cameras) // 2]
+        rays = RayCaster([camera], styled.occupancy.box, styled.device).view(0)
+        samples = march(rays, styled.occupancy, styled.base.density, styled.marching_for_images)
+        colour = styled.shade(samples, rays, "styled")[0].numpy()
+        rgba = styled.render(camera).rgba
+        mean = rgba[rgba[..., 3] > 0.5][:, :3].mean(axis=0, keepdims=True)
+        return {
+            "finite": bool(np.isfinite(colour).all() and np.isfinite(rgba).all()),
+            "in_gamut": bool((colour >= 0.0).all() and (colour <= 1.0).all()),
+            "style_error": float(colour_differences(mean, style.mean(axis=(0, 1))[None])[0, 0]),
+        }
+
+    return measure
+
+
+# --- style pictures ----------------------------------------------------------------------------------------------
+
+
+def strokes() -> NDArray[np.float32]:
+    """A painting of the project's own, (h, w, 3) in [0, 1]."""
+    from svv.styles.textures import style_picture
+
+    return style_picture("brush strokes", STYLE_SIZE).astype(np.float32)
+
+
+def flat() -> NDArray[np.float32]:
+    """One colour."""
+    return np.full((STYLE_SIZE, STYLE_SIZE, 3), (0.2, 0.55, 0.5), np.float32)
+
+
+def dark() -> NDArray[np.float32]:
+    """Nearly black."""
+    return np.float32(0.06) * strokes()
+
+
+def grey() -> NDArray[np.float32]:
+    """Without colours."""
+    return np.repeat(strokes().mean(axis=2, keepdims=True), 3, axis=2)
+
+
+def tiny() -> NDArray[np.float32]:
+    """The smallest picture that is taken: 16 x 16."""
+    return strokes()[:16, :16]
+
+
+def barely_masked() -> NDArray[np.float32]:
+    """A picture that is transparent but for 1 % of it, as it comes from its file."""
+    rgba = np.zeros((STYLE_SIZE, STYLE_SIZE, 4), np.uint8)
+    rgba[..., :3] = np.rint(255 * strokes())
+    side = STYLE_SIZE // 10
+    rgba[:side, :side, 3] = 255
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "style.png"
+        Image.fromarray(rgba).save(path)
+        return read_style(path)
+
+
+# --- the list ----------------------------------------------------------------------------------------------------
+
+
+def offset_weight(value: float) -> Callable[[Preset], Preset]:
+    """Another lambda_delta."""
+    return lambda preset: replace(preset, recolour=replace(preset.recolour, offset_weight=value))
+
+
+def small_tables(preset: Preset) -> Preset:
+    """Hash tables of 1,024 rows, so that many places share one."""
+    return replace(preset, field=replace(preset.field, log2_entries=10))
+
+
+EASIEST = "easy"
+"""The case that the others are compared with."""
+
+COUNTS = range(1, 9)
+"""Numbers of regions."""
+
+CASES: dict[str, Case] = {
+    EASIEST: Case("easy: opaque, two hues", on_unseen_views),
+    "saved": Case("before and after saving", before_and_after_saving),
+    "larger-views": Case(f"rendered at {LARGER} times the size", from_cameras(larger)),
+    "camera-inside": Case("cameras inside of the volume", from_cameras(at_distance(INSIDE, WIDE))),
+    "camera-near": Case("cameras inside of the training sphere", from_cameras(at_distance(NEAR))),
+    "camera-far": Case("cameras far outside", from_cameras(at_distance(FAR))),
+    "style-flat": Case("style: one colour", painted_like(flat)),
+    "style-dark": Case("style: dark", painted_like(dark)),
+    "style-grey": Case("style: grey", painted_like(grey)),
+    "style-tiny": Case("style: 16 x 16 pixels", painted_like(tiny)),
+    "style-barely-masked": Case("style: transparent but for 1 %", painted_like(barely_masked)),
+    "nested": Case("nested translucent regions", on_unseen_views, "nested"),
+    "lambda-0": Case("nested, lambda_delta 0", on_unseen_views, "nested", change=offset_weight(0.0)),
+    "lambda-1": Case("nested, lambda_delta 1", on_unseen_views, "nested", change=offset_weight(1.0)),
+    "similar-hues": Case("regions of similar hue", on_unseen_views, "similar-hues"),
+    "white": Case("a white region", on_unseen_views, "white"),
+    "greys": Case("a grey and a white region", on_unseen_views, "greys"),
+    "one-region": Case("one region", on_unseen_views, "one-region"),
+    "wires": Case("thin wires", on_unseen_views, "wires"),
+    "noise": Case("noisy volume", on_unseen_views, "noise"),
+    "views-8": Case("8 views", on_unseen_views, views=8),
+    "views-16": Case("16 views", on_unseen_views, views=16),
+    "views-42": Case("42 views", on_unseen_views, views=42),
+    "small-tables": Case("hash tables of 1,024 rows", on_unseen_views, change=small_tables, encoding="hash"),
+    "anisotropic": Case("voxels three times as long", on_unseen_views, "anisotropic"),
+    "off-centre": Case("1,000 sides off the origin", on_unseen_views, "off-centre"),
+    "tiny-spacing": Case("voxels of 1e-9", on_unseen_views, "tiny-spacing"),
+    "huge-spacing": Case("voxels of 1e6", on_unseen_views, "huge-spacing"),
+    "transparent": Case("transparent everywhere", refusal),
+    **{f"regions-{n}": Case(f"{n} regions", on_unseen_views, f"regions-{n}") for n in COUNTS},
+    **{
+        f"regions-{n}-views": Case(f"{n} regions, views alone", on_unseen_views, f"regions-{n}", views_only=True)
+        for n in COUNTS
+    },
+    "regions-similar": Case("3 regions, two of similar hue, views alone", on_unseen_views, "regions-similar",
+                            views_only=True),
+    "regions-corrected": Case("the same, palette corrected by hand", corrected_by_hand, "regions-similar",
+                              views_only=True),
+}  # fmt: skip
+"""Name -> case."""
+
+USUAL = tuple(name for name in CASES if not name.startswith("regions-"))
+"""What is looked at by default: all but the numbers of regions, of which docs/palette.md has the table."""

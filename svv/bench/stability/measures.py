@@ -1,0 +1,111 @@
+"""Measures against a known truth: colours of a palette, regions of an image; and which of their values are failures.
+
+Letters: T true ranges, F regions found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from skimage.color import deltaE_ciede2000, rgb2lab
+
+Array = NDArray[np.float64]
+
+FOREGROUND_DROP = 6.0
+"""dB of foreground PSNR below the mean of the easy case with the same preset: "blurred"."""
+
+LEAST_OVERLAP = 0.7
+"""Mean intersection over union of the regions with the truth below this: "wrong regions"."""
+
+MOST_COLOUR = 10.0
+"""Mean CIEDE2000 of the palette above this, a clearly different colour: "wrong colours"."""
+
+MOST_STYLE = 20.0
+"""CIEDE2000 between the mean colours of a painted region and of its style above this: "off its style"."""
+
+MOST_SPREAD = 2.0
+"""Standard deviation of the foreground PSNR over the seeds in dB above this: "unsteady"."""
+
+MOST_LOST = 0.5
+"""dB of foreground PSNR that saving may cost; more: "lost in the file"."""
+
+
+def colour_differences(some: NDArray[np.floating], others: NDArray[np.floating]) -> Array:
+    """CIEDE2000 (Sharma et al. 2005) between sRGB colours in [0, 1]: (A, 3) and (B, 3) -> (A, B)."""
+    a, b = (rgb2lab(np.asarray(colours, np.float64).reshape(-1, 1, 3))[:, 0] for colours in (some, others))
+    return np.asarray(deltaE_ciede2000(a[:, None], b[None]), np.float64)
+
+
+def palette_error(found: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
+    """Mean CIEDE2000 of the true colours (T, 3) to the palette (F, 3), F >= 1, in the best assignment of one to one.
+
+    Where the palette is the shorter, true colours are left over; each is compared with the nearest palette colour.
+    """
+    cost = colour_differences(truth, found)
+    errors = cost.min(axis=1)
+    rows, columns = linear_sum_assignment(cost)
+    errors[rows] = cost[rows, columns]
+    return float(errors.mean())
+
+
+def overlaps(truth: NDArray[np.integer], shown: NDArray[np.integer], ranges: int, regions: int) -> Array:
+    """Intersection over union of each true class with each region over all pixels of some views. (T, F)
+
+    Args:
+        truth: Class of each pixel, -1 empty, -2 unknown (left out).
+        shown: Region of each pixel, -1 empty. Of one shape with ``truth``.
+        ranges: T.
+        regions: F.
+    """
+    known = truth >= -1
+    t, s = truth[known].astype(np.int64), shown[known].astype(np.int64)
+    both = np.bincount((t + 1) * (regions + 1) + s + 1, minlength=(ranges + 1) * (regions + 1))
+    table = both.reshape(ranges + 1, regions + 1).astype(np.float64)
+    union = table.sum(axis=1, keepdims=True) + table.sum(axis=0, keepdims=True) - table
+    return np.asarray((table / np.maximum(union, 1.0))[1:, 1:])
+
+
+def matched(overlap: Array) -> list[float]:
+    """Overlap of each true class with its region in the best assignment of one to one; 0 for one without. (T,)"""
+    result = np.zeros(len(overlap))
+    rows, columns = linear_sum_assignment(-overlap)
+    result[rows] = overlap[rows, columns]
+    return [float(v) for v in result]
+
+
+def failures(measures: dict[str, Any], easy: float | None) -> list[str]:
+    """What is wrong with one run, in words; the limits are the constants of this module.
+
+    Args:
+        measures: Of the run, see :mod:`svv.bench.stability.runs`; what was not measured is missing or None.
+        easy: Mean foreground PSNR of the easy case with the same preset, dB.
+    """
+    if measures.get("crash"):
+        return ["crash"]
+    if measures.get("finite") is False:
+        return ["not finite"]
+    found = []
+    if measures.get("refused") is False:
+        found.append("not refused")
+    foreground, regions = measures.get("psnr_foreground"), measures.get("regions")
+    if foreground is not None and easy is not None and foreground < easy - FOREGROUND_DROP:
+        found.append("blurred")
+    if regions is not None and regions != measures["ranges"]:
+        found.append(f"{regions} regions for {measures['ranges']}")
+    limits: Sequence[tuple[str, float, float, str]] = (
+        ("overlap", -1.0, -LEAST_OVERLAP, "wrong regions"),
+        ("colour_error", 1.0, MOST_COLOUR, "wrong colours"),
+        ("style_error", 1.0, MOST_STYLE, "off its style"),
+        ("lost", 1.0, MOST_LOST, "lost in the file"),
+    )
+    for key, sign, most, word in limits:
+        value = measures.get(key)
+        if value is not None and sign * value > most:
+            found.append(word)
+    if measures.get("in_gamut") is False:
+        found.append("out of gamut")
+    return found

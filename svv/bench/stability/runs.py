@@ -1,0 +1,151 @@
+"""Stability: every case, with every preset, from every seed, measured against a known truth.
+
+A run is one file ``runs/CASE-PRESET-SEED.json``, written when it is done and not repeated as long as what it depends on
+stays the same. A run that breaks down is a result, too: its error is in the file.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from svv._version import __version__
+from svv.bench.stability.cases import CASES, USUAL, Bench, BenchSettings
+from svv.errors import BadInput, Cancelled, Progress, part, silent
+from svv.io.atomic import make_folder, to_json, write_json
+from svv.measure import measured
+from svv.train.config import Preset, preset
+
+Record = dict[str, Any]
+"""A run: ``case``, ``preset``, ``seed``, ``settings``, ``changed`` (the preset's settings), ``seconds``,
+``peak_rss_bytes`` and ``measures`` (see :data:`svv.bench.stability.cases.Measures`, or ``crash``: the error)."""
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """Which runs there are to be."""
+
+    cases: Sequence[str] = USUAL
+    """Names, or patterns of names: ``regions-*``."""
+    presets: Sequence[str] = ("draft", "paper")
+    seeds: int = 5
+    """Seeds 0 to ``seeds`` - 1."""
+
+    def __post_init__(self) -> None:
+        for name in self.cases:
+            if not fnmatch.filter(CASES, name):
+                raise BadInput(f"There is no case '{name}'; choose of {', '.join(CASES)}.")
+        for name in self.presets:
+            preset(name)
+        if self.seeds < 1:
+            raise BadInput(f"At least one seed is needed, not {self.seeds}.")
+        if not self.runs:
+            raise BadInput("None of these cases concerns any of these presets: add a case or a preset.")
+
+    @property
+    def runs(self) -> list[tuple[str, str, int]]:
+        """Case, preset and seed of each run; seed after seed, so that a run cut short has every case."""
+        named = {name for pattern in self.cases for name in fnmatch.filter(CASES, pattern)}
+        cases = [name for name in CASES if name in named]  # in the order in which they share a training
+        return [
+            (case, name, seed)
+            for seed in range(self.seeds)
+            for name in self.presets
+            for case in cases
+            if CASES[case].concerns(preset(name))
+        ]
+
+
+def run_stability(out: Path, matrix: Matrix, settings: BenchSettings, progress: Progress = silent) -> list[Record]:
+    """Do all runs that are not there yet.
+
+    Args:
+        out: Folder of the results.
+        matrix: Which runs.
+        settings: What they have in common.
+        progress: Called several times a second; stops the work when it raises, and the same call goes on after the
+            last run that was finished.
+
+    Returns:
+        The records of all runs in ``matrix``.
+
+    Raises:
+        BadInput: the folder cannot be written to.
+    """
+    runs = make_folder(out / "runs")
+    bench = Bench(settings)
+    found = {run: _read(_path(runs, *run), _key(*run, settings)) for run in matrix.runs}
+    left = [run for run, record in found.items() if record is None]
+    for number, run in enumerate(left):
+        case, name, seed = run
+        label = f"{CASES[case].title}, {name}, seed {seed}"
+        each = part(progress, number / len(left), (number + 1) / len(left))
+        each(0.0, label)
+        record = {**_run(bench, case, preset(name), seed, _labelled(each, label)), "key": _key(*run, settings)}
+        write_json(_path(runs, *run), record)
+        found[run] = json.loads(to_json(record))  # as it is read again: plain values, None for what is not finite
+    progress(1.0, f"{len(left)} runs")
+    return [record for record in found.values() if record is not None]
+
+
+def _run(bench: Bench, case: str, chosen: Preset, seed: int, progress: Progress) -> Record:
+    with measured() as cost:
+        try:
+            measures = CASES[case].measure(bench, CASES[case], chosen, seed, progress)
+        except (Cancelled, OSError):
+            raise
+        except Exception as error:  # what breaks down is what is looked for; the record says how
+            measures = {"crash": f"{type(error).__name__}: {error}"}
+    return {
+        "case": case,
+        "preset": chosen.name,
+        "seed": seed,
+        "settings": asdict(bench.settings),
+        "changed": _changes(case, chosen),
+        "seconds": round(cost.seconds, 2),
+        "peak_rss_bytes": cost.peak_rss_bytes,
+        "measures": measures,
+    }
+
+
+def _changes(case: str, chosen: Preset) -> dict[str, Any]:
+    """The settings in which a case departs from the preset: stage -> setting -> value."""
+    before, after = asdict(chosen), asdict(CASES[case].change(chosen))
+    stages = [k for k in before if isinstance(before[k], dict)]
+    changes = {s: {k: v for k, v in after[s].items() if v != before[s][k]} for s in stages}
+    return {stage: values for stage, values in changes.items() if values}
+
+
+def _key(case: str, name: str, seed: int, settings: BenchSettings) -> str:
+    """A hash of all that a run depends on and that we can name."""
+    known = CASES[case]
+    content = {
+        "version": __version__,
+        "case": [case, known.scene, known.views, known.views_only],
+        "preset": asdict(known.change(preset(name))),
+        "seed": seed,
+        "settings": asdict(settings),
+    }
+    return hashlib.sha256(to_json(content).encode()).hexdigest()[:16]
+
+
+def _path(runs: Path, case: str, name: str, seed: int) -> Path:
+    return runs / f"{case}-{name}-{seed}.json"
+
+
+def _read(path: Path, key: str) -> Record | None:
+    """The record of a run that was done with the same settings."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None  # not done, or nothing that can be relied on
+    return record if isinstance(record, dict) and record.get("key") == key else None
+
+
+def _labelled(progress: Progress, label: str) -> Progress:
+    return lambda fraction, text: progress(fraction, f"{label}: {text}")

@@ -1,0 +1,141 @@
+"""Cross-view consistency: frames of an orbit warped onto each other, and how much they differ there.
+
+The protocol, after StyleRF-VolVis (section "Evaluation metrics"): pairs of frames an interval apart on the 181-view
+path, 1 for short-range and 10 for long-range consistency; the earlier one is moved onto the later one by softmax
+splatting along the optical flow. Compared are the pixels that are visible in both frames, pass the forward-backward
+check and are not on a motion boundary. The flow comes once from the scene's expected depth and once from an estimator
+that sees pictures of the unstyled scene only.
+
+Straight colours are compared, without a background: a translucent scene's opacity changes with the view, and over white
+that made two frames of a scene of one grey differ by as much as the frames of any style.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.bench.styles.path import METRICS, OrbitPath, Protocol, digest, finely, kept
+from svv.core.flow import camera_flow, is_consistent
+from svv.errors import Progress, part, silent
+from svv.fields.scene import Scene
+from svv.io.atomic import write_json
+from svv.io.output import write_png
+from svv.render.pictures import read_png
+
+Frame = Callable[[int], NDArray[np.floating]]
+"""RGBA of a frame of the orbit, straight alpha in [0, 1] (h, w, 4), by its number."""
+
+SAVE_EVERY = 20
+"""Pairs that are measured between two savings."""
+
+
+def draw_frames(folder: Path, key: str, numbers: Sequence[int], make: Frame, progress: Progress = silent) -> Path:
+    """Write frames that are not there yet as ``folder/0000.png`` ...; frames of another key are removed first."""
+    kept(folder, key)
+    for index, number in enumerate(numbers):
+        progress(index / len(numbers), f"frame {index + 1} of {len(numbers)}")
+        path = folder / f"{number:04d}.png"
+        if not path.exists():
+            write_png(path, make(number))
+    progress(1.0, "frames")
+    return folder
+
+
+def measure_frames(path: OrbitPath, frames: Path, progress: Progress = silent) -> list[dict[str, Any]]:
+    """Differences of all pairs of a folder of frames; those that are in its ``pairs.json`` are not measured again.
+
+    Returns:
+        One record a pair and kind of flow: ``flow``, ``interval``, ``first``, ``second``, ``rmse``, ``mse``, ``flip``,
+        ``share`` (of the image's pixels that were compared).
+    """
+    file = frames / "pairs.json"
+    records = _read(file, path.key)
+    found = {(r["flow"], r["first"], r["second"]) for r in records}
+    wanted = [(kind, n, a, b) for kind in path.protocol.flows for n, a, b in path.protocol.pairs]
+    left = [pair for pair in wanted if (pair[0], *pair[2:]) not in found]
+    for index, (kind, interval, first, second) in enumerate(left):
+        progress(index / len(left), f"{kind} flow, frames {first} and {second}")
+        one, two = (straight(frames, number) for number in (first, second))
+        values = path.warp(kind, first, second).differences(one, two)
+        records.append({"flow": kind, "interval": interval, "first": first, "second": second, **values})
+        if index % SAVE_EVERY == 0 or index == len(left) - 1:
+            write_json(file, {"key": path.key, "pairs": records})
+    progress(1.0, "measured")
+    return records
+
+
+def straight(frames: Path, number: int) -> NDArray[np.uint8]:
+    """Colour levels (h, w, 3) of a frame, as they are beside its alpha."""
+    return read_png(frames / f"{number:04d}.png")[..., :3]
+
+
+def means(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A row for each kind of flow and interval: the means over its pairs in which anything could be compared."""
+    groups = dict.fromkeys((r["flow"], r["interval"]) for r in records)
+    rows = []
+    for flow, interval in groups:
+        own = [r for r in records if (r["flow"], r["interval"]) == (flow, interval) and r["share"] > 0]
+        names = (*METRICS, "share")
+        values = {name: float(np.mean([r[name] for r in own])) if own else None for name in names}
+        rows.append({"flow": flow, "interval": interval, "pairs": len(own), **values})
+    return rows
+
+
+def flow_error(path: OrbitPath, kind: str) -> dict[int, float]:
+    """Mean distance in pixels of an estimator's flow from the depth's, where that one is checked; by interval."""
+    result: dict[int, list[float]] = {}
+    for interval, first, second in path.protocol.pairs:
+        exact, guess = path.warp("depth", first, second), path.warp(kind, first, second)
+        back = camera_flow(path.cameras[second], path.cameras[first], path.view(second)[0])
+        checked = is_consistent(exact.flow, back)
+        distance = np.linalg.norm(guess.flow - exact.flow, axis=-1)[checked]
+        result.setdefault(interval, []).append(float(np.nanmean(distance)))
+    return {interval: float(np.mean(values)) for interval, values in result.items()}
+
+
+def consistency(
+    scene: Scene, network: str, protocol: Protocol, out: Path, key: str, progress: Progress = silent
+) -> dict[str, Any]:
+    """Short- and long-range consistency of a scene's own orbit.
+
+    Args:
+        scene: What is measured.
+        network: ``base``, ``pcn`` or ``styled``.
+        protocol: Which frames.
+        out: Folder of frames, geometry and results; what is there of the same key is not done again.
+        key: What tells the scene.
+        progress: Called several times a second; stops the work when it raises, and the same call goes on.
+
+    Returns:
+        ``rows`` of :func:`means`, and ``flow_error``: for each estimator :func:`flow_error`.
+    """
+    how = digest({"scene": key, "protocol": asdict(protocol)})
+    path = OrbitPath(scene, protocol, out / "geometry", how, part(progress, 0.0, 0.2))
+    frames = draw_frames(
+        out / "frames", f"{how}-{network}", protocol.frames,
+        partial(path.render, finely(scene), network), part(progress, 0.2, 0.4),
+    )  # fmt: skip
+    rows = means(measure_frames(path, frames, part(progress, 0.4, 0.95)))
+    errors = {}
+    for kind in protocol.flows:
+        if kind != "depth":
+            progress(0.95, f"{kind} against depth")
+            errors[kind] = flow_error(path, kind)
+    progress(1.0, "measured")
+    return {"rows": rows, "flow_error": errors}
+
+
+def _read(file: Path, key: str) -> list[dict[str, Any]]:
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return list(content["pairs"]) if content["key"] == key else []
+    except (OSError, ValueError, KeyError, TypeError):
+        return []  # not begun, or nothing that can be relied on

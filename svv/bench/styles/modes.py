@@ -1,0 +1,332 @@
+"""Our stylization beside other ways to stylize, on scenes x styles: consistency, likeness to the style, seconds.
+
+Every combination is a folder ``SCENE-STYLE/MODE`` with its scene (where the mode makes one) and its frames; what is
+there is not done again.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from svv.bench.styles.consistency import draw_frames, means, measure_frames, straight
+from svv.bench.styles.likeness import FIGURES, caption, judge_of, painted_figures
+from svv.bench.styles.path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, digest, finely, kept
+from svv.bench.styles.rival_frames import Before, frame_after, frame_alone, frame_of_statistics
+from svv.bench.styles.rivals import arf_like, snerf_like, unseeded
+from svv.bench.styles.table import (
+    JUDGED,
+    averaged,
+    consistency_columns,
+    contact_sheet,
+    markdown,
+    victories,
+    write_tables,
+)
+from svv.core.metrics import ssim
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.region import PAINT_LIGHT
+from svv.fields.scene import Scene
+from svv.io.atomic import write_json
+from svv.io.images import read_style
+from svv.io.output import on_background
+from svv.render.pictures import read_png
+from svv.styles.features import load_features
+from svv.train.config import Preset, StylizeSettings, preset
+from svv.train.lpips import load_lpips
+from svv.train.pipeline import stylize_scene
+from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for
+
+MODES = {
+    "unstyled": "the palette network's colours, with light",
+    "ours": "each region by itself, painted start, colour transfer, lighting",
+    "ours-unlit": "the same scene, shown without light",
+    "arf-like": "one style, whole scene, no palette stage, no lighting",
+    "snerf-like": "images stylized one by one and the field refitted to them, in turn",
+    "frame-by-frame": "every frame optimised alone",
+    "video": "every frame begun from the one before, warped, and held to it",
+    "adain": "every frame alone: mean and deviation of each feature made the style's",
+}
+"""What is compared, and what it is."""
+
+FRAMES = ("frame-by-frame", "video", "adain")
+"""Modes that have no scene of their own."""
+
+RIVALS = ("arf-like", "snerf-like", *FRAMES)
+OURS = ("ours", "ours-unlit")
+"""The same scene twice: the rivals have no light, so only the second is like for like."""
+
+LOOKED_AT = 3
+"""Frames that are compared with the style."""
+
+Row = dict[str, Any]
+
+
+class PaintedAsShown:
+    """What is painted at the size of the frames that are compared, so that strokes have the same size everywhere."""
+
+    protocol: Protocol
+    preset: str
+    features: str
+    paper_loss: bool
+
+    @property
+    def chosen(self) -> Preset:
+        """The preset, with images as large as the frames, so that strokes have the same size in every mode."""
+        own = preset(self.preset)
+        return replace(own, stylize=replace(own.stylize, style_size=self.protocol.size))
+
+    @property
+    def loss(self) -> StyleLossSettings:
+        """The loss that suits the features, with strokes in proportion to the frames."""
+        own = PAPER_LOSS if self.paper_loss else loss_for(load_features(self.features))
+        scale = self.protocol.size / StylizeSettings().style_size
+        return replace(own, style_size=round(own.style_size * scale))
+
+
+@dataclass(frozen=True)
+class Comparison(PaintedAsShown):
+    """How styles are compared."""
+
+    protocol: Protocol
+    modes: tuple[str, ...] = tuple(MODES)
+    preset: str = "balanced"
+    seed: int = 0
+    features: str = "auto"
+    paper_loss: bool = False
+    """Plain matching, as the paper has it, instead of our loss; for all modes."""
+
+    def __post_init__(self) -> None:
+        for name in self.modes:
+            if name not in MODES:
+                raise BadInput(f"There is no mode '{name}'; choose of {', '.join(MODES)}.")
+        preset(self.preset)
+
+    def loss_of(self, mode: str) -> StyleLossSettings:
+        """What a mode is trained with, and its result depends on: the others' is without what is ours alone."""
+        return unseeded(self.loss) if mode in RIVALS else self.loss
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene and a style."""
+
+    scene: Path
+    style: Path
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f"{self.scene.stem}-{self.style.stem}"
+
+
+def compare_styles(
+    scenes: Sequence[Path], styles: Sequence[Path], out: Path, how: Comparison, progress: Progress = silent
+) -> list[Row]:
+    """Do all combinations that are not there yet, and return a row for each.
+
+    Args:
+        scenes: Trained scenes.
+        styles: Pictures.
+        out: Folder of the results.
+        how: Modes and protocol.
+        progress: Called several times a second; stops the work when it raises, and the same call goes on.
+
+    Raises:
+        BadInput: a file that is missing or no scene or picture, or names that are given twice.
+    """
+    cases = [Case(scene, style) for scene in scenes for style in styles]
+    if len({case.name for case in cases}) < len(cases):
+        raise BadInput("Two of the scenes, or of the styles, have the same name; rename one.")
+    pictures = {path: read_style(path) for path in styles}
+    loaded = {path: Scene.load(path) for path in scenes}
+    rows, count = [], len(cases) * len(how.modes)
+    for number, case in enumerate(cases):
+        begin = number * len(how.modes)
+        work = _CaseWork(case, loaded[case.scene], pictures[case.style], out, how, _titled(progress, case.name))
+        for index, mode in enumerate(how.modes):
+            each = part(progress, (begin + index) / count, (begin + index + 1) / count)
+            rows.append(work.row(mode, _titled(each, f"{case.name}, {mode}")))
+        captions = {row["mode"]: caption(row) for row in rows[begin:]}
+        contact_sheet(out / f"{case.name}.png", work.path, work.folders, pictures[case.style], captions)
+    progress(1.0, f"{count} results")
+    return rows
+
+
+class _CaseWork:
+    """All modes of one scene and style."""
+
+    def __init__(
+        self, case: Case, scene: Scene, style: NDArray[np.float32], out: Path, how: Comparison, progress: Progress
+    ) -> None:
+        self.case, self.scene, self.style, self.how = case, scene, style, how
+        self.folder, self.folders = out / case.name, {}  # type: Path, dict[str, Path]
+        self.hashes = {"scene": digest(case.scene.read_bytes()), "style": digest(style.tobytes())}
+        key = digest({"scene": self.hashes["scene"], "protocol": asdict(how.protocol)})
+        geometry = out / f"{case.scene.stem}-geometry"
+        self.path = OrbitPath(scene, how.protocol, geometry, key, lambda _, label: progress(0.0, label))
+
+    def row(self, mode: str, progress: Progress) -> Row:
+        frames, seconds = self.frames(mode, part(progress, 0.0, 0.7))
+        self.folders[mode] = frames
+        flat = flat_means(measure_frames(self.path, frames, part(progress, 0.7, 0.97)))
+        judged = likeness(self.path, frames, self.style)
+        return {"scene": self.case.scene.stem, "style": self.case.style.stem, "mode": mode, "seconds": seconds,
+                **flat, **judged}  # fmt: skip
+
+    def frames(self, mode: str, progress: Progress) -> tuple[Path, float]:
+        """The folder of a mode's frames, and the seconds that stylizing took."""
+        how, numbers = self.how, self.how.protocol.frames
+        parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), "stylize": asdict(how.chosen.stylize),
+                 "loss": asdict(how.loss_of(mode)), "seed": how.seed, "features": how.features,
+                 "sampling": FINE, **({"paint_light": PAINT_LIGHT} if mode == "ours" else {})}  # fmt: skip
+        key, folder = digest(parts), self.folder / mode
+        drawing = part(progress, 0.7, 1.0)
+        if mode in FRAMES:
+            return self._stylized(mode, folder, key, progress)
+        if mode == "unstyled":
+            return self.path.folder, 0.0
+        if mode == "ours-unlit":
+            lit, seconds = self._made("ours", progress)
+            made = replace(lit, regions=tuple(replace(r, lighting=0.0) for r in lit.regions))
+        else:
+            made, seconds = self._made(mode, part(progress, 0.0, 0.7))
+        draw_frames(folder, key, numbers, partial(self.path.render, finely(made), "styled"), drawing)
+        return folder, seconds
+
+    def _made(self, mode: str, progress: Progress) -> tuple[Scene, float]:
+        """The scene that a mode makes, and its seconds: read, where it was made before."""
+        how = self.how
+        settings, loss = how.chosen.stylize, how.loss_of(mode)
+        key = digest({"mode": mode, **self.hashes, "stylize": asdict(settings), "loss": asdict(loss),
+                      "seed": how.seed, "features": how.features})  # fmt: skip
+        return kept_scene(
+            self.folder / f"{mode}-scene", key, lambda saved: self._train(mode, settings, loss, saved, progress)
+        )
+
+    def _train(
+        self, mode: str, settings: StylizeSettings, loss: StyleLossSettings, checkpoint: Path, progress: Progress
+    ) -> tuple[Scene, dict[str, float]]:
+        how, name = self.how, self.case.style.stem
+        if mode == "ours":
+            made, report = stylize_scene(
+                self.scene, [self.style], dict.fromkeys(range(len(self.scene.regions)), 0), (), how.chosen, how.seed,
+                progress, checkpoint, [name], how.features, loss,
+            )  # fmt: skip
+            return made, {k: v for k, v in report["seconds"].items() if k != "total"}
+        target = StyleTarget(load_features(how.features), self._picture(), loss, how.seed)
+        rival = {"arf-like": arf_like, "snerf-like": snerf_like}[mode]
+        return rival(self.scene, target, settings, how.seed, progress)
+
+    def _stylized(self, mode: str, folder: Path, key: str, progress: Progress) -> tuple[Path, float]:
+        note, how = folder / "seconds.json", self.how
+        numbers = how.protocol.frames
+        made_with = (load_features(how.features), self._picture(), how.loss_of(mode),
+                     how.chosen.stylize.style_iterations, how.seed)  # fmt: skip
+        # A gap longer than any that is compared begins a sequence anew.
+        follows = {b: a for a, b in pairwise(numbers) if mode == "video" and b - a <= max(how.protocol.intervals)}
+
+        def make(number: int) -> NDArray[np.float32]:
+            before = json.loads(note.read_text(encoding="utf-8")) if note.exists() else {}
+            begin = time.monotonic()
+            rgba = read_png(self.path.folder / f"{number:04d}.png") / np.float32(255)
+            if number in follows:
+                warp = self.path.warp("depth", follows[number], number)
+                moved = Before(warp.moved(straight(folder, follows[number])), warp.mask)
+                result = frame_after(rgba, moved, *made_with)
+            else:
+                result = (frame_of_statistics if mode == "adain" else frame_alone)(rgba, *made_with)
+            write_json(note, {**before, str(number): time.monotonic() - begin})
+            return result
+
+        draw_frames(folder, key, numbers, make, progress)
+        return folder, float(sum(json.loads(note.read_text(encoding="utf-8")).values()))
+
+    def _picture(self) -> torch.Tensor:
+        return torch.from_numpy(self.style).permute(2, 0, 1)
+
+
+def flat_means(records: Sequence[dict[str, Any]]) -> dict[str, float | None]:
+    """The means of all pairs, each under ``FLOW INTERVAL METRIC``."""
+    return {f"{r['flow']} {r['interval']} {k}": r[k] for r in means(records) for k in (*METRICS, "share")}
+
+
+def likeness(path: OrbitPath, frames: Path, style: NDArray[np.float32]) -> dict[str, float]:
+    """Means over some frames of an orbit: distances to a style, and what became of the unstyled picture.
+
+    Args:
+        path: The orbit.
+        frames: Folder of its frames.
+        style: The picture, (h, w, 3) in [0, 1].
+
+    Returns:
+        :func:`svv.bench.styles.likeness.painted_figures`; ``changed``: by how much a pixel's colour changed, root mean
+        square over what is visible; ``content``: SSIM of the grey frame and the unstyled one.
+    """
+    network = load_lpips()
+    how = digest({"style": digest(style.tobytes()), "figures": FIGURES, "alexnet": network is not None})
+    file = frames / f"judged-{how}.json"
+    if file.exists():
+        return dict(json.loads(file.read_text(encoding="utf-8")))
+    numbers = path.protocol.frames
+    judge = judge_of(style, path.protocol.size, network)
+    found: list[dict[str, float]] = []
+    for number in numbers[:: max(1, len(numbers) // LOOKED_AT)][:LOOKED_AT]:
+        shown, before = (read_png(f / f"{number:04d}.png") / np.float32(255) for f in (frames, path.folder))
+        seen = before[..., 3] >= LEAST_ALPHA
+        if not seen.any():
+            continue
+        values = painted_figures(shown[..., :3], before[..., 3], judge)
+        values["changed"] = float(np.sqrt(np.square(shown[..., :3] - before[..., :3])[seen].mean()))
+        grey = [np.repeat(on_background(x).mean(axis=-1, keepdims=True), 3, axis=-1) for x in (shown, before)]
+        values["content"] = ssim(*grey)
+        found.append(values)
+    names = dict.fromkeys(name for values in found for name in values)
+    result = {name: float(np.mean([values[name] for values in found if name in values])) for name in names}
+    write_json(file, result)
+    return result
+
+
+def write_comparison(out: Path, rows: Sequence[Row], how: Comparison) -> str:
+    """``modes.md``, ``.csv``, ``.json`` and a sheet a case; returns the Markdown."""
+    columns = consistency_columns(how.protocol)
+    parts = [
+        markdown(averaged(rows, "mode"), "mode", [*columns, *JUDGED, "seconds"]),
+        *(victories(rows, own, [m for m in RIVALS if m in how.modes], columns) for own in OURS if own in how.modes),
+        "\n".join(f"- **{name}**: {MODES[name]}" for name in how.modes),
+    ]
+    text = "\n\n".join(p for p in parts if p) + "\n"
+    write_tables(out, "modes", rows, text)
+    return text
+
+
+def kept_scene(folder: Path, key: str, make: Callable[[Path], tuple[Scene, dict[str, float]]]) -> tuple[Scene, float]:
+    """A scene that is made once, and the seconds that it took.
+
+    Args:
+        folder: Where it is kept.
+        key: What it depends on; a scene of another key is made anew.
+        make: Makes it, with a file for a checkpoint; returns it and the seconds of its parts.
+    """
+    kept(folder, key)
+    file, note, saved = folder / "scene.svv", folder / "seconds.json", folder / "checkpoint"
+    if not note.exists():
+        made, seconds = make(saved)
+        made.save(file)
+        write_json(note, seconds)  # last: it says that the scene is whole
+        saved.unlink(missing_ok=True)
+    return Scene.load(file), float(sum(json.loads(note.read_text(encoding="utf-8")).values()))
+
+
+def _titled(progress: Progress, title: str) -> Progress:
+    return lambda fraction, label: progress(fraction, f"{title}: {label}")

@@ -1,0 +1,237 @@
+"""The path of frames that are compared: its cameras, depths, flows and masks, in which styles have no part.
+
+What is made is kept in folders that know what they were made of.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv._version import __version__
+from svv.core.cameras import Camera
+from svv.core.flow import (
+    ABSOLUTE,
+    BOUNDARY_ABSOLUTE,
+    BOUNDARY_RELATIVE,
+    RELATIVE,
+    camera_flow,
+    estimated_flow,
+    is_consistent,
+    is_motion_boundary,
+    sampled,
+    splatted,
+)
+from svv.core.metrics import flip_map
+from svv.errors import BadInput, Progress, silent
+from svv.fields.scene import Scene
+from svv.io.atomic import atomic_path, make_folder, to_json, write_json
+from svv.io.output import write_png
+from svv.render.frames import orbit
+from svv.render.pictures import over_white, read_png
+
+Array = NDArray[np.float64]
+LEAST_ALPHA = 0.1
+"""Opacity from which on a pixel counts as visible."""
+
+LEAST_ARRIVED = 0.5
+"""Part of a pixel that must have been splatted onto a pixel for it to be compared."""
+
+NEARER = 1000.0
+"""Importance in splatting: this times how much nearer a point is, in diameters of the camera path."""
+
+BRIGHTER = 20.0
+"""The same without depth: minus this times the difference in grey to where the flow leads (Niklaus & Liu 2020)."""
+
+FINE: dict[str, Any] = {"stride": 0.5, "joined": 1 / 1024}
+"""Sampling of depths and compared frames. With that of images (:mod:`svv.train.sampling`) the noise of sampling, which
+moves with the camera, was three fifths of what frames of an unstyled scene differed by."""
+
+RULES = ["straight colours", LEAST_ALPHA, LEAST_ARRIVED, NEARER, BRIGHTER, RELATIVE, ABSOLUTE, BOUNDARY_RELATIVE,
+         BOUNDARY_ABSOLUTE]  # fmt: skip
+"""What decides on pixels and warps: figures under other rules are measured anew."""
+
+METRICS = ("rmse", "mse", "flip", "rmse_part", "flip_part")
+TINY = 1e-3
+"""Contrast below which a frame counts as having this much: a plain colour agrees with itself."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Which frames are compared, and how."""
+
+    orbit: int = 181
+    """Frames of the whole path."""
+    size: int = 400
+    """Width and height in pixels."""
+    every: int = 1
+    """A pair begins at every so manyth frame."""
+    intervals: tuple[int, ...] = (1, 10)
+    """Frames from the first of a pair to its second."""
+    flows: tuple[str, ...] = ("depth", "tvl1")
+    """``depth``, and estimators of :func:`svv.core.flow.estimated_flow`."""
+
+    def __post_init__(self) -> None:
+        if self.orbit < 1 + max(self.intervals):
+            raise BadInput(f"An orbit of {self.orbit} frames has no two that are {max(self.intervals)} apart.")
+        if self.every < 1 or self.size < 16:
+            raise BadInput("Pairs begin at every 1st frame or fewer, and frames have 16 pixels or more.")
+
+    @property
+    def pairs(self) -> list[tuple[int, int, int]]:
+        """Interval, first and second frame of each pair."""
+        return [(n, a, a + n) for n in self.intervals for a in range(0, self.orbit - n, self.every)]
+
+    @property
+    def frames(self) -> list[int]:
+        """Numbers of all frames that are in a pair."""
+        return sorted({frame for _, *both in self.pairs for frame in both})
+
+
+@dataclass(frozen=True)
+class Warp:
+    """How the first frame of a pair is moved onto the second, and which pixels of the second are compared then."""
+
+    flow: Array
+    importance: Array
+    mask: NDArray[np.bool_]
+
+    def moved(self, first: NDArray[np.uint8]) -> Array:
+        """The first frame's levels (h, w, 3), as they are seen from the second camera; nan where nothing arrives."""
+        return splatted(first / 255.0, self.flow, self.importance)[0]
+
+    def differences(self, first: NDArray[np.uint8], second: NDArray[np.uint8]) -> dict[str, float]:
+        """RMSE, MSE and FLIP between two frames' straight colours, levels (h, w, 3), and the share of pixels compared.
+
+        ``rmse_part`` and ``flip_part`` are RMSE and FLIP as parts of what they are between the second frame and its
+        mean colour: pale pictures differ little whatever they show, and here they gain nothing by it. 0 is agreement, 1
+        no better than a plain colour. Pixels that are not compared are white in both pictures for FLIP, which looks at
+        neighbours, too.
+        """
+        moved = self.moved(first)
+        there = second / 255.0
+        error = np.square(moved - there)[self.mask]
+        if not len(error):
+            return {**dict.fromkeys(METRICS, float("nan")), "share": 0.0}
+        mean = there[self.mask].mean(axis=0)
+        shown = [np.where(self.mask[..., None], picture, 1.0) for picture in (moved, there, mean)]
+        mse, flip = float(error.mean()), float(flip_map(shown[0], shown[1])[self.mask].mean())
+        plain = float(np.square(there[self.mask] - mean).mean()) ** 0.5
+        plain_flip = float(flip_map(shown[2], shown[1])[self.mask].mean())
+        parts = {"rmse_part": mse**0.5 / max(plain, TINY), "flip_part": flip / max(plain_flip, TINY)}
+        return {"rmse": mse**0.5, "mse": mse, "flip": flip, **parts, "share": float(self.mask.mean())}
+
+
+def finely(scene: Scene) -> Scene:
+    """A scene whose images take more samples: what a step of the marching is too coarse for, depth shows."""
+    return replace(scene, **FINE)
+
+
+class OrbitPath:
+    """The orbit around one geometry: cameras, depths, and the warps of its pairs. Styles have no part in it.
+
+    Args:
+        scene: Whose density and unstyled colours are seen.
+        protocol: Which frames.
+        folder: Where depths, unstyled frames and estimated flows are kept.
+        key: What tells whether those that are there are of this scene and protocol.
+        progress: Called after every frame.
+    """
+
+    def __init__(self, scene: Scene, protocol: Protocol, folder: Path, key: str, progress: Progress = silent) -> None:
+        self.protocol, self.key = protocol, digest([key, FINE, RULES])
+        self.folder = kept(folder, self.key)
+        self.cameras: list[Camera] = orbit(scene, protocol.orbit, protocol.size, protocol.size)
+        self.diameter = 2.0 * float(scene.camera_rig["radius"])
+        self.view = lru_cache(maxsize=32)(self._view)
+        for number, frame in enumerate(protocol.frames):
+            progress(number / len(protocol.frames), f"geometry, frame {frame}")
+            if not self._file(frame).exists():
+                seen = finely(scene).render(self.cameras[frame], "pcn")
+                write_png(self.folder / f"{frame:04d}.png", seen.rgba)
+                _save(self._file(frame), depth=seen.depth, visible=seen.rgba[..., 3] >= LEAST_ALPHA)
+
+    def _file(self, frame: int) -> Path:
+        return self.folder / f"{frame:04d}.npz"
+
+    def picture(self, frame: int) -> NDArray[np.uint8]:
+        """The unstyled frame over white."""
+        return over_white(read_png(self.folder / f"{frame:04d}.png"))
+
+    def render(self, scene: Scene, network: str, frame: int) -> NDArray[np.float32]:
+        """RGBA of one frame of a scene, straight alpha."""
+        return scene.render(self.cameras[frame], network).rgba
+
+    def _view(self, frame: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Depth, nan where nothing counts as visible, and what does."""
+        with np.load(self._file(frame)) as content:
+            visible = content["visible"]
+            return np.where(visible, content["depth"], np.nan).astype(np.float32), visible
+
+    def warp(self, kind: str, first: int, second: int) -> Warp:
+        """The warp of a pair, by ``depth`` or by the estimator of that name."""
+        (depth, seen), (other, seen_there) = self.view(first), self.view(second)
+        if kind == "depth":
+            a, b = self.cameras[first], self.cameras[second]
+            flow, back = camera_flow(a, b, depth), camera_flow(b, a, other)
+            importance = -NEARER * np.nan_to_num(depth, nan=0.0).astype(np.float64) / self.diameter
+        else:
+            flow, back, importance = self._estimated(kind, first, second)
+            flow = np.where(seen[..., None], flow, np.nan)
+            back = np.where(seen_there[..., None], back, np.nan)
+        mask = is_consistent(back, flow) & ~is_motion_boundary(back)
+        _, arrived = splatted(np.zeros((*seen.shape, 1)), flow, importance)
+        return Warp(flow, importance, mask & (arrived >= LEAST_ARRIVED))
+
+    def _estimated(self, kind: str, first: int, second: int) -> tuple[Array, Array, Array]:
+        """Flow there and back, and importance, read from the unstyled pictures; kept as half floats."""
+        file = self.folder / f"{kind}-{first:04d}-{second:04d}.npz"
+        one, two = (self.picture(frame).mean(axis=-1) / 255.0 for frame in (first, second))
+        if not file.exists():
+            flows = estimated_flow(one, two, kind), estimated_flow(two, one, kind)
+            _save(file, **{name: f.astype(np.float16) for name, f in zip(("there", "back"), flows)})
+        with np.load(file) as content:
+            there, back = (content[name].astype(np.float64) for name in ("there", "back"))
+        led = sampled(two[..., None], there)[..., 0]
+        return there, back, -BRIGHTER * np.abs(one - np.nan_to_num(led, nan=2.0))
+
+
+def digest(content: Any) -> str:
+    """A hash of bytes, or of plain values and of our version."""
+    if not isinstance(content, bytes):
+        plain = json.loads(to_json({"version": __version__, "content": content}))
+        content = json.dumps(plain, sort_keys=True).encode()
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def kept(folder: Path, key: str) -> Path:
+    """A folder whose content is of that key: made where it is missing, emptied where it is of another."""
+    note = folder / "key.json"
+    if folder.exists() and not note.exists() and any(folder.iterdir()):
+        raise BadInput(f"{folder} holds something else; choose another folder with --out.")
+    if note.exists() and _read_key(note) != key:
+        shutil.rmtree(folder)
+    make_folder(folder)
+    if not note.exists():
+        write_json(note, {"key": key})
+    return folder
+
+
+def _read_key(note: Path) -> str | None:
+    try:
+        return str(json.loads(note.read_text(encoding="utf-8"))["key"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None  # nothing that can be relied on
+
+
+def _save(path: Path, **arrays: NDArray[Any]) -> None:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]

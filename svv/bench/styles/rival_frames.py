@@ -1,0 +1,180 @@
+"""Other ways to stylize an orbit's frames as pictures, without a field: what ours is compared with.
+
+They share our features and schedule, and know nothing of regions, painted starts or light.
+
+- **frame by frame** (as Gatys et al. 2016): every frame is optimised alone and knows of no other.
+- **video** (ReReVST-like; Ruder, Dosovitskiy & Brox 2016): a frame begins from the one before, warped along the exact
+  flow, and is held to it where the flow is valid.
+- **AdaIN** (Huang & Belongie 2017): mean and deviation of each channel of the features become the style's. In the
+  place of their decoder the pixels are optimised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from svv.bench.styles.judge_features import optimised, style_loss, stylized, with_style_colours
+from svv.core.nnfm import cell_weights, total_variation
+from svv.styles.features import STRIDE
+from svv.train.style_loss import LEAST_DETAIL, LEAST_SHARE, StyleLossSettings, StyleTarget, solid
+from svv.train.stylize import RIM
+
+HELD = 100.0
+"""Weight of the mean squared difference to the warped frame before."""
+
+WARPED_STEPS = 0.5
+"""Part of a frame's steps that one takes which begins from the frame before: it is painted already."""
+
+STATISTICS = 10.0
+"""Weight of mean and deviation against the style's, where that of the wanted features is 1."""
+
+LEAST_VARIANCE = 1e-5
+"""Added to the variance of a channel before it is divided by."""
+
+
+@dataclass(frozen=True)
+class Before:
+    """The frame before, as it is seen from here."""
+
+    colours: NDArray[np.floating]
+    """Straight, in [0, 1], nan where nothing arrived. (h, w, 3)"""
+    valid: NDArray[np.bool_]
+    """Where they can be relied on: what is seen in both frames. (h, w)"""
+
+
+def frame_alone(
+    rgba: NDArray[np.floating], network: nn.Module, style: Tensor, loss: StyleLossSettings, steps: int, seed: int
+) -> NDArray[np.float32]:
+    """One image, straight alpha (h, w, 4) in [0, 1], optimised towards a style (3, h, w); its alpha stays."""
+    # Made anew for each frame: its random shifts are then the same in all of them.
+    target = StyleTarget(network, style, loss, seed)
+    return _painted(rgba, lambda colours, mask, _: stylized(colours, mask, target, steps))
+
+
+def frame_after(
+    rgba: NDArray[np.floating], before: Before, network: nn.Module, style: Tensor, loss: StyleLossSettings,
+    steps: int, seed: int, held: float = HELD,
+) -> NDArray[np.float32]:  # fmt: skip
+    """One image of a sequence: as :func:`frame_alone`, but from the frame before, and like it.
+
+    To the style loss comes a temporal one, the mean squared difference to the warped frame over the pixels where it is
+    valid (Ruder, Dosovitskiy & Brox 2016, the short-term loss). What the frame before does not show begins as a frame
+    alone does.
+
+    Args:
+        rgba: The unstyled frame, straight alpha. (h, w, 4) in [0, 1]
+        before: The stylized frame before, warped to this one.
+        network: Feature network.
+        style: (3, h, w) in [0, 1].
+        loss: Of the style.
+        steps: That a frame alone takes; here it is ``WARPED_STEPS`` of them.
+        seed: Of the style's vectors and of the shifts.
+        held: Weight of the temporal loss.
+
+    Returns:
+        The stylized frame (h, w, 4), its alpha that of ``rgba``.
+    """
+    target = StyleTarget(network, style, loss, seed)
+
+    def paint(colours: Tensor, mask: Tensor, part: tuple[slice, slice]) -> Tensor:
+        warped = torch.from_numpy(np.asarray(before.colours[part], np.float32)).permute(2, 0, 1)
+        valid = torch.from_numpy(before.valid[part]) * mask
+        arrived = warped.isfinite().all(0)
+        warped = torch.where(arrived, warped, with_style_colours(colours, mask, target))
+
+        def wanted(picture: Tensor) -> Tensor:
+            moved = ((picture - warped).square().mean(0) * valid).sum() / valid.sum().clamp_min(1.0)
+            return style_loss(picture, mask, target) + held * moved
+
+        return optimised(warped, mask, wanted, max(1, round(WARPED_STEPS * steps)))
+
+    return _painted(rgba, paint)
+
+
+def frame_of_statistics(
+    rgba: NDArray[np.floating], network: nn.Module, style: Tensor, loss: StyleLossSettings, steps: int, seed: int
+) -> NDArray[np.float32]:
+    """One image whose features are the frame's own, normalized to the style's statistics; see :func:`frame_alone`.
+
+    Pixels are optimised so that the features f are t = sigma_s (f_c - mu_c) / sigma_c + mu_s (AdaIN, eq. 8), f_c the
+    frame's before, and so that their mean and deviation are mu_s and sigma_s (ibid., eq. 13; as style losses: Li et al.
+    2017, Demystifying neural style transfer). Of ``loss`` its size of the style and its total variation count, which is
+    in the place of what a decoder knows of pictures.
+    """
+    target = StyleTarget(network, style, loss, seed)
+
+    def paint(colours: Tensor, mask: Tensor, part: tuple[slice, slice]) -> Tensor:
+        wanted = partial(StatisticsLoss(target, colours, mask).loss, mask=mask)
+        return optimised(with_style_colours(colours, mask, target), mask, wanted, steps)
+
+    return _painted(rgba, paint)
+
+
+class StatisticsLoss:
+    """AdaIN's content and style loss of a frame.
+
+    Args:
+        target: The style.
+        colours: The frame's own, straight. (3, h, w)
+        mask: Its opacity. (h, w)
+    """
+
+    def __init__(self, target: StyleTarget, colours: Tensor, mask: Tensor) -> None:
+        self.target = target
+        with torch.no_grad():
+            style = target.network(target.picture[None])[0, :, 1:-1, 1:-1].flatten(1).T
+            self.statistics = statistics_of(style, torch.ones_like(style[:, 0]))
+            features, weights = self.features(colours, mask)
+            (mean, deviation), (wanted, spread) = statistics_of(features, weights), self.statistics
+            self.features_wanted = spread * (features - mean) / deviation + wanted
+        self.scale = spread.square().sum().clamp_min(LEAST_DETAIL * float(wanted.square().sum()) + LEAST_VARIANCE)
+        """So that losses of any features have the same size."""
+
+    def features(self, colours: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        """Features (N, C) of cells, and how much each counts (N,)."""
+        behind = self.target.background
+        seen, cover = solid(colours * mask + behind * (1 - mask), mask, behind)
+        weights = cell_weights(cover, STRIDE)
+        return self.target.network(seen[None])[0].flatten(1).T, weights * (weights > LEAST_SHARE)
+
+    def loss(self, picture: Tensor, mask: Tensor) -> Tensor:
+        """Of straight colours (3, h, w), a scalar."""
+        features, weights = self.features(picture, mask)
+        total = weights.sum().clamp_min(1e-6)
+        content = ((features - self.features_wanted).square().sum(1) * weights).sum() / total
+        pairs = zip(statistics_of(features, weights), self.statistics, strict=True)
+        style = torch.stack([(found - wanted).square().sum() for found, wanted in pairs]).sum()
+        smooth = self.target.settings.variation * total_variation(picture, mask)
+        return (content + STATISTICS * style) / self.scale + smooth
+
+
+def statistics_of(features: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and deviation of each channel, both (C,), of features (N, C) that count by weights (N,)."""
+    share = weights / weights.sum().clamp_min(1e-6)
+    mean = share @ features
+    return mean, (share @ (features - mean).square() + LEAST_VARIANCE).sqrt()
+
+
+def _painted(
+    rgba: NDArray[np.floating], paint: Callable[[Tensor, Tensor, tuple[slice, slice]], Tensor]
+) -> NDArray[np.float32]:
+    """An image whose colours are painted in the rectangle where something is seen, its alpha as it is.
+
+    ``paint`` gets colours (3, h, w), opacity (h, w) and the rows and columns of the rectangle.
+    """
+    result = np.array(rgba, np.float32)
+    seen = np.argwhere(result[..., 3] > 0)
+    if not len(seen):
+        return result
+    (top, left), (bottom, right) = (seen.min(0) - RIM).clip(min=0), seen.max(0) + RIM + 1
+    part = slice(top, bottom), slice(left, right)
+    cut = torch.from_numpy(result[part].copy()).permute(2, 0, 1)
+    result[(*part, slice(3))] = paint(cut[:3], cut[3], part).permute(1, 2, 0).numpy()
+    return result

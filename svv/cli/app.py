@@ -1,0 +1,91 @@
+"""The ``svv`` command: reads arguments, calls the layers below, prints what came out.
+
+Heavy imports stand inside the commands, so that ``svv --help`` answers at once.
+
+Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130 stopped by the user.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+from svv._version import __version__
+from svv.cli import bench, cache, edit, features, job, paraview, render, scene, style, stylize
+from svv.cli.options import examples
+from svv.ending import end_with
+from svv.errors import BadInput, Cancelled
+from svv.measure import share_processors
+
+app = typer.Typer(
+    name="svv",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+
+
+UsageError: Any = typer.BadParameter.__base__
+"""Bad use of the command; typer brings its own copy of click in some versions and needs the package in others."""
+
+
+@app.callback(invoke_without_command=True)
+def svv(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and stop.")] = False,
+) -> None:
+    """Volume renderings that look like something else: recoloured, relit, thinned out or painted, region by region.
+
+    Views of a volume become a small scene file (.svv), which renders from any side, takes edits without training
+    and learns the manner of pictures.
+    """
+    if version:
+        print(f"svv {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        context.get_help()  # prints it
+        raise typer.Exit
+
+
+COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
+    "demo": (job.demo, job.DEMO),
+    "run": (job.run, job.RUN),
+    "views": (job.views, job.VIEWS),
+    "train": (scene.train, scene.TRAIN),
+    "edit": (edit.edit, edit.EDIT),
+    "palette": (edit.palette, edit.PALETTE),
+    "stylize": (stylize.stylize, stylize.STYLIZE),
+    "render": (render.render, render.RENDER),
+    "evaluate": (scene.evaluate, scene.EVALUATE),
+    "info": (scene.info, scene.INFO),
+    "styles": (style.styles, style.STYLES),
+    "style-mask": (style.style_mask, style.STYLE_MASK),
+    "features": (features.features, features.FEATURES),
+    "cache": (cache.cache, cache.CACHE),
+}
+"""Name -> what does it, and the examples of its help; in the order of the help."""
+
+for _name, (_command, _examples) in COMMANDS.items():
+    app.command(_name, epilog=examples(*_examples))(_command)
+app.add_typer(bench.app, name="bench")
+paraview.add_to(app)  # last, as in the help
+
+
+def main() -> NoReturn:
+    """Run the command line; what went wrong becomes one sentence and an exit code."""
+    share_processors(os.environ)
+
+    def run() -> object:
+        try:
+            return app(prog_name="svv", standalone_mode=False)
+        except UsageError as error:
+            command = error.ctx.command_path if error.ctx else "svv"
+            raise BadInput(f"{error.format_message()} Try: {command} --help") from None
+        except typer.Abort:
+            raise Cancelled from None
+
+    end_with(run, "svv")

@@ -1,0 +1,36 @@
+"""``svv bench``: the commands that measure the rest of the package, one module a group."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import typer
+
+from svv.cli.bench import blind, chart, judge, profile, sheets, stability, styles
+from svv.cli.options import examples
+
+app = typer.Typer(no_args_is_help=True)
+
+COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
+    "chart": (chart.chart, chart.CHART),
+    "stability": (stability.stability, stability.STABILITY),
+    "profile": (profile.profile, profile.PROFILE),
+    "consistency": (styles.consistency, styles.CONSISTENCY),
+    "compare": (styles.compare, styles.COMPARE),
+    "ablate": (styles.ablate, styles.ABLATE),
+    "judge": (judge.judge, judge.JUDGE),
+    "sheet": (sheets.sheet, sheets.SHEET),
+    "figures": (sheets.figures, sheets.FIGURES),
+    "blind": (blind.blind, blind.BLIND),
+}
+"""Name -> what does it, and the examples of its help; in the order of the help."""
+
+
+@app.callback(epilog=examples("svv bench chart views --out chart", "svv bench consistency styled.svv --out frames"))
+def bench() -> None:
+    """Measure: accuracy against time, stability, consistency between frames, what each part is worth."""
+
+
+
+for _name, (_command, _examples) in COMMANDS.items():
+    app.command(_name, epilog=examples(*_examples))(_command)

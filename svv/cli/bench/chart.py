@@ -1,0 +1,99 @@
+"""The command ``svv bench chart``; see :mod:`svv.cli.app`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from svv.cli.options import (
+    Encoding,
+    KernelFamily,
+    Lighting,
+    Mapper,
+    MapperOption,
+    Network,
+    Out,
+    Preset,
+    Processor,
+    Views,
+    parse_choices,
+    parse_limits,
+    parse_whole,
+)
+from svv.progress import duration, shown
+
+CHART = (
+    "svv bench chart views --out chart",
+    "svv bench chart views head.vti --tf skin.json --presets fast,balanced --time-limits 30,120,full --out chart",
+    "svv bench chart head.vti --tf skin.json --encodings lattice --sizes 200,400 --seeds 0,1,2 --out chart",
+    "svv bench chart views --presets balanced,paper --encodings hash --time-limits 600 --out paper",
+    "svv bench chart views --presets fast --encodings lattice --lighting network,phong --time-limits 60 --out lights",
+)
+
+
+def chart(
+    sources: Annotated[
+        list[Path], typer.Argument(metavar="VIEWS|VOLUME ...", help="Folders of views with a test split, or volumes.")
+    ],
+    out: Out,
+    tf: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="TF.json", help="A volume's transfer function: one for each in their order, or one."),
+    ] = None,
+    presets: Annotated[str, typer.Option(metavar="A,B", help="Of draft, fast, balanced, paper.")] = "draft,fast",
+    encodings: Annotated[str, typer.Option(metavar="A,B", help="Of lattice, hash.")] = "lattice,hash",
+    time_limits: Annotated[
+        str, typer.Option(metavar="SECONDS,...", help="A run for each; 'full' is the preset's whole schedule.")
+    ] = "15,30,60",
+    sizes: Annotated[
+        str | None,
+        typer.Option(metavar="N,...", help="Widths of training views; by default as they are, 400 of a volume."),
+    ] = None,
+    render_sizes: Annotated[
+        str | None, typer.Option(metavar="N,...", help="Widths of rendered views; by default the training views'.")
+    ] = None,
+    devices: Annotated[str, typer.Option(metavar="A,B", help=f"Of {', '.join(d.value for d in Processor)}.")] = "cpu",
+    kernels: Annotated[
+        str, typer.Option(metavar="A,B", help="Of fast (numba, on a GPU Triton) and torch (the plain reference).")
+    ] = "fast",
+    seeds: Annotated[str, typer.Option(metavar="N,...", help="A run for each.")] = "0",
+    lighting: Annotated[
+        str, typer.Option(metavar="A,B", help="Of network, phong (needs the lattice), auto; see svv train.")
+    ] = "network",
+    network: Annotated[Network, typer.Option(help="Whose colours are scored: base or pcn.")] = Network.pcn,
+    test: Annotated[int, typer.Option(min=5, help="Unseen views that are scored and timed.")] = 8,
+    n: Views = 92,
+    mapper: MapperOption = Mapper.auto,
+) -> None:
+    """Chart accuracy against seconds and bytes: presets x encodings x sizes x devices x time limits on your scenes.
+
+    Every combination is trained and measured on unseen views, in a process of its own. The folder gets chart.html,
+    three PNG charts, runs.csv and runs.json. Stopped with Ctrl-C, the same command goes on; runs that are there are
+    not repeated. A volume is drawn by volume rendering too, so its own time stands beside the network's.
+    """
+    from svv.bench.chart.job import Chart
+    from svv.bench.chart.plan import Grid, Measure
+    from svv.bench.chart.result import make_chart
+
+    grid = Grid(
+        parse_choices(presets, "--presets", Preset),
+        parse_choices(encodings, "--encodings", Encoding),
+        parse_limits(time_limits, "--time-limits"),
+        (None,) if sizes is None else parse_whole(sizes, "--sizes", 16),
+        (None,) if render_sizes is None else parse_whole(render_sizes, "--render-sizes", 16),
+        parse_choices(devices, "--devices", Processor),
+        parse_choices(kernels, "--kernels", KernelFamily),
+        parse_whole(seeds, "--seeds"),
+        parse_choices(lighting, "--lighting", Lighting),
+    )
+    plan = Chart(sources, tf or [], out, grid, Measure(test, network.value, n, mapper.value))
+    left = [step for step in plan.steps if not plan.is_done(step)]
+    runs, guess = sum(step.rendering is None and not step.draw for step in left), sum(step.expected for step in left)
+    print(f"{runs} runs to train, about {duration(guess)}.", file=sys.stderr)
+
+    with shown("Charting") as progress:
+        page = make_chart(plan, progress)
+    print(page)

@@ -1,0 +1,73 @@
+"""The commands ``svv bench sheet`` and ``svv bench figures``; see :mod:`svv.cli.app`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from svv.cli.option_group import spread
+from svv.cli.options import Preset, Seed
+from svv.progress import shown
+
+if TYPE_CHECKING:
+    from svv.bench.styles.exhibits import Exhibit
+
+SHEET = (
+    "svv bench sheet foot.svv head.svv --style brush.jpg --style gallery:mosaic --out paintings",
+    "svv bench sheet foot.svv --style gallery:woodcut --style gallery:impasto --preset draft --out paintings",
+)
+FIGURES = ("svv bench figures head.svv --style gallery:impasto --style gallery:mosaic --out figures",)
+
+
+@dataclass(frozen=True)
+class Painting:
+    """What is painted, how, and where it goes."""
+
+    style: Annotated[
+        list[str], typer.Option("--style", metavar="IMG|gallery:NAME", help="A picture; may be given several times.")
+    ]
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for pictures and painted scenes.")]
+    preset: Annotated[Preset, typer.Option(help="How long each painting is worked on.")] = Preset.fast
+    size: Annotated[int, typer.Option(min=16, help="Side of a picture in pixels.")] = 320
+    frame: Annotated[int, typer.Option(help="View of the path of 181, 0 to 180.")] = 76
+    seed: Seed = 0
+
+    def exhibit(self) -> Exhibit:
+        """As the layers below take it."""
+        from svv.bench.styles.exhibits import Exhibit
+
+        return Exhibit(self.preset.value, self.size, self.frame, self.seed)
+
+
+@spread
+def sheet(
+    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv ...", help="Scenes with a palette network.")],
+    how: Painting,
+) -> None:
+    """Paint every scene in every style, and show all on one sheet.
+
+    The folder gets sheet.png and a scene file for each painting. Stopped with Ctrl-C, the same command goes on; what is
+    painted is not painted again.
+    """
+    from svv.bench.styles.exhibits import paint_sheet
+
+    print(paint_sheet(scenes, how.style, how.out, how.exhibit(), shown))
+
+
+@spread
+def figures(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A scene of two regions at least.")],
+    how: Painting,
+) -> None:
+    """Show what painting can do with a scene, as the paper's figures do.
+
+    several.png: each region painted alone, and several pictures for one scene; parts.png: three pairings of parts of
+    one picture with the regions; edits.png: opacity and light edited after painting.
+    """
+    from svv.bench.styles.exhibits import paint_figures
+
+    for path in paint_figures(scene, how.style, how.out, how.exhibit(), shown):
+        print(path)

@@ -1,0 +1,188 @@
+"""The commands ``svv bench consistency``, ``svv bench compare`` and ``svv bench ablate``; see :mod:`svv.cli.app`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from svv.cli.option_group import spread
+from svv.cli.options import Json, Network, Out, Preset, PresetOption, SceneFile, Seed, parse_whole
+from svv.errors import BadInput
+from svv.progress import shown
+
+if TYPE_CHECKING:
+    from svv.bench.styles.path import Protocol
+
+CONSISTENCY = (
+    "svv bench consistency styled.svv --json consistency.json --out consistency",
+    "svv bench consistency styled.svv --size 200 --every 10 --flows depth --json c.json --out quick",
+    "svv bench consistency scene.svv --network pcn --json unstyled.json --out unstyled",
+)
+COMPARE = (
+    "svv bench compare a.svv b.svv --style brush.png --style gallery:woodcut --out modes",
+    "svv bench compare a.svv --style brush.png --modes ours,arf-like --size 200 --every 20 --out quick",
+)
+ABLATE = (
+    "svv bench ablate scene.svv --style brush.png --out ablations",
+    "svv bench ablate scene.svv --style brush.png --views views --only lambda-delta,refinement --out stage2",
+)
+
+Flows = Annotated[
+    str, typer.Option("--flows", metavar="A,B", help="Of depth (ours, exact), and the estimators tvl1 and ilk.")
+]
+KINDS = ("depth", "tvl1", "ilk")
+ALL_MODES = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame,video,adain"
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Which frames are measured, and which pairs of them."""
+
+    orbit: Annotated[int, typer.Option("--orbit", metavar="N", min=2, help="Frames of the whole path.")] = 181
+    size: Annotated[int, typer.Option("--size", min=32, help="Width and height of the frames in pixels.")] = 400
+    every: Annotated[int, typer.Option("--every", metavar="K", min=1, help="A pair begins at every Kth frame.")] = 1
+    intervals: Annotated[
+        str, typer.Option("--intervals", metavar="N,...", help="Frames between those of a pair.")
+    ] = "1,10"
+
+    def protocol(self, flows: str) -> Protocol:
+        """As the layers below take it."""
+        from svv.bench.styles.path import Protocol
+
+        kinds = tuple(dict.fromkeys(part.strip() for part in flows.split(",")))
+        for kind in kinds:
+            if kind not in KINDS:
+                raise BadInput(f"--flows has no '{kind}'; choose of {', '.join(KINDS)}, with commas between.")
+        return Protocol(self.orbit, self.size, self.every, parse_whole(self.intervals, "--intervals", 1), kinds)
+
+
+ALL_FRAMES, FEW_FRAMES = Frames(), Frames(every=10)
+"""All, and fewer where many variants are measured."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """How each variant is trained."""
+
+    preset: PresetOption = Preset.balanced
+    seed: Seed = 0
+    features: Annotated[
+        str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
+    ] = "auto"
+
+
+TRAINING = Training()
+
+@spread
+def consistency(
+    scene: SceneFile,
+    out: Out,
+    frames: Frames = ALL_FRAMES,
+    flows: Flows = "depth,tvl1",
+    network: Annotated[Network | None, typer.Option(help="By default the last one trained.")] = None,
+    json: Json = None,
+) -> None:
+    """Measure how well the frames of an orbit agree: RMSE, MSE and FLIP, short- and long-range.
+
+    A frame is warped onto a later one along the optical flow and compared where both see the same. Stopped with
+    Ctrl-C, the same command goes on where it was.
+    """
+    from svv.bench.styles.consistency import consistency
+    from svv.bench.styles.path import METRICS, digest
+    from svv.bench.styles.table import markdown
+    from svv.fields.scene import Scene
+    from svv.io.atomic import check_writable, write_json
+
+    protocol = frames.protocol(flows)
+    if json is not None:
+        check_writable(json)
+    loaded = Scene.load(scene)
+    name = network.value if network is not None else loaded.networks[-1]
+    if name not in loaded.networks:
+        raise BadInput(f"The scene holds no network '{name}', only {', '.join(loaded.networks)}.")
+    with shown("Consistency") as progress:
+        found = consistency(loaded, name, protocol, out, digest(scene.read_bytes()), progress)
+    if json is not None:
+        write_json(json, {"scene": scene.name, "network": name, "protocol": vars(protocol), **found})
+    named = [{"flow, interval": f"{r['flow']} {r['interval']}", **r} for r in found["rows"]]
+    print(markdown(named, "flow, interval", (*METRICS, "share", "pairs")))
+    for kind, errors in found["flow_error"].items():
+        apart = ", ".join(f"{error:.2f} pixels over {interval}" for interval, error in errors.items())
+        print(f"{kind} is off the flow of the depth by {apart} frames.")
+
+
+@spread
+def compare(
+    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv ...", help="Trained scenes.")],
+    style: Annotated[
+        list[str], typer.Option(metavar="IMG|gallery:NAME", help="A picture; may be given several times.")
+    ],
+    out: Out,
+    modes: Annotated[
+        str,
+        typer.Option(metavar="A,B", help=f"Of {ALL_MODES.replace(',', ', ')}."),
+    ] = ALL_MODES,
+    frames: Frames = ALL_FRAMES,
+    flows: Flows = "depth,tvl1",
+    training: Training = TRAINING,
+    paper_loss: Annotated[
+        bool, typer.Option("--paper-loss", help="Plain matching instead of our loss, in all modes.")
+    ] = False,
+) -> None:
+    """Set our stylization beside other ways to do it: with other fields, and frame by frame.
+
+    The folder gets modes.md, .csv and .json and a contact sheet a scene and style. Stopped with Ctrl-C, the same
+    command goes on where it was.
+    """
+    from svv.bench.styles.modes import Comparison, compare_styles, write_comparison
+    from svv.render.gallery import style_file
+
+    protocol = frames.protocol(flows)
+    names = tuple(dict.fromkeys(part.strip() for part in modes.split(",")))
+    how = Comparison(protocol, names, training.preset.value, training.seed, training.features, paper_loss)
+    with shown("Comparing") as progress:
+        rows = compare_styles(scenes, [style_file(name, out) for name in style], out, how, progress)
+    print(write_comparison(out, rows, how))
+
+
+@spread
+def ablate(
+    scene: SceneFile,
+    out: Out,
+    style: Annotated[
+        list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A picture for the stylization's.")
+    ] = None,
+    views: Annotated[
+        Path | None, typer.Option(metavar="VIEWS", help="Its folder of views, for those of the palette network.")
+    ] = None,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            help="Of matching, painted-start, form, tone, contrast, depth, colour-transfer, lighting, background, "
+            "along-rays, paint-cells, refinement, lambda-delta.",
+        ),
+    ] = None,
+    frames: Frames = FEW_FRAMES,
+    training: Training = TRAINING,
+    paper_loss: Annotated[bool, typer.Option("--paper-loss", help="Plain matching instead of our loss.")] = False,
+) -> None:
+    """Leave out, one at a time, what the paper says it needs: table and contact sheet of every variant.
+
+    The folder gets ablations.md, .csv and .json and the pictures. Stopped with Ctrl-C, the same command goes on.
+    """
+    from svv.bench.ablation.painting import Ablation, run_ablation
+    from svv.render.gallery import style_file
+
+    protocol = frames.protocol("depth")
+    names = None if only is None else tuple(dict.fromkeys(part.strip() for part in only.split(",")))
+    job = Ablation(
+        scene, tuple(style_file(name, out) for name in style or ()), views, names, protocol, training.preset.value,
+        training.seed, training.features, paper_loss,
+    )  # fmt: skip
+    with shown("Ablations") as progress:
+        text = run_ablation(job, out, progress)
+    print(text)

@@ -1,0 +1,47 @@
+"""Scene files that commands read and write, with the checkpoints of what was stopped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from svv.cli.options import Device
+from svv.progress import duration
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
+
+
+def checkpoint_path(out: Path) -> Path:
+    """Where stopped work is kept until the same command goes on with it."""
+    return out.with_name(out.name + ".checkpoint")
+
+
+def check_targets(*paths: Path | None) -> None:
+    """Find out before minutes of work that a result could not be written."""
+    from svv.io.atomic import check_writable
+
+    for path in paths:
+        if path is not None:
+            check_writable(path)
+
+
+def load(path: Path, device: Device = Device.cpu) -> Scene:
+    from svv.fields.scene import Scene
+    from svv.kernels.dispatch import device_named
+
+    where = device_named(device.value)
+    return Scene.load(path).on(where)
+
+
+def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, checkpoint: Path) -> None:
+    """Save a trained scene and what its training reports, then drop the checkpoint that is no longer needed."""
+    from svv.io.atomic import write_json
+
+    scene.save(out)
+    report = {**report, "scene_bytes": out.stat().st_size}
+    if json is not None:
+        write_json(json, report)
+    checkpoint.unlink(missing_ok=True)
+    total, size = duration(report["seconds"]["total"]), report["scene_bytes"] / 1e6
+    print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions, {total}")

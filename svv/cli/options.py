@@ -1,0 +1,297 @@
+"""The options of the ``svv`` command that several commands share, and how their text is read."""
+
+from __future__ import annotations
+
+import math
+import string
+from collections.abc import Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from svv.errors import BadInput
+
+
+class Preset(str, Enum):
+    """How much time training takes, and how large the model may be."""
+
+    draft = "draft"
+    fast = "fast"
+    balanced = "balanced"
+    paper = "paper"
+
+
+class Encoding(str, Enum):
+    """How positions become features."""
+
+    lattice = "lattice"
+    hash = "hash"
+
+
+class Lighting(str, Enum):
+    """What the light of a scene is."""
+
+    auto = "auto"
+    network = "network"
+    phong = "phong"
+
+
+class KernelFamily(str, Enum):
+    """What a measured run calculates with."""
+
+    fast = "fast"
+    torch = "torch"
+
+
+class Processor(str, Enum):
+    """What a measured run calculates on; by name, for ``auto`` would be another on another machine."""
+
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+class Network(str, Enum):
+    """Which colours are rendered: of the first stage, of the palette, or stylized."""
+
+    base = "base"
+    pcn = "pcn"
+    styled = "styled"
+
+
+class Mapper(str, Enum):
+    """Which of VTK's ray casters draws the views."""
+
+    auto = "auto"
+    gpu = "gpu"
+    cpu = "cpu"
+
+
+class Device(str, Enum):
+    """What calculates."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+class What(str, Enum):
+    """What a picture shows."""
+
+    rgba = "rgba"
+    depth = "depth"
+    region = "region"
+
+
+Out = Annotated[Path, typer.Option("--out", "-o", help="Where the result goes.")]
+Json = Annotated[Path | None, typer.Option("--json", help="Write the figures to this JSON file too.")]
+Seed = Annotated[int, typer.Option(help="Same seed, same result.")]
+PresetOption = Annotated[Preset, typer.Option(help="draft: seconds; fast, balanced: minutes; paper: its large grid.")]
+EncodingOption = Annotated[
+    Encoding | None, typer.Option(help="lattice, or the paper's hash grid; by default the preset's own.")
+]
+LightingOption = Annotated[
+    Lighting,
+    typer.Option(help="network, or phong: a light that can be moved; auto: phong where held-out views allow it."),
+]
+TimeLimit = Annotated[float | None, typer.Option(metavar="SECONDS", min=1, help="Shorten training to this long.")]
+TransferFunction = Annotated[
+    Path | None,
+    typer.Option("--tf", metavar="TF.json", help="Transfer function: a ParaView preset, or a list of opacity bumps."),
+]
+Views = Annotated[int, typer.Option("--n", min=3, help="Training views, evenly on a sphere (10T+2: geodesic).")]
+TestViews = Annotated[int, typer.Option("--test", min=0, help="Unseen views for scores, spread over the orbit.")]
+ViewSize = Annotated[int, typer.Option("--size", min=16, help="Width and height of the views in pixels.")]
+DeviceOption = Annotated[Device, typer.Option(help="What calculates; auto takes CUDA where torch finds a GPU.")]
+MapperOption = Annotated[Mapper, typer.Option(help="auto takes the GPU where OpenGL is hardware.")]
+Array = Annotated[str | None, typer.Option(help="Name of the array in the volume file, where it has several.")]
+Dims = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Raw files: number of voxels along each axis.")]
+Dtype = Annotated[str | None, typer.Option(help="Raw files: type of a voxel, such as uint8, int16, float32.")]
+Spacing = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Raw files, stacks, .npy: size of a voxel.")]
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A trained scene.")]
+
+
+VolumeFile = Annotated[Path, typer.Argument(metavar="VOLUME", help="A volume: .vti, .nrrd, .nii.gz, .raw, .tif ...")]
+Orbit = Annotated[int, typer.Option(min=2, help="Frames of the orbit.")]
+OrbitSize = Annotated[int, typer.Option(min=16, help="Width and height of the orbit's frames in pixels.")]
+
+
+def examples(*lines: str) -> str:
+    """Commands to copy, shown under a command's help."""
+    return "[bold]Examples[/bold]\n\n" + "\n\n".join(f"  {line}" for line in lines)
+
+
+def parse_colour(text: str) -> tuple[float, float, float]:
+    """'#rrggbb', 'white' or 'black' as sRGB in [0, 1].
+
+    Raises:
+        BadInput: anything else.
+    """
+    digits = {"white": "ffffff", "black": "000000"}.get(text.lower(), text.removeprefix("#"))
+    if len(digits) != 6 or not set(digits) <= set(string.hexdigits):
+        raise BadInput(f"'{text}' is no colour; write it as '#rrggbb', for example '#ff8800'.")
+    value = int(digits, 16)
+    return (value >> 16) / 255, (value >> 8 & 255) / 255, (value & 255) / 255
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """'800' or '1280x720' as (width, height).
+
+    Raises:
+        BadInput: anything else, or fewer than 1 or more than 16384 pixels along a side.
+    """
+    parts = text.lower().split("x")
+    if len(parts) in (1, 2) and all(p.isascii() and p.isdigit() and 1 <= int(p) <= 16384 for p in parts):
+        return int(parts[0]), int(parts[-1])
+    raise BadInput(f"'{text}' is no size; write 800 or 1280x720, at most 16384 pixels along a side.")
+
+
+def parse_mapping(text: str) -> dict[int, int] | Literal["colour"]:
+    """'0=0,2=1' as {region: style}; 'colour' (or 'color') stays that word.
+
+    Raises:
+        BadInput: anything else, or a region that is named twice.
+    """
+    if text.strip().lower() in ("colour", "color"):
+        return "colour"
+    pairs = [part.split("=") for part in text.split(",")]
+    if not all(len(p) == 2 and all(x.strip().isascii() and x.strip().isdigit() for x in p) for p in pairs):
+        raise BadInput(f"'{text}' is no mapping; write region=style pairs, for example --map 0=0,1=1, or colour.")
+    mapping = {int(region): int(style) for region, style in pairs}
+    if len(mapping) < len(pairs):
+        raise BadInput(f"'{text}' names a region twice.")
+    return mapping
+
+
+def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
+    """['0=sky.png', '1=tree.png'] as {style: file}.
+
+    Raises:
+        BadInput: anything else, a style that is not there, or one that is named twice.
+    """
+    found: dict[int, Path] = {}
+    for text in texts:
+        number, sign, file = text.partition("=")
+        if not (sign and file and number.strip().isascii() and number.strip().isdigit()):
+            raise BadInput(f"'{text}' is no mask of a style; write style=file, for example --style-mask 0=mask.png.")
+        style = int(number)
+        if style >= styles:
+            raise BadInput(f"There is no style {style} for --style-mask: the styles given are 0 to {styles - 1}.")
+        if style in found:
+            raise BadInput(f"Style {style} has two masks: give its picture twice, and each its mask.")
+        found[style] = Path(file)
+    return found
+
+
+def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]:
+    """['120,40'] as [(120.0, 40.0)].
+
+    Raises:
+        BadInput: anything else.
+    """
+    points = []
+    for text in texts:
+        try:
+            x, y = (float(part) for part in text.split(","))
+        except ValueError:
+            x = y = math.nan
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise BadInput(f"'{text}' is no point; write x,y in pixels, for example {option} 120,40.")
+        points.append((x, y))
+    return points
+
+
+def parse_choices(text: str, option: str, choices: type[Enum]) -> tuple[str, ...]:
+    """'draft,fast' as the values of ``choices`` that it names, each once.
+
+    Raises:
+        BadInput: another word.
+    """
+    known = [str(choice.value) for choice in choices]
+    words = [part.strip() for part in text.split(",")]
+    for word in words:
+        if word not in known:
+            raise BadInput(f"{option} has no '{word}'; choose of {', '.join(known)}, with commas between.")
+    return tuple(dict.fromkeys(words))
+
+
+def parse_whole(text: str, option: str, least: int = 0) -> tuple[int, ...]:
+    """'0,1,2' as whole numbers, each once.
+
+    Raises:
+        BadInput: anything else, or a number below ``least``.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isascii() and part.isdigit() and int(part) >= least for part in parts):
+        raise BadInput(f"{option} needs whole numbers of at least {least} with commas between, not '{text}'.")
+    return tuple(dict.fromkeys(int(part) for part in parts))
+
+
+def parse_light(text: str) -> dict[str, object]:
+    """What ``with_light`` takes (:class:`svv.fields.edits.EditedModel`) of 'headlight', '40,20' or '1,0,0'.
+
+    Two numbers are degrees to the right of the camera and above it, three a direction in the world.
+
+    Raises:
+        BadInput: anything else.
+    """
+    if text == "headlight":
+        return {}
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 2:
+        return {"azimuth": numbers[0], "elevation": numbers[1]}
+    if len(numbers) == 3:
+        return {"direction": tuple(numbers)}
+    raise BadInput(
+        f"--light needs 'headlight', two angles beside the camera ('40,20': 40 degrees right, 20 up) or a direction in "
+        f"the world ('1,0,0'), not '{text}'."
+    )
+
+
+def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
+    """'15,60,full' as seconds, each once; ``full`` is None, no limit.
+
+    Raises:
+        BadInput: anything else, or less than a second.
+    """
+    limits: list[float | None] = []
+    for part in (part.strip() for part in text.split(",")):
+        try:
+            limit = None if part == "full" else float(part)
+        except ValueError:
+            limit = math.nan
+        if limit is not None and not 1.0 <= limit < math.inf:
+            raise BadInput(f"{option} needs seconds (at least 1) or 'full' with commas between, not '{text}'.")
+        limits.append(limit)
+    return tuple(dict.fromkeys(limits))
+
+
+def parse_dims(text: str) -> tuple[int, int, int]:
+    """'128,128,64' as three whole numbers above 0.
+
+    Raises:
+        BadInput: anything else.
+    """
+    x, y, z = parse_numbers(text, "--dims")
+    if not (x.is_integer() and y.is_integer() and z.is_integer()):
+        raise BadInput(f"--dims needs three whole numbers, for example --dims 128,128,64, not '{text}'.")
+    return int(x), int(y), int(z)
+
+
+def parse_numbers(text: str, option: str) -> tuple[float, float, float]:
+    """'1,1,2.5' as three positive numbers.
+
+    Raises:
+        BadInput: anything else.
+    """
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(0 < value < math.inf for value in (x, y, z)):
+        raise BadInput(f"{option} needs three positive numbers, for example {option} 1,1,2.5, not '{text}'.")
+    return x, y, z

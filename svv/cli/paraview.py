@@ -1,0 +1,79 @@
+"""The commands that start ParaView: ``svv paraview``, ``pvpython``, ``pvbatch`` and ``pvserver``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from svv.cli.options import examples
+from svv.errors import BadInput
+
+Folder = Annotated[
+    Path | None,
+    typer.Option("--paraview", metavar="DIR", help="Where ParaView is; else SVV_PARAVIEW, else the PATH says."),
+]
+Arguments = Annotated[list[str] | None, typer.Argument(metavar="ARGS", help="Handed on as they are.")]
+
+# What we do not know is the program's, and from its first file name on everything is: `svv pvpython script.py --help`.
+# Only --help is ours, as -h would be found inside ParaView's own options (-display).
+PASSED_ON: dict[str, Any] = {
+    "ignore_unknown_options": True,
+    "allow_interspersed_args": False,
+    "help_option_names": ["--help"],
+}
+
+
+def paraview(
+    arguments: Arguments = None,
+    folder: Folder = None,
+    prepare: Annotated[bool, typer.Option("--prepare", help="Install what svv needs in this ParaView.")] = False,
+    torch: Annotated[
+        str | None,
+        typer.Option("--torch", metavar="cpu|cuda|keep", help="With --prepare: torch's build; else TORCH says."),
+    ] = None,
+) -> None:
+    """Start ParaView with the plugin StyleRF: Filters > StyleRF."""
+    if prepare:
+        from svv.pv import prepare as preparation
+
+        if arguments:
+            raise BadInput(f"--prepare starts nothing: leave out {' '.join(arguments)}.")
+        print(preparation.prepare(folder, torch))
+        return
+    if torch is not None:
+        raise BadInput("--torch chooses what --prepare installs: give both.")
+    _run("paraview", arguments, folder)
+
+
+def pvpython(arguments: Arguments = None, folder: Folder = None) -> None:
+    """Start ParaView's Python with the plugin and svv; without a display, on one in memory."""
+    _run("pvpython", arguments, folder)
+
+
+def pvbatch(arguments: Arguments = None, folder: Folder = None) -> None:
+    """Start ParaView's batch Python, alone or on every rank of an MPI run."""
+    _run("pvbatch", arguments, folder)
+
+
+def pvserver(arguments: Arguments = None, folder: Folder = None) -> None:
+    """Start ParaView's server: filters and training run there, the client needs no torch."""
+    _run("pvserver", arguments, folder)
+
+
+def _run(program: str, arguments: list[str] | None, folder: Path | None) -> None:
+    from svv.pv import start
+
+    start.run(program, arguments or [], folder)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Register the four commands."""
+    for command, lines in (
+        (paraview, ("svv paraview", "svv paraview --paraview ~/ParaView-6.0.1 state.pvsm", "svv paraview --prepare")),
+        (pvpython, ("svv pvpython script.py --help", "svv pvpython -c 'import svv, torch'")),
+        (pvbatch, ("svv pvbatch script.py", "mpiexec -n 2 svv pvbatch script.py")),
+        (pvserver, ("svv pvserver --server-port=11111", "mpiexec -n 2 svv pvserver --hostname=127.0.0.1")),
+    ):
+        app.command(epilog=examples(*lines), context_settings=PASSED_ON)(command)

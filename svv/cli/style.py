@@ -1,0 +1,130 @@
+"""The commands about style pictures: ``svv styles`` and ``svv style-mask``; see :mod:`svv.cli.app`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from svv.cli.options import Seed, parse_points, parse_style_masks
+from svv.errors import BadInput
+from svv.progress import shown
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from svv.train.ink import Style
+
+STYLES = ("svv styles", "svv styles --out gallery", "svv styles woodcut mosaic --size 800 --seed 3 --out gallery")
+STYLE_MASK = (
+    "svv style-mask painting.jpg --regions 4 --out parts",
+    "svv style-mask painting.jpg --positive 310,120 --negative 40,300 --out sky.png",
+    "svv style-mask painting.jpg --refine sky.png --negative 200,260 --out sky.png",
+    "svv style-mask gallery:impasto --positive 250,260 --out flower.png",
+)
+
+
+class SegmenterName(str, Enum):
+    """What finds parts of pictures."""
+
+    scikit_image = "scikit-image"
+    sam = "sam"
+
+
+def styles(
+    names: Annotated[list[str] | None, typer.Argument(metavar="NAME ...", help="Which; by default all.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Write them there as PNG.")] = None,
+    size: Annotated[int, typer.Option(min=16, max=1024, help="Width and height in pixels.")] = 512,
+    seed: Seed = 0,
+) -> None:
+    """List the style pictures that come with the program, or write them to a folder with a contact sheet.
+
+    Any of them can be given to --style as gallery:NAME. They are painted when they are first used, and kept in the
+    user's cache.
+    """
+    from svv.styles.gallery import GALLERY, PREFIX, gallery_name
+
+    chosen = list(dict.fromkeys(gallery_name(name) for name in names or GALLERY))
+    if out is None:
+        for name in chosen:
+            print(f"{PREFIX}{name:<15} {GALLERY[name][1]}")
+        return
+    from svv.render.gallery import write_gallery
+
+    with shown("Painting") as progress:
+        sheet = write_gallery(out, chosen, size, seed, progress)
+    print(sheet)
+
+
+def style_mask(
+    picture: Annotated[str, typer.Argument(metavar="PICTURE|gallery:NAME", help="A style picture.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="MASK.png|DIR", help="The mask; with --regions a folder of masks.")
+    ],
+    regions: Annotated[
+        int | None, typer.Option(metavar="N", help="Cut the picture into N regions that look alike, 2 to 32.")
+    ] = None,
+    positive: Annotated[
+        list[str] | None, typer.Option(metavar="X,Y", help="A place that is wanted; may be given several times.")
+    ] = None,
+    negative: Annotated[
+        list[str] | None, typer.Option(metavar="X,Y", help="A place that is not; may be given several times.")
+    ] = None,
+    refine: Annotated[
+        Path | None, typer.Option(metavar="MASK.png", help="Go on from this mask and the points kept beside it.")
+    ] = None,
+    by: Annotated[
+        SegmenterName, typer.Option("--with", help="What finds parts; sam needs its package and weights.")
+    ] = SegmenterName.scikit_image,
+) -> None:
+    """Choose the part of a style picture that `svv stylize --style-mask` learns from.
+
+    Places are pixels of the picture, x from the left, y from the top. Beside MASK.png stand MASK-overlay.png, which
+    shows it, and MASK.json, its points, which --refine adds to. With --regions the folder gets a mask for each region,
+    and overlay.png with their numbers.
+    """
+    from svv.styles.selecting import write_regions, write_selected
+
+    wanted = parse_points(positive or [], "--positive")
+    unwanted = parse_points(negative or [], "--negative")
+    if regions is not None:
+        if wanted or unwanted or refine:
+            raise BadInput("Give --regions, or points: refine a region afterwards with --refine.")
+        with shown("Segmenting") as progress:
+            paths = write_regions(picture, regions, out, by.value, progress)
+        for path in paths:
+            print(path)
+        return
+    with shown("Selecting") as progress:
+        share = write_selected(picture, wanted, unwanted, refine, out, by.value, progress)
+    if share == 1.0:
+        print("The selection covers the whole picture; set --negative points where it should not be.", file=sys.stderr)
+    print(f"{out}: {share:.1%} of the picture")
+
+
+def read_styles(
+    sources: Sequence[str], masks: Sequence[str]
+) -> tuple[list[str], list[Style], list[NDArray[np.bool_] | None]]:
+    """Names, pictures or inks, and masks of the options ``--style`` and ``--style-mask``.
+
+    A picture that is given several times is named after its mask, too.
+
+    Raises:
+        BadInput: a picture, ink or mask that is not there or cannot be used.
+    """
+    from svv.io.mask_file import read_mask
+    from svv.train.ink import picture_of, style_named
+
+    files = parse_style_masks(masks, len(sources))
+    with shown("Styles") as progress:
+        opened = [style_named(source, progress) for source in sources]
+    found = [
+        read_mask(files[k], picture_of(style).shape) if k in files else None for k, (_, style) in enumerate(opened)
+    ]
+    names = [f"{name} ({files[k].stem})" if k in files else name for k, (name, _) in enumerate(opened)]
+    return names, [picture for _, picture in opened], found

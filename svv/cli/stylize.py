@@ -1,0 +1,99 @@
+"""The command that paints a scene; see :mod:`svv.cli.app`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from svv.cli.files import check_targets, checkpoint_path, finish, load
+from svv.cli.options import (
+    Device,
+    DeviceOption,
+    Json,
+    Out,
+    Preset,
+    PresetOption,
+    SceneFile,
+    Seed,
+    parse_mapping,
+)
+from svv.cli.style import read_styles
+from svv.progress import shown
+
+STYLIZE = (
+    "svv stylize scene.svv --style brush.jpg --out styled.svv",
+    "svv stylize scene.svv --style a.png --style gallery:mosaic --map 0=0,2=1 --keep 1 --out styled.svv",
+    "svv stylize scene.svv --style a.png --style a.png --style-mask 0=sky.png --style-mask 1=sea.png -o styled.svv",
+    "svv stylize styled.svv --style a.png --style-mask 0=sky.png --map 0=0 --continue --out again.svv",
+    "svv stylize styled.svv --style ink.png --variant ink --out two.svv",
+    "svv stylize scene.svv --style brush.jpg --preview now.png --out styled.svv",
+    "svv stylize scene.svv --style ink:hatching --style ink:stippling --out drawn.svv",
+)
+"""Examples of the help."""
+
+
+def stylize(
+    scene: SceneFile,
+    style: Annotated[
+        list[str],
+        typer.Option(
+            metavar="IMG|gallery:NAME|ink:NAME",
+            help="A picture, or ink:stippling, ink:hatching or ink:cross-hatching, which need none; may be repeated.",
+        ),
+    ],
+    out: Out,
+    mapping: Annotated[
+        str | None,
+        typer.Option("--map", metavar="0=0,1=1|colour", help="Region=style pairs, or by likeness; else in turn."),
+    ] = None,
+    keep: Annotated[list[int] | None, typer.Option(metavar="K", help="A region that stays as it is.")] = None,
+    style_mask: Annotated[
+        list[str] | None,
+        typer.Option("--style-mask", metavar="K=MASK.png", help="Style K learns only where the mask is white."),
+    ] = None,
+    stroke_size: Annotated[float, typer.Option(metavar="F", help="Size of the strokes, 0.25 to 4.")] = 1.0,
+    strength: Annotated[float, typer.Option(metavar="F", help="How much of the style is shown, up to 1.")] = 1.0,
+    go_on: Annotated[
+        bool, typer.Option("--continue", help="Go on with the styles of a styled scene instead of beginning anew.")
+    ] = False,
+    preset: PresetOption = Preset.balanced,
+    seed: Seed = 0,
+    features: Annotated[
+        str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
+    ] = "auto",
+    variant: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Keep the scene's paintings and add one of this name.")
+    ] = None,
+    preview: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Show the painting there while it is made."),
+    ] = None,
+    device: DeviceOption = Device.cpu,
+    json: Json = None,
+) -> None:
+    """Paint the regions of a scene in the manner of pictures, or draw them in ink.
+
+    Stopped with Ctrl-C, the same command goes on where it was.
+    """
+    from svv.kernels.dispatch import device_named
+    from svv.render.frames import previews_in
+    from svv.train.pipeline import stylize_scene
+
+    pairs = None if mapping is None else parse_mapping(mapping)
+    check_targets(out, json)
+    show = None if preview is None else previews_in(preview)
+    device_named(device.value)  # said before pictures of the gallery are painted
+    names, styles, masks = read_styles(style, style_mask or [])
+    loaded = load(scene, device)
+    checkpoint = checkpoint_path(out)
+    with shown("Stylizing") as progress:
+        styled, report = stylize_scene(
+            loaded, styles, pairs, set(keep or ()), preset.value, seed, progress, checkpoint, names, features,
+            masks=masks, stroke_size=stroke_size, strength=strength, go_on=go_on, variant=variant, preview=show,
+        )  # fmt: skip
+    for note in report["notes"]:
+        print(note, file=sys.stderr)
+    finish(styled, report, out, json, checkpoint)

@@ -1,0 +1,95 @@
+"""What images of a scene are made from: networks, geometry and regions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from svv.core.colour import shift_colours
+from svv.core.light import COEFFICIENTS, Lamp
+from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.occupancy import Occupancy
+from svv.fields.region import Region
+from svv.fields.rendering import Marching
+
+NETWORKS = ("base", "pcn", "styled")
+"""Names of a scene's networks, the plainest first."""
+
+JOINED = 1.0 / 64.0
+"""Samples are joined until they weigh this much in the pixel: half as many colours in a translucent scene, for
+0.02 dB (an opaque one: 0.07 dB); 1/32 would cost 0.1 to 0.2 dB."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Networks, geometry, regions and light. Letters: S samples, P regions."""
+
+    settings: FieldSettings
+    occupancy: Occupancy
+    marching: Marching
+    base: BaseField
+    palette: PaletteField | None = None
+    styled: UnrestrictedField | None = None
+    regions: tuple[Region, ...] = ()
+    camera_rig: dict[str, Any] = field(default_factory=dict)
+    made: dict[str, Any] = field(default_factory=dict)
+    stride: float = 1.0
+    """Sample distance of images in steps of the training's, and"""
+    joined: float = JOINED
+    """the weight in a pixel until which samples are joined: both as :mod:`svv.train.sampling` chose them."""
+    lamp: Lamp = field(default_factory=Lamp)
+    """The light, of a scene whose lighting is ``phong``."""
+
+    @property
+    def networks(self) -> tuple[str, ...]:
+        """The networks it holds, of ``base``, ``pcn`` and ``styled``, the plainest first."""
+        there = (self.base, self.palette, self.styled)
+        return tuple(name for name, network in zip(NETWORKS, there, strict=True) if network is not None)
+
+    @property
+    def device(self) -> torch.device:
+        """Where it is rendered."""
+        return self.base.encoding.table.device
+
+    @property
+    def marching_for_images(self) -> Marching:
+        """How rays are sampled for images of the scene without its edits."""
+        return replace(self.marching, step=self.stride * self.marching.step, least_weight=self.joined, merge=True)
+
+    def coefficients(self) -> Tensor | None:
+        """Ambient, diffuse, specular and shininess of each region as edited (P, 4); None without an explicit light."""
+        if self.palette is None or self.palette.phong is None:
+            return None
+        learned = self.palette.phong.coefficients()
+        edited = learned.new_tensor([
+            [torch.nan if (v := getattr(r, name)) is None else v for name in COEFFICIENTS] for r in self.regions
+        ])  # fmt: skip
+        return torch.where(edited.isnan(), learned, edited)
+
+    def edited_colours(self, offsets: Tensor) -> Tensor:
+        """Palette colours of samples with their offsets, recoloured as the regions' edits say. (S, P, 3)"""
+        assert self.palette is not None
+        palette = self.palette.colours
+        colours = palette + offsets
+        edited = [k for k, r in enumerate(self.regions) if r.edited_colour is not None]
+        if edited:
+            own, target = palette[edited].detach(), palette.new_tensor([self.regions[k].edited_colour for k in edited])
+            # The user edits the region's colour as shown; the palette may have drifted from it in training.
+            shown = palette.new_tensor([self.regions[k].colour for k in edited])
+            target = torch.where((target == own).all(1, keepdim=True), shown, target)
+            colours[:, edited] = shift_colours(colours[:, edited], shown, target)
+        return colours
+
+    def paint(self, position: Tensor, network: str) -> Tensor | None:
+        """The UCN's colours (S, 3) of positions (S, 3), in regions that are not styled too; None where not asked."""
+        return None if network != "styled" or self.styled is None else self.styled(position)
+
+    def with_style(self, diffuse: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
+        """Diffuse colour (S, 3) with the paint's (S, 3) in its place where the sample's region (S,) is styled."""
+        if paint is None:
+            return diffuse
+        share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
+        return torch.lerp(diffuse, paint, share[:, None])

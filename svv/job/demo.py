@@ -1,0 +1,75 @@
+"""The demo: the whole job on a volume and on style pictures that the project generates itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from svv.errors import BadInput, Progress, silent
+from svv.io.atomic import atomic_path, write_json
+from svv.io.output import write_png
+from svv.job.run import check, run_job
+from svv.job.source import VolumeSource
+from svv.job.stages import Show, Stages, unseen
+from svv.job.steps import JobSettings
+
+STYLES = ("woodcut", "watercolour", "impasto")
+"""Pictures of the gallery, for the field lines, the shell and the ring (:data:`svv.styles.gallery.GALLERY`)."""
+
+OPACITIES = {"shell": 0.04, "lines": 0.95, "ring": 0.98}
+"""Paint wants surfaces: fog with strokes in it is fog (see :func:`svv.dvr.demo_volume.demo_transfer_function`)."""
+
+
+def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show = unseen) -> Path:
+    """Generate the input, then do the whole job, or what is left of it.
+
+    Args:
+        out: The folder of all results; made where it is missing.
+        settings: What to do.
+        resolution: Voxels along each side of the volume.
+        show: How progress is shown.
+
+    Returns:
+        The page ``report.html``.
+
+    Raises:
+        BadInput: a folder that cannot be written to, or a setting out of range.
+        Cancelled: ``show``'s progress stopped the demo; the same call goes on where it was.
+    """
+    check(settings)
+    stages = Stages(out, show)
+    volume, tf = out / "volume.vti", out / "tf.json"
+    styles = [out / f"{name}.png" for name in STYLES]
+    stages.do(
+        "input",
+        "Volume and styles",
+        {"resolution": resolution, "styles": STYLES, **OPACITIES},
+        [volume, tf, *styles],
+        lambda progress: generate(out, resolution, progress),
+    )
+    return run_job(VolumeSource(volume, tf), styles, out, settings, show, stages)
+
+
+def generate(out: Path, resolution: int = 128, progress: Progress = silent) -> None:
+    """Write the demo's volume (``volume.vti``), its transfer function (``tf.json``) and its style pictures."""
+    from svv.dvr.demo_volume import demo_transfer_function, demo_volume
+    from svv.styles.gallery import gallery_picture
+
+    progress(0.0, "volume")
+    _write_volume(out / "volume.vti", demo_volume(resolution))
+    write_json(out / "tf.json", [demo_transfer_function(**OPACITIES).to_dict()])  # a list, as ParaView exports presets
+    for index, name in enumerate(STYLES):
+        progress((index + 1) / (len(STYLES) + 1), name)
+        write_png(out / f"{name}.png", gallery_picture(name))
+    progress(1.0, "")
+
+
+def _write_volume(path: Path, image: object) -> None:
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    with atomic_path(path) as temporary:
+        writer = vtkXMLImageDataWriter()
+        writer.SetDataModeToBinary()  # appended data ParaView 5.11 cannot read beside an updated expat
+        writer.SetFileName(str(temporary))
+        writer.SetInputData(image)
+        if not writer.Write():
+            raise BadInput(f"Cannot write {path}: VTK's writer stopped; is the disk full?")

@@ -1,0 +1,137 @@
+"""What a job found, as a page: see :mod:`svv.job.page`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from svv.fields.scene import Scene
+from svv.job.page import Page, Picture, Table, cost_table, write_page
+from svv.job.source import Drawn, ViewSource, read_meta
+from svv.job.steps import Job
+from svv.progress import duration
+from svv.render.pictures import hex_colour
+
+SCORES = {
+    "psnr": ("PSNR", "{:.2f} dB"),
+    "psnr_foreground": ("PSNR, foreground", "{:.2f} dB"),
+    "ssim": ("SSIM", "{:.4f}"),
+    "flip": ("FLIP", "{:.4f}"),
+    "lpips": ("LPIPS", "{:.4f}"),
+    "seconds_per_view": ("Time for a view", "{:.2f} s"),
+}
+"""Key in the JSON of `svv evaluate` -> column and format."""
+
+LIGHT = {"network": "a network's, at the camera", "phong": "explicit, can be moved", "none": "none in the views"}
+"""Lighting of a scene -> as people read it."""
+
+PROTOCOL = (
+    "Views that were not trained on, truth and prediction over white. PSNR is the mean over the images; the "
+    "foreground is where the true opacity is above 0. Higher is better for PSNR and SSIM, lower for FLIP and LPIPS; "
+    "a dash where a metric cannot be had."
+)
+
+
+def write_result(path: Path, job: Job) -> None:
+    """Write the page of a job whose stages are done.
+
+    Raises:
+        BadInput: it cannot be written (see :func:`svv.io.atomic.atomic_path`).
+    """
+    scene = Scene.load(job.variants.get("styled", ("", None))[1] or job.scene)
+    training, styling = _read(job, "train", "train.json"), _read(job, "stylize", "stylize.json")
+    scores = _read(job, "evaluate", "scores.json")
+    styles = [Picture("Styles", "What the regions are painted after.", job.out / "styles.png")] if styling else []
+    parts: list[Picture | Table] = [
+        Picture("All around", "The same views of every variant.", job.out / "contact.png"),
+        _regions(scene),
+        *styles,
+        Picture("Region by region", "Each region alone, the others made transparent.", job.out / "regions.png"),
+    ]
+    if scores:
+        parts += [
+            _scores(scores),
+            Picture("Unseen views", "The error is the largest of the three channels.", job.out / "unseen.png"),
+        ]
+    parts.append(cost_table(list(job.stages.costs.values())))
+    page = Page(
+        "From a volume to a stylized orbit",
+        "A radiance field learned from views of a volume rendering: any side, other colours, another style.",
+        _numbers(training, scores),
+        job.out / "orbit.mp4",
+        parts,
+        _facts(job, scene, training, styling),
+    )
+    write_page(path, page)
+
+
+def _numbers(training: dict[str, Any], scores: dict[str, Any]) -> list[tuple[str, str]]:
+    numbers = []
+    if scores:
+        numbers.append((f"{scores['pcn']['psnr']:.1f} dB", "PSNR on unseen views"))
+        numbers.append((f"{scores['pcn']['psnr_foreground']:.1f} dB", "PSNR of the foreground"))
+        numbers.append((f"{scores['pcn']['seconds_per_view']:.2f} s", f"for a view of {_size(scores['pcn'])} pixels"))
+    numbers.append((duration(training["seconds"]["total"]), "of training"))
+    numbers.append((f"{training['scene_bytes'] / 1e6:.1f} MB", "scene file"))
+    numbers.append((f"{training['peak_rss_bytes'] / 1e9:.1f} GB", "peak memory of training"))
+    return numbers
+
+
+def _regions(scene: Scene) -> Table:
+    rows, styled = [], "styled" in scene.networks
+    known = all(r.values for r in scene.regions)
+    for index, region in enumerate(scene.regions):
+        row = [str(index), hex_colour(region.colour), f"{region.share:.0%}"]
+        if known:
+            row.append("{:.4g} to {:.4g}".format(*(region.values or ())))
+        rows.append([*row, region.style or "as it is"] if styled else row)
+    columns = ["Region", "Colour", "Share"] + ["Values"] * known + ["Style"] * styled
+    text = "What the palette found: each region can be recoloured, relit, thinned out or stylized on its own."
+    return Table("Regions", text, columns, rows, swatch=1)
+
+
+def _size(scores: dict[str, Any]) -> str:
+    return " x ".join(map(str, scores["size"]))
+
+
+def _scores(scores: dict[str, Any]) -> Table:
+    names = {"base": "Base network", "pcn": "Palette network"}
+    rows = []
+    for key, values in scores.items():
+        cells = ["-" if values.get(k) is None else form.format(values[k]) for k, (_, form) in SCORES.items()]
+        rows.append([names[key], *cells])
+    return Table("Scores", PROTOCOL, ["Network", *(name for name, _ in SCORES.values())], rows)
+
+
+def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, Any]) -> list[tuple[str, str]]:
+    facts, s = [], job.settings
+    if isinstance(job.source, Drawn):
+        meta = read_meta(job.views)
+        grid = meta["grid"]
+        facts.append(("Volume", f"{meta['volume']}, {' x '.join(map(str, grid['dimensions']))}, {grid['type']}"))
+        facts.append(("Transfer function", str(meta["tf"]["Name"])))
+        facts.append(("Views", f"{s.n} for training, {s.test} for the scores, {s.size} x {s.size} pixels"))
+        facts.append(
+            ("Ray caster", f"VTK {meta['vtk']}, {meta['mapper']}, sample distance {meta['sample_distance']:.4g}")
+        )
+    elif isinstance(job.source, ViewSource):
+        facts.append(("Views", str(job.source.folder)))
+        if "assumed" in scene.made["source"]:
+            facts.append(("Assumed", scene.made["source"]["assumed"]))
+    facts.append(("Preset", s.preset if s.time_limit is None else f"{s.preset}, at most {duration(s.time_limit)}"))
+    facts.append(("Light", LIGHT[scene.settings.lighting] + " (by held-out views)" * (s.lighting == "auto")))
+    facts.append(("Seed", str(s.seed)))
+    facts.append(("Parameters", f"{int(training['parameters']):,}"))
+    facts.append(("Device", training.get("gpu") or training["device"]))
+    if styling:
+        facts.append(("Stylization", duration(styling["seconds"]["total"])))
+        facts.append(("Styles", ", ".join(style.name for style in job.styles)))
+        facts.append(("Style features", styling["features"]))
+        facts += [("Note", note) for note in styling["notes"]]
+    return facts
+
+
+def _read(job: Job, stage: str, name: str) -> dict[str, Any]:
+    """What a stage wrote; empty where that stage was not part of the job."""
+    return dict(json.loads((job.out / name).read_text(encoding="utf-8"))) if stage in job.stages.costs else {}

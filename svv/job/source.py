@@ -1,0 +1,141 @@
+"""Where a job's views come from: a volume and its transfer function, or a folder of views."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.cameras import Camera
+from svv.errors import BadInput, Progress, part
+from svv.job.stages import fingerprint
+
+
+class Drawn(ABC):
+    """A volume and its transfer function, of which views are drawn."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Of the volume, for the record."""
+
+    @abstractmethod
+    def identity(self) -> dict[str, Any]:
+        """What tells whether the volume, the function and their options are still the same (JSON)."""
+
+    @abstractmethod
+    def image(self) -> Any:
+        """The volume, a ``vtkImageData``."""
+
+    @abstractmethod
+    def how(self) -> dict[str, Any]:
+        """Arguments of :func:`svv.dvr.views.make_views`: ``tf``, and what it needs besides."""
+
+    def make_views(self, folder: Path, n: int, test: int, size: int, mapper: str, progress: Progress) -> dict[str, Any]:
+        """Draw the views into a folder; see :func:`svv.dvr.views.make_views`.
+
+        Returns:
+            What the views say about how they were made.
+        """
+        from svv.dvr.views import make_views
+
+        drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
+        train, unseen = make_views(
+            self.image(), **self.how(), n=n, size=size, test=test, mapper=mapper, name=self.name, progress=drawing
+        )
+        train.write(folder, "train", part(writing, 0.0, 0.8))
+        if unseen is not None:
+            unseen.write(folder, "test", part(writing, 0.8, 1.0))
+        return train.meta
+
+    def truth(self, views: Path, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
+        """The volume as direct volume rendering shows it from other cameras than those of ``views``.
+
+        Args:
+            views: Folder of the views that were made, which say with which function, light and ray caster.
+            cameras: All of one size.
+            progress: Told after each view.
+
+        Returns:
+            (n, height, width, 4) uint8, straight alpha.
+        """
+        from svv.dvr.mappers import Shading
+        from svv.dvr.transfer_functions import TransferFunction
+        from svv.dvr.views import render_views
+
+        meta = read_meta(views)
+        tf, shading = TransferFunction.from_dict(meta["tf"]), Shading(**meta["shading"])
+        return render_views(self.image(), tf, cameras, meta["mapper"], shading, progress=progress)
+
+
+@dataclass(frozen=True)
+class VolumeSource(Drawn):
+    """A volume file and a transfer function; the rest as in :func:`svv.dvr.volumes.read_volume`."""
+
+    volume: Path
+    tf: Path | None = None
+    """A JSON file; None for two ranges of the histogram."""
+    dims: tuple[int, int, int] | None = None
+    dtype: str | None = None
+    spacing: tuple[float, float, float] | None = None
+    array: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The file's."""
+        return self.volume.name
+
+    def identity(self) -> dict[str, Any]:
+        """Files and options.
+
+        Raises:
+            BadInput: one of the files is missing.
+        """
+        files = [("volume", self.volume)] + ([("transfer function", self.tf)] if self.tf else [])
+        for kind, path in files:
+            if not path.exists():
+                raise BadInput(f"There is no {kind} {path}; check the path.")
+        return {
+            "files": [fingerprint(path) for _, path in files],
+            "options": [self.dims, self.dtype, self.spacing, self.array],
+        }
+
+    def image(self) -> Any:
+        """Read the volume."""
+        from svv.dvr.volumes import read_volume
+
+        return read_volume(self.volume, self.dims, self.dtype, self.spacing, None, self.array)
+
+    def how(self) -> dict[str, Any]:
+        """The function's file."""
+        return {"tf": self.tf}
+
+
+@dataclass(frozen=True)
+class ViewSource:
+    """A folder of views, ours or other people's."""
+
+    folder: Path
+
+    def identity(self) -> dict[str, Any]:
+        """What tells whether the views are still the same.
+
+        Raises:
+            BadInput: the folder holds no training views.
+        """
+        train, test = (self.folder / f"transforms_{split}.json" for split in ("train", "test"))
+        if not train.exists():
+            raise BadInput(f"{self.folder} holds no views: there is no transforms_train.json.")
+        return {"files": [fingerprint(path) for path in (train, test) if path.exists()]}
+
+
+def read_meta(views: Path) -> dict[str, Any]:
+    """What a folder of views that svv made says about how they were made."""
+    content: dict[str, Any] = json.loads((views / "transforms_train.json").read_text(encoding="utf-8"))
+    return dict(content.get("svv", {}))

@@ -1,0 +1,290 @@
+"""The whole job: views, training, scores, edits, stylization, orbits side by side, and the page that shows them.
+
+``svv demo`` and ``svv run`` are this job with different sources. Every stage is skipped where it was done before
+under the same settings (see :mod:`svv.job.stages`).
+"""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.errors import Progress, part
+from svv.io.atomic import make_folder, write_json
+from svv.io.images import read_style
+from svv.io.output import write_mp4, write_png, write_region_png
+from svv.io.viewset import ViewSet
+from svv.job.source import Drawn, ViewSource
+from svv.job.stages import Stages, fingerprint
+from svv.render.frames import orbit, region_colours, write_frames
+from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet, shrunk
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
+
+HUE_TURN = 0.42
+"""By how much of the colour circle the demo's recoloured orbit turns each region: far enough to be seen at once."""
+
+CONTACT_ROWS = 4
+UNSEEN_ROWS = 3
+FPS = 15.0
+
+
+@dataclass(frozen=True)
+class JobSettings:
+    """What a job does, besides its source and its styles."""
+
+    n: int = 92
+    """Training views."""
+    test: int = 16
+    """Views for the scores, never trained on."""
+    size: int = 800
+    """Width and height of the views in pixels."""
+    mapper: str = "auto"
+    """Which ray caster draws the views: auto, gpu or cpu."""
+    preset: str = "balanced"
+    """How much training: draft, fast, balanced or paper."""
+    time_limit: float | None = None
+    """Seconds after which training stops; None for no limit."""
+    seed: int = 0
+    """Same seed, same result."""
+    orbit: int = 61
+    """Frames of the orbit."""
+    orbit_size: int = 400
+    """Width and height of the orbit's frames in pixels."""
+    recolour: bool = False
+    """Whether to show a recoloured scene too."""
+    device: str = "cpu"
+    """What trains and renders: auto, cpu or cuda. What is finished is not done again on another."""
+    lighting: str = "network"
+    """What the scene is lit by: network, phong or auto."""
+
+
+class Job:
+    """One job in one folder; call its steps in the order of :func:`svv.job.run.run_job`."""
+
+    def __init__(
+        self,
+        source: Drawn | ViewSource,
+        styles: Sequence[Path],
+        out: Path,
+        settings: JobSettings,
+        stages: Stages,
+    ) -> None:
+        self.source, self.styles, self.settings, self.stages = source, list(styles), settings, stages
+        self.out = out
+        self.views = source.folder if isinstance(source, ViewSource) else out / "views"
+        self.scene = out / "scene.svv"
+        self.variants: dict[str, tuple[str, Path | None]] = {}
+        """Name of a column of the orbit -> its stage and its scene file; none for the volume renderings."""
+
+    def scene_at(self, path: Path) -> Scene:
+        """A scene on the device of the settings."""
+        from svv.fields.scene import Scene
+        from svv.kernels.dispatch import device_named
+
+        return Scene.load(path).on(device_named(self.settings.device))
+
+    @property
+    def has_unseen(self) -> bool:
+        """Whether there are views to score with; those that another job left in the folder do not count."""
+        if isinstance(self.source, Drawn):
+            return self.settings.test > 0
+        return (self.views / "transforms_test.json").exists()
+
+    def make_views(self) -> None:
+        """Draw the training and the test views, unless the source is views."""
+        source, s = self.source, self.settings
+        if isinstance(source, ViewSource):
+            self.stages.do("views", "Views", source.identity(), [], lambda progress: None)
+            return
+        chosen = {**source.identity(), "n": s.n, "test": s.test, "size": s.size, "mapper": s.mapper}
+        files = [self.views / "transforms_train.json"] + [self.views / "transforms_test.json"] * (s.test > 0)
+        self.stages.do(
+            "views",
+            f"Drawing {s.n} + {s.test} views",
+            chosen,
+            files,
+            lambda progress: source.make_views(self.views, s.n, s.test, s.size, s.mapper, progress),
+        )
+
+    def train(self) -> None:
+        """Train the scene."""
+        from svv.kernels.dispatch import device_named
+        from svv.train.pipeline import train_scene
+
+        s = self.settings
+        device = device_named(s.device)
+        chosen = {"preset": s.preset, "time_limit": s.time_limit, "seed": s.seed, "lighting": s.lighting}
+        checkpoint = self.out / "scene.svv.checkpoint"
+
+        def work(progress: Progress) -> None:
+            views = ViewSet.read(self.views, "train", part(progress, 0.0, 0.01))
+            learning = part(progress, 0.01, 1.0)
+            scene, report = train_scene(
+                views, s.preset, s.time_limit, s.seed, learning, checkpoint, device, lighting=s.lighting
+            )
+            scene.save(self.scene)
+            write_json(self.out / "train.json", {**report, "scene_bytes": self.scene.stat().st_size})
+            checkpoint.unlink(missing_ok=True)
+
+        self.stages.do("train", "Training", chosen, [self.scene, self.out / "train.json"], work, ["views"])
+
+    def evaluate(self) -> None:
+        """Score the base and the palette network on the unseen views, and show some of them beside the truth."""
+        from svv.train.pipeline import evaluate_scene
+
+        if not self.has_unseen:
+            return
+
+        def work(progress: Progress) -> None:
+            views = ViewSet.read(self.views, "test", part(progress, 0.0, 0.05))
+            scene = self.scene_at(self.scene)
+            scores = {
+                "base": evaluate_scene(scene, views, "base", part(progress, 0.05, 0.45)),
+                "pcn": evaluate_scene(scene, views, "pcn", part(progress, 0.45, 0.85)),
+            }
+            self._show_unseen(scene, views, part(progress, 0.85, 1.0))
+            write_json(self.out / "scores.json", scores)
+
+        files = [self.out / "scores.json", self.out / "unseen.png"]
+        self.stages.do("evaluate", "Scores on unseen views", {}, files, work, ["train"])
+
+    def regions(self) -> None:
+        """A picture of the region map and of each region alone."""
+
+        def work(progress: Progress) -> None:
+            scene = self.scene_at(self.scene)
+            size = self.settings.orbit_size
+            camera = orbit(scene, 181, size, size)[76]
+            count = len(scene.regions)
+            first = scene.render(camera, "pcn", None, part(progress, 0.0, 1 / (count + 1)))
+            write_region_png(self.out / "region-map.png", first.region, region_colours(scene))
+            pictures, labels = [over_white(first.rgba)], ["all regions"]
+            for kept in range(count):
+                alone = scene
+                for other in set(range(count)) - {kept}:
+                    alone = alone.edited(other, None, 0.0, None)
+                step = part(progress, (kept + 1) / (count + 1), (kept + 2) / (count + 1))
+                pictures.append(over_white(alone.render(camera, "pcn", None, step).rgba))
+                labels.append(f"region {kept}")
+            write_png(self.out / "regions.png", sheet(cropped([pictures]), labels))
+
+        chosen = {"size": self.settings.orbit_size}
+        self.stages.do("regions", "Regions", chosen, [self.out / "regions.png"], work, ["train"])
+
+    def recolour(self) -> None:
+        """Turn the hue of every region."""
+        from svv.fields.scene import Scene
+
+        path = self.out / "recoloured.svv"
+
+        def work(progress: Progress) -> None:
+            scene = Scene.load(self.scene)
+            for index, region in enumerate(scene.regions):
+                scene = scene.edited(index, turned(region.colour), None, None)
+            scene.save(path)
+
+        self.stages.do("recolour", "Recolouring", {"turn": HUE_TURN}, [path], work, ["train"])
+        self.variants["recoloured"] = ("recolour", path)
+
+    def stylize(self) -> None:
+        """Paint the regions in the manner of the styles."""
+        from svv.train.pipeline import stylize_scene
+
+        s, path = self.settings, self.out / "styled.svv"
+        checkpoint = self.out / "styled.svv.checkpoint"
+        chosen = {"styles": [fingerprint(style) for style in self.styles], "preset": s.preset, "seed": s.seed}
+
+        def work(progress: Progress) -> None:
+            styles = [read_style(style) for style in self.styles]
+            names = [style.stem for style in self.styles]
+            scene, report = stylize_scene(
+                self.scene_at(self.scene), styles, None, set(), s.preset, s.seed, progress, checkpoint, names
+            )
+            scene.save(path)
+            shown = [fitted(style, s.orbit_size) for style in styles]
+            write_png(self.out / "styles.png", sheet([shown], names))
+            write_json(self.out / "stylize.json", {**report, "scene_bytes": path.stat().st_size})
+            checkpoint.unlink(missing_ok=True)
+
+        files = [path, self.out / "styles.png", self.out / "stylize.json"]
+        self.stages.do("stylize", "Stylizing", chosen, files, work, ["train"])
+        self.variants["styled"] = ("stylize", path)
+
+    def orbits(self) -> None:
+        """Render the orbit of every variant, frame by frame into a folder of its own."""
+        source, s = self.source, self.settings
+        chosen = {"frames": s.orbit, "size": s.orbit_size}
+        columns: dict[str, tuple[str, Path | None]] = {"palette network": ("train", self.scene), **self.variants}
+        if isinstance(source, Drawn):
+            columns = {"volume rendering": ("views", None), **columns}
+        self.variants = columns
+        for label, (stage, path) in columns.items():
+            folder = self._frames(label)
+
+            def work(progress: Progress, folder: Path = folder, path: Path | None = path) -> None:
+                scene = self.scene_at(path or self.scene)
+                cameras = orbit(scene, s.orbit, s.orbit_size, s.orbit_size)
+                if path is not None:
+                    write_frames(folder, scene, cameras, progress=progress)
+                    return
+                assert isinstance(source, Drawn)
+                make_folder(folder)
+                for index, image in enumerate(source.truth(self.views, cameras, progress)):
+                    write_png(folder / f"{index:04d}.png", image)
+
+            last = [folder / f"{s.orbit - 1:04d}.png"]
+            self.stages.do(f"orbit {label}", f"Orbit: {label}", chosen, last, work, sorted({"train", stage}))
+
+    def movie(self) -> None:
+        """The orbits side by side, as a movie and as a contact sheet."""
+        s, labels = self.settings, list(self.variants)
+        contact, movie = self.out / "contact.png", self.out / "orbit.mp4"
+        rows = [int(i) for i in np.linspace(0, s.orbit - 1, CONTACT_ROWS + 2).round()][1:-1]
+
+        def frame(index: int) -> list[NDArray[np.uint8]]:
+            return [over_white(read_png(self._frames(label) / f"{index:04d}.png")) for label in labels]
+
+        def work(progress: Progress) -> None:
+            write_png(contact, sheet(cropped([frame(index) for index in rows]), labels))
+
+            def frames() -> Any:
+                for index in range(s.orbit):
+                    yield sheet([frame(index)], labels)
+                    progress((index + 1) / s.orbit, f"frame {index + 1} of {s.orbit}")
+
+            write_mp4(movie, frames(), FPS)
+
+        after = [f"orbit {label}" for label in labels]
+        self.stages.do("movie", "Side by side", {"fps": FPS}, [contact, movie], work, after)
+
+    def _frames(self, label: str) -> Path:
+        return self.out / "orbit" / label.replace(" ", "-")
+
+    def _show_unseen(self, scene: Any, views: ViewSet, progress: Progress) -> None:
+        rows, size = [], self.settings.orbit_size
+        some = np.linspace(0, len(views) - 1, UNSEEN_ROWS + 2).round().astype(int)[1:-1]
+        for step, index in enumerate(some):
+            progress(step / len(some), "unseen views")
+            camera = views.cameras[index]
+            height = round(size * camera.height / camera.width)
+            truth = over_white(shrunk(views.images[index], size, height))
+            pictures = [
+                over_white(scene.render(camera.resized(size, height), name, None).rgba) for name in ("base", "pcn")
+            ]
+            rows.append([truth, *pictures, error_picture(truth, pictures[1])])
+        labels = ["volume rendering", "base network", "palette network", "its error x 4"]
+        write_png(self.out / "unseen.png", sheet(cropped(rows), labels))
+
+
+def turned(colour: Sequence[float] | NDArray[np.float32]) -> tuple[float, float, float]:
+    """A colour with its hue turned by ``HUE_TURN``; a grey one gets some colour first."""
+    hue, saturation, value = colorsys.rgb_to_hsv(*(float(c) for c in colour))
+    return colorsys.hsv_to_rgb((hue + HUE_TURN) % 1.0, max(saturation, 0.35), max(value, 0.35))

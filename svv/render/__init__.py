@@ -1,0 +1,1 @@
+"""Scenes and style pictures as images, movies and sheets of pictures."""

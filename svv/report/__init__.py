@@ -1,1 +1,0 @@
-"""The whole job, from a volume to a stylized orbit, and the page that shows it."""

@@ -1,0 +1,1 @@
+"""Style pictures and their parts, the gallery, and the networks whose features are matched."""

@@ -1,0 +1,120 @@
+"""The gallery: style pictures of our own, painted by this package when they are first asked for, and then kept.
+
+Everything in it is generated from a seed and belongs to the project. Where a style picture is asked for,
+``gallery:NAME`` names one of these instead of a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from svv._version import __version__
+from svv.errors import BadInput, Progress, silent
+from svv.io.cache import cache_folder
+from svv.io.images import DRAWN, SMALLEST, read_style
+from svv.io.output import to_bytes, write_png
+from svv.styles.gallery.drawings import charcoal, cross_hatching, ink_wash, pastel, stipple
+from svv.styles.gallery.paintings import impasto, watercolour
+from svv.styles.gallery.prints import mosaic, screen_print, woodcut
+from svv.styles.textures import Floats, brush_strokes, stippling
+
+PREFIX = "gallery:"
+SIZE = 512
+LARGEST = 1024
+"""Side in pixels up to which pictures are painted; styles are never used larger."""
+VERSION = 1
+"""To be raised with any change of a painter: kept pictures of older ones are then painted anew."""
+
+GALLERY: dict[str, tuple[Callable[[Generator, int], Floats], str]] = {
+    "stipple": (stipple, "dots of a pen, ultramarine on white"),
+    "cross-hatching": (cross_hatching, "pen lines in sepia on tan paper, heightened with white"),
+    "woodcut": (woodcut, "black block, vermilion and indigo on cream"),
+    "watercolour": (watercolour, "glazes of blue, green and rose on white paper"),
+    "impasto": (impasto, "thick oil paint, sunflower yellow on turquoise and green"),
+    "pastel": (pastel, "soft chalks on dark rough paper, lilac, rose and teal"),
+    "mosaic": (mosaic, "small stones, gold, lapis and terracotta"),
+    "ink-wash": (ink_wash, "sumi-e, greys of one ink on rice paper, a red seal"),
+    "screen-print": (screen_print, "flat inks and halftone dots, pink, cyan, yellow and black"),
+    "charcoal": (charcoal, "black chalk on rough grey paper, rubbed and drawn over"),
+    "oil": (brush_strokes, "brush strokes in eddies, night blue, ochre and vermilion"),
+    "pointillism": (stippling, "dots of unmixed colour on warm paper"),
+}
+"""Name -> what paints it, and what it looks like."""
+
+
+def gallery_name(text: str) -> str:
+    """The name of a picture of the gallery, written with any case, spaces or underscores; BadInput for any other."""
+    name = text.strip().lower().replace("_", "-").replace(" ", "-")
+    if name not in GALLERY:
+        raise BadInput(f"There is no '{text}' in the gallery; choose one of {', '.join(GALLERY)}.")
+    return name
+
+
+def gallery_picture(name: str, size: int = SIZE, seed: int = 0, progress: Progress = silent) -> NDArray[np.float32]:
+    """A style picture of the gallery: from the user's cache, or painted (1 to 10 s at 512 pixels) and put there.
+
+    Args:
+        name: One of :data:`GALLERY`; spaces and underscores count as hyphens.
+        size: Side in pixels, 16 to 1024; strokes scale with it.
+        seed: Another seed is another picture in the same manner.
+        progress: Called before it is painted.
+
+    Returns:
+        (size, size, 3) float32 sRGB in [0, 1], of 8-bit levels, the same whether it was kept or not.
+
+    Raises:
+        BadInput: an unknown name, a size out of range, or a negative seed.
+    """
+    name = gallery_name(name)
+    if not SMALLEST <= size <= LARGEST:
+        raise BadInput(f"Pictures of the gallery have {SMALLEST} to {LARGEST} pixels a side, not {size}.")
+    if seed < 0:
+        raise BadInput(f"The seed must be a whole number of at least 0, not {seed}.")
+    kept = cache_folder() / "gallery" / f"{name}-{size}-{seed}-{__version__}-{VERSION}.png"
+    if kept.is_file():
+        try:
+            found = read_style(kept)
+        except BadInput:  # damaged by whatever: it is painted again
+            found = None
+        if found is not None and found.shape == (size, size, 3):
+            return found
+    progress(0.0, f"painting {name}")
+    levels = to_bytes(_painted(name, size, seed))
+    with suppress(BadInput, OSError):  # in a home that is full or cannot be written to it is painted anew each time
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        write_png(kept, levels)
+    return levels.astype(np.float32) / np.float32(255)
+
+
+def _painted(name: str, size: int, seed: int) -> Floats:
+    # The media draw some of their steps at whole numbers of pixels: below this side there are none.
+    side = max(size, 128)
+    picture = GALLERY[name][0](np.random.default_rng(seed), side)
+    if side == size:
+        return picture
+    from skimage.transform import resize
+
+    return np.asarray(resize(picture, (size, size), anti_aliasing=True), dtype=np.float32)
+
+
+def open_style(source: str | Path, progress: Progress = silent) -> tuple[str, NDArray[np.float32]]:
+    """A style picture and what to call it, from ``gallery:NAME`` or a file (:func:`svv.io.images.read_style`).
+
+    Raises:
+        BadInput: as :func:`gallery_picture` and :func:`svv.io.images.read_style`, or an ink, which has no picture.
+    """
+    text = str(source)
+    if text.startswith(DRAWN):
+        raise BadInput(f"{text} is drawn without a picture, and here one is needed: name a file or {PREFIX}NAME.")
+    if text.startswith(PREFIX):
+        name = gallery_name(text.removeprefix(PREFIX))
+        return name, gallery_picture(name, progress=progress)
+    if text in GALLERY and not Path(text).exists():
+        raise BadInput(f"There is no style picture at {text}; for the one of the gallery write {PREFIX}{text}.")
+    return Path(text).stem, read_style(text)

@@ -13,7 +13,8 @@ import pytest
 
 from svv.errors import BadInput
 from svv.io.cache import LEFT_BEHIND, Cache, bytes_in, cache_folder
-from svv.pv.identity import digest, name_of
+from svv.io.made import digest
+from svv.pv.identity import name_of
 
 
 def name(number: int, kind: str = "scene") -> str:
@@ -124,7 +125,8 @@ def test_a_place_that_cannot_be_written_is_said_and_raises_nothing(tmp_path: Pat
 def test_several_processes_keep_within_the_bound(tmp_path: Path) -> None:
     script = (
         "import sys\nfrom pathlib import Path\n"
-        "from svv.io.cache import Cache\nfrom svv.pv.identity import digest, name_of\n"
+        "from svv.io.cache import Cache\nfrom svv.io.made import digest\n"
+        "from svv.pv.identity import name_of\n"
         "cache = Cache(Path(sys.argv[1]), 500)\n"
         "for number in range(60):\n"
         "    name = name_of('scene', digest(number % 9), digest('settings'))\n"

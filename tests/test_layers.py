@@ -107,8 +107,8 @@ def circle(sources: Mapping[Path, str]) -> list[str]:
     graph: dict[str, list[str]] = {}
     for path, source in sources.items():
         plain = without_interface(source) if path == Path("svv/__init__.py") else source
-        found = {name if name in names else name.rpartition(".")[0] for name in imported(path, plain)}
-        graph[named(path)] = sorted(found & names - {named(path)})
+        modules = {name if name in names else name.rpartition(".")[0] for name in imported(path, plain)}
+        graph[named(path)] = sorted(modules & names - {named(path)})
     finished: set[str] = set()
 
     def walk(name: str, way: list[str]) -> list[str]:

@@ -16,11 +16,10 @@ from svv.core.cameras import sphere_cameras
 from svv.errors import BadInput
 from svv.fields.scene import Scene
 from svv.io.cache import NAME
+from svv.io.made import digest, digest_of_file
 from svv.io.viewset import ViewSet
 from svv.pv.identity import (
-    digest,
     digest_of_edits,
-    digest_of_file,
     digest_of_mask,
     digest_of_scene,
     digest_of_views,
@@ -49,7 +48,7 @@ def test_a_name_says_what_it_is_of_and_is_one_that_a_cache_takes() -> None:
 def test_a_digest_is_the_same_in_another_process_and_for_values_that_went_through_a_file() -> None:
     parts = ["text", 0.1, (1, 2.5, None), {"b": 1, "a": [True, "x"]}]
     same = [*parts[:2], [1, 2.5, None], {"a": [True, "x"], "b": 1}]
-    script = f"from svv.pv.identity import digest; print(digest(*{parts!r}))"
+    script = f"from svv.io.made import digest; print(digest(*{parts!r}))"
     command, environ = [sys.executable, "-c", script], {**os.environ, "PYTHONHASHSEED": "7"}
     said = subprocess.run(command, capture_output=True, text=True, env=environ, check=True)
     assert said.stdout.strip() == digest(*parts) == digest(*same)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -204,6 +205,24 @@ def test_stopped_work_goes_on_only_with_the_same_masks(
     with pytest.raises(Cancelled):
         style(scene, [picture], masks=[LEFT], **matched, progress=stop, seed=1)
     style(scene, [picture], masks=[~LEFT], **matched, progress=note, seed=1)
+    assert "laying strokes" in labels
+
+
+@pytest.mark.parametrize("other", [lambda p: p[:, ::-1], lambda p: p[::-1], lambda p: np.roll(p, 7, 1)], ids=str)
+def test_another_picture_of_the_same_pixels_does_not_go_on(
+    scene: Scene, picture: np.ndarray, network: str, tmp_path: Path, other: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    """A mirror image has the same sum, mean and histogram."""
+    matched = {"features": network, "loss": replace(StyleLossSettings(), style_size=96), "checkpoint": tmp_path / "c"}
+    labels: list[str] = []
+
+    def stop(fraction: float, label: str) -> None:
+        if label == "stylization":
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        style(scene, [picture], **matched, progress=stop)
+    style(scene, [other(picture)], **matched, progress=lambda fraction, label: labels.append(label))
     assert "laying strokes" in labels
 
 

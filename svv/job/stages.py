@@ -7,16 +7,15 @@ stages that depend on it and no other.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from svv._version import __version__
 from svv.errors import Progress, silent
-from svv.io.atomic import make_folder, to_json, write_json
+from svv.io.atomic import make_folder, write_json
+from svv.io.made import key_of
 from svv.measure import give_memory_back, measured
 
 Show = Callable[[str], AbstractContextManager[Progress]]
@@ -100,15 +99,12 @@ class Stages:
         return self._keys[name]
 
     def _key(self, settings: Mapping[str, Any], after: Sequence[str]) -> str:
-        content = {"version": __version__, "settings": settings, "after": [self._keys[name] for name in after]}
-        text = json.dumps(json.loads(to_json(content)), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return key_of(settings, [self._keys[name] for name in after])
 
 
 def fingerprint(path: Path) -> dict[str, Any]:
-    """What tells whether a file is still the one that it was: its place, size and time of change."""
-    status = path.stat()
-    return {"path": str(path.resolve()), "size": status.st_size, "changed": status.st_mtime_ns}
+    """What tells whether a file is still the one that it was: its name, which results show, and its content."""
+    return {"name": path.name, "content": path}
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:

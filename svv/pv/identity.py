@@ -6,26 +6,17 @@ A name says what was made, of what, with which settings, and by which version:
 
 from __future__ import annotations
 
-import hashlib
-import json
 import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from svv._version import __version__
-from svv.errors import BadInput
-from svv.io.atomic import to_json
+from svv.io.made import GENERATION, digest, digest_of_file
 from svv.pv.steps import Moment
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
     from svv.io.viewset import ViewSet
-
-GENERATION = 1
-"""Raised with every change after which the same input and settings give another result, if the version stays."""
 
 CIRCUMSTANCES = ("seconds", "key", "look", "data", "time")
 """What views say about how they were drawn, and no picture depends on."""
@@ -33,17 +24,8 @@ CIRCUMSTANCES = ("seconds", "key", "look", "data", "time")
 LEARNED = ("box", "cells", "settings", "marching", "images", "camera_rig", "normal_resolutions")
 """What of a scene's header training finds."""
 
-FILES = 64
-"""Files whose hashes are remembered."""
-
 _views: weakref.WeakKeyDictionary[ViewSet, str] = weakref.WeakKeyDictionary()
 _scenes: weakref.WeakKeyDictionary[Any, str] = weakref.WeakKeyDictionary()
-_files: dict[tuple[str, int, int], str] = {}
-
-
-def digest(*parts: object) -> str:
-    """A hash of plain values (numbers, text, and lists and mappings of them): 20 digits."""
-    return _hex(json.dumps(json.loads(to_json(parts)), sort_keys=True).encode())
 
 
 def name_of(kind: str, source: str, settings: str) -> str:
@@ -78,24 +60,6 @@ def settings_in(name: str, kind: str) -> str:
     return parts[2] if len(parts) > 3 and parts[0] == kind else ""
 
 
-def digest_of_file(path: str | Path) -> str:
-    """A hash of a file's content, found once until the file is another.
-
-    Raises:
-        BadInput: it cannot be read.
-    """
-    try:
-        status = Path(path).stat()
-        place = str(path), status.st_size, status.st_mtime_ns
-        if place not in _files:
-            if len(_files) >= FILES:
-                _files.clear()
-            _files[place] = _hex(Path(path).read_bytes())
-    except OSError as error:
-        raise BadInput(f"Cannot read {path}: {error.strerror or error}.") from error
-    return _files[place]
-
-
 def digest_of_mask(path: str | Path) -> str:
     """A hash of a mask and of the points that are kept beside it; raises BadInput where they cannot be read."""
     from svv.io.mask_file import points_file  # with PIL, which no plugin needs before its window is there
@@ -111,10 +75,10 @@ def digest_of_views(views: ViewSet) -> str:
         meta = {key: value for key, value in views.meta.items() if key not in CIRCUMSTANCES}
         volume = views.classified
         known = None if volume is None else [
-            vars(volume.box), volume.cells, [vars(r) for r in volume.ranges], _array(volume.exponent),
-            _array(volume.owner),
+            vars(volume.box), volume.cells, [vars(r) for r in volume.ranges], volume.exponent,
+            volume.owner,
         ]  # fmt: skip
-        _views[views] = digest(_array(views.images), cameras, meta, known)
+        _views[views] = digest(views.images, cameras, meta, known)
     return _views[views]
 
 
@@ -125,7 +89,7 @@ def digest_of_scene(scene: Scene) -> str:
         header, arrays = scene.to_arrays()
         own = {k: header[k] for k in LEARNED}
         colours = [[r.colour, r.ranges] for r in scene.regions]
-        tables = {k: _array(v) for k, v in arrays.items() if k.split(".")[0] in ("base", "pcn", "occupied")}
+        tables = {k: v for k, v in arrays.items() if k.split(".")[0] in ("base", "pcn", "occupied")}
         _scenes[learned] = digest(own, colours, tables)
     return _scenes[learned]
 
@@ -133,13 +97,5 @@ def digest_of_scene(scene: Scene) -> str:
 def digest_of_edits(scene: Scene) -> str:
     """A hash of a scene's edits and paintings: of all that :func:`digest_of_scene` leaves out, but its history."""
     header, arrays = scene.to_arrays()
-    paintings = {k: _array(v) for k, v in arrays.items() if k.split(".")[0] not in ("base", "pcn", "occupied")}
+    paintings = {k: v for k, v in arrays.items() if k.split(".")[0] not in ("base", "pcn", "occupied")}
     return digest({k: header[k] for k in ("regions", "lamp", "painting", "variants")}, paintings)
-
-
-def _array(values: NDArray[Any]) -> list[object]:
-    return [str(values.dtype), values.shape, _hex(np.ascontiguousarray(values).data)]
-
-
-def _hex(content: bytes | memoryview) -> str:
-    return hashlib.blake2b(content, digest_size=10).hexdigest()

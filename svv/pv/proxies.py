@@ -13,9 +13,10 @@ from typing import Any
 from paraview.util.vtkAlgorithm import smproperty, smproxy
 
 from svv.errors import part
+from svv.io.made import digest
 from svv.pv.data import put_image, put_no_views, put_scene, scene_of
 from svv.pv.filters import ImageOutput, ViewsOutput, set_image_information, time_asked_for
-from svv.pv.identity import digest, key_in, key_of
+from svv.pv.identity import key_in, key_of
 from svv.pv.keeping import Keeping, views_in, write_views
 from svv.pv.panels import (
     PICTURES,

@@ -14,9 +14,10 @@ from paraview.util.vtkAlgorithm import smproperty, smproxy
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.errors import BadInput
+from svv.io.made import digest
 from svv.pv.data import key_of_views, put_image, put_scene, scene_of, views_of
 from svv.pv.filters import set_image_information
-from svv.pv.identity import digest, digest_of_edits, digest_of_scene, digest_of_views, settings_in
+from svv.pv.identity import digest_of_edits, digest_of_scene, digest_of_views, settings_in
 from svv.pv.keeping import FOUND, Keeping
 from svv.pv.panels import (
     ADDED,

@@ -15,9 +15,10 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
+from svv.io.made import digest, digest_of_file
 from svv.pv.data import camera_of, digest_of, key_of_views, time_of, views_of
 from svv.pv.filters import ORBIT
-from svv.pv.identity import digest, digest_of_file, digest_of_mask, key_of
+from svv.pv.identity import digest_of_mask, key_of
 from svv.pv.panels import COLOURS, IN_COLOUR, REGIONS, ROW
 from svv.pv.steps import Moment
 

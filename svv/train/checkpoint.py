@@ -6,7 +6,6 @@ the state of the one in progress, and belongs to one set of views, settings and 
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from torch import nn
 
 from svv.errors import BadInput
 from svv.fields.encodings import LatticeAdam
-from svv.io.atomic import to_json
+from svv.io.made import key_of
 from svv.io.scene_file import read_scene_file, write_scene_file
 
 Arrays = dict[str, NDArray[Any]]
@@ -30,10 +29,10 @@ class Checkpoint:
 
         Args:
             path: The file; it need not exist.
-            key: What the run depends on, as plain values. A file of another key is ignored.
+            key: What the run depends on (:func:`svv.io.made.key_of`). A file of another key is ignored.
         """
         self.path = path
-        self.key = hashlib.sha256(to_json(key).encode()).hexdigest()
+        self.key = key_of(key)
         self.finished: dict[str, dict[str, Any]] = {}
         self.arrays: Arrays = {}
         self._progress: dict[str, Any] = {}

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import time
-import zlib
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -299,11 +297,9 @@ def stylize_scene(
     weights = loss or (PAPER_LOSS if chosen.name == "paper" else loss_for(network) if network else StyleLossSettings())
     weights = replace(weights, style_size=round(weights.style_size * stroke_size))
     if checkpoint is not None:
-        content = [s.name if isinstance(s, Ink) else float(np.asarray(s, np.float64).sum()) for s in styles]
-        parts = [None if m is None else zlib.crc32(np.packbits(m).tobytes()) for m in masks]
-        key = {"scene": scene.made, "styles": content, "masks": parts, "pairs": sorted(pairs.items()), "go_on": go_on,
-               "settings": asdict(settings), "loss": asdict(weights), "seed": seed,
-               "features": network and network.title, "version": __version__}  # fmt: skip
+        key = {"scene": scene.made, "styles": [s.name if isinstance(s, Ink) else np.asarray(s) for s in styles],
+               "masks": masks, "pairs": sorted(pairs.items()), "go_on": go_on, "settings": asdict(settings),
+               "loss": asdict(weights), "seed": seed, "features": network and network.title}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
     own = {k: r.style for k, r in enumerate(scene.regions) if go_on and r.style is not None}
     regions = tuple(
@@ -382,16 +378,11 @@ def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
 
 def key_of(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:
     """What a training run depends on: a checkpoint of anything else is not gone on from."""
-    pixels = views.images[:: max(1, len(views.images) // 8), ::16, ::16].astype(np.int64)
     return {
-        "cameras": math.fsum(
-            float(np.abs(c.camera_to_world).sum()) * (k + 1) for k, c in enumerate(views.cameras)
-        ),
-        "pixels": int((pixels * np.arange(1, pixels.size + 1).reshape(pixels.shape)).sum()),
-        "views": views.images.shape,
-        "volume": None if views.classified is None else float(views.classified.exponent.sum(dtype=np.float64)),
+        "cameras": [(c.camera_to_world, c.fov_x, c.width, c.height) for c in views.cameras],
+        "images": views.images,
+        "volume": None if views.classified is None else views.classified.exponent,
         "preset": asdict(chosen),
         "limit": limit,
         "seed": seed,
-        "version": __version__,
     }

@@ -19,13 +19,14 @@ from svv.bench.ablation.palette import PALETTE_COLUMNS, PALETTE_NOTE, PALETTES, 
 from svv.bench.styles.consistency import draw_frames, measure_frames
 from svv.bench.styles.likeness import caption
 from svv.bench.styles.modes import PaintedAsShown, flat_means, kept_scene, likeness
-from svv.bench.styles.path import FINE, OrbitPath, Protocol, digest, finely
+from svv.bench.styles.path import FINE, OrbitPath, Protocol, finely
 from svv.bench.styles.table import JUDGED, contact_sheet, markdown, write_tables
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.region import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.atomic import make_folder
 from svv.io.images import read_style
+from svv.io.made import digest, key_of_measure
 from svv.io.viewset import ViewSet
 from svv.train.config import Preset, StylizeSettings
 from svv.train.pipeline import stylize_scene
@@ -188,16 +189,16 @@ def _text(key: str, row: Row) -> Any:
 def _style_ablation(
     job: Ablation, name: str, scene: Scene, pictures: Sequence[Any], out: Path, progress: Progress
 ) -> list[Row]:
-    identity = {"scene": digest(job.scene.read_bytes()), "styles": [digest(p.tobytes()) for p in pictures],
+    identity = {"scene": digest(job.scene), "styles": [digest(p) for p in pictures],
                 "seed": job.seed, "features": job.features}  # fmt: skip
-    seen = digest([identity["scene"], asdict(job.protocol)])
+    seen = key_of_measure(identity["scene"], asdict(job.protocol))
     path = OrbitPath(scene, job.protocol, out / "geometry", seen, part(progress, 0.0, 0.05))
     rows, folders, variants = [], {}, STYLES[name]
     for number, (label, variant) in enumerate(variants.items()):
         each = part(progress, 0.05 + 0.95 * number / len(variants), 0.05 + 0.95 * (number + 1) / len(variants))
         chosen = replace(job.chosen, stylize=variant.stylize(job.chosen.stylize))
         loss = variant.loss(job.loss)
-        key = digest({**identity, "stylize": asdict(chosen.stylize), "loss": asdict(loss)})
+        key = key_of_measure({**identity, "stylize": asdict(chosen.stylize), "loss": asdict(loss)})
 
         def make(
             saved: Path, chosen: Preset = chosen, loss: StyleLossSettings = loss, each: Progress = each
@@ -212,7 +213,7 @@ def _style_ablation(
             made = replace(made, regions=tuple(replace(r, lighting=0.0) for r in made.regions))
         folder = out / name / label.replace(" ", "-")
         draw_frames(
-            folder, digest([key, asdict(job.protocol), variant.lit and PAINT_LIGHT, FINE]), job.protocol.frames,
+            folder, key_of_measure([key, asdict(job.protocol), variant.lit and PAINT_LIGHT, FINE]), job.protocol.frames,
             partial(path.render, finely(made), "styled"), part(each, 0.7, 0.9),
         )  # fmt: skip
         folders[label] = folder

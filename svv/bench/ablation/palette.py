@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from svv.bench.stability.measures import matched, overlaps
 from svv.bench.styles.modes import kept_scene
-from svv.bench.styles.path import digest
 from svv.core.palette import PaletteSettings
 from svv.errors import Progress, part
 from svv.fields.region import Region
 from svv.fields.rendering import composite, march
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
+from svv.io.made import key_of_measure
 from svv.io.output import region_picture, write_png
 from svv.io.viewset import ViewSet
 from svv.job.steps import turned
@@ -100,7 +100,7 @@ def ablate_palette(
     for number, (label, variant) in enumerate(variants.items()):
         each = part(progress, number / len(variants), (number + 1) / len(variants))
         settings = variant.recolour(preset(preset_name).recolour)
-        key = digest({"scene": digest(file.read_bytes()), "views": digest(train.images.tobytes()),
+        key = key_of_measure({"scene": file, "views": train.images,
                       "recolour": asdict(settings), "palette": variant.palette and asdict(variant.palette),
                       "seed": seed})  # fmt: skip
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from svv._version import __version__
 from svv.errors import BadInput
-from svv.io.atomic import to_json
+from svv.io.made import key_of_measure
 from svv.train.config import lit_by, preset
 
 SECONDS = {"draft": 40.0, "fast": 120.0, "balanced": 250.0, "paper": 9000.0}
@@ -156,6 +153,5 @@ def check(grid: Grid, measure: Measure) -> None:
 
 
 def digest(content: Any) -> str:
-    """Eight characters that change with the content (JSON) or with our version."""
-    text = json.dumps(json.loads(to_json({"version": __version__, "content": content})), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:8]
+    """Eight characters that change with the content, with our version and with the code that is measured."""
+    return key_of_measure(content)[:8]

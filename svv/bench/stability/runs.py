@@ -7,17 +7,16 @@ stays the same. A run that breaks down is a result, too: its error is in the fil
 from __future__ import annotations
 
 import fnmatch
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from svv._version import __version__
 from svv.bench.stability.cases import CASES, USUAL, Bench, BenchSettings
 from svv.errors import BadInput, Cancelled, Progress, part, silent
 from svv.io.atomic import make_folder, to_json, write_json
+from svv.io.made import key_of_measure, read_record
 from svv.measure import measured
 from svv.train.config import Preset, preset
 
@@ -79,7 +78,7 @@ def run_stability(out: Path, matrix: Matrix, settings: BenchSettings, progress: 
     """
     runs = make_folder(out / "runs")
     bench = Bench(settings)
-    found = {run: _read(_path(runs, *run), _key(*run, settings)) for run in matrix.runs}
+    found = {run: read_record(_path(runs, *run), _key(*run, settings)) for run in matrix.runs}
     left = [run for run, record in found.items() if record is None]
     for number, run in enumerate(left):
         case, name, seed = run
@@ -122,29 +121,15 @@ def _changes(case: str, chosen: Preset) -> dict[str, Any]:
 
 
 def _key(case: str, name: str, seed: int, settings: BenchSettings) -> str:
-    """A hash of all that a run depends on and that we can name."""
+    """What a run depends on."""
     known = CASES[case]
-    content = {
-        "version": __version__,
-        "case": [case, known.scene, known.views, known.views_only],
-        "preset": asdict(known.change(preset(name))),
-        "seed": seed,
-        "settings": asdict(settings),
-    }
-    return hashlib.sha256(to_json(content).encode()).hexdigest()[:16]
+    return key_of_measure(
+        [case, known.scene, known.views, known.views_only], asdict(known.change(preset(name))), seed, asdict(settings)
+    )
 
 
 def _path(runs: Path, case: str, name: str, seed: int) -> Path:
     return runs / f"{case}-{name}-{seed}.json"
-
-
-def _read(path: Path, key: str) -> Record | None:
-    """The record of a run that was done with the same settings."""
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None  # not done, or nothing that can be relied on
-    return record if isinstance(record, dict) and record.get("key") == key else None
 
 
 def _labelled(progress: Progress, label: str) -> Progress:

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from svv.bench.styles.likeness import judge_of, painted_figures
-from svv.bench.styles.path import digest
 from svv.bench.styles.table import markdown
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import check_writable, make_folder, write_json
+from svv.io.made import digest
 from svv.io.output import write_png
 from svv.render.pictures import Picture, cropped, fitted, over_white, read_png, sheet
 from svv.styles.gallery import GALLERY, PREFIX, open_style
@@ -126,7 +126,7 @@ def write_sheets(
     if (out / CHOICES).exists() or key.exists():
         raise BadInput(f"{out} or {key} holds another trial: choose other places, or remove both first.")
     loaded = {case.name: _pictures(case) for case in cases}
-    hashes = {case.name: [digest(p.tobytes()) for p in loaded[case.name]] for case in cases}
+    hashes = {case.name: [digest(p) for p in loaded[case.name]] for case in cases}
     random = np.random.default_rng([seed, int(digest(hashes)[:12], 16)])
     make_folder(out)
     check_writable(key)
@@ -239,7 +239,7 @@ def open_key(choices: Path, key: Path, progress: Progress = silent) -> dict[str,
     for number, (case, best) in enumerate(zip(cases, chosen)):
         progress(number / len(cases), f"{number + 1} of {len(cases)}")
         pictures = _pictures(case)
-        if [digest(p.tobytes()) for p in pictures] != hashes[number]:
+        if [digest(p) for p in pictures] != hashes[number]:
             raise BadInput(f"A picture {case.name}.png is not the one of the sheet any more: bring back what it was.")
         judge = judge_of(open_style(case.style)[1], max(pictures[0].shape[:2]), network)
         cover = np.min([p[..., 3] for p in pictures], axis=0) / np.float32(255)

@@ -22,11 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.bench.styles.path import METRICS, OrbitPath, Protocol, digest, finely, kept
+from svv.bench.styles.path import METRICS, OrbitPath, Protocol, finely
 from svv.core.flow import camera_flow, is_consistent
 from svv.errors import Progress, part, silent
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
+from svv.io.made import kept, key_of_measure
 from svv.io.output import write_png
 from svv.render.pictures import read_png
 
@@ -117,7 +118,7 @@ def consistency(
     Returns:
         ``rows`` of :func:`means`, and ``flow_error``: for each estimator :func:`flow_error`.
     """
-    how = digest({"scene": key, "protocol": asdict(protocol)})
+    how = key_of_measure({"scene": key, "protocol": asdict(protocol)})
     path = OrbitPath(scene, protocol, out / "geometry", how, part(progress, 0.0, 0.2))
     frames = draw_frames(
         out / "frames", f"{how}-{network}", protocol.frames,

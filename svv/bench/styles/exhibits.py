@@ -73,7 +73,7 @@ class Studio:
         given = [style if style.startswith(PREFIX) else fingerprint(Path(style)) for style in styles]
         chosen: dict[str, Any] = {
             "scene": fingerprint(scene), "styles": given, "keep": sorted(keep), "preset": how.preset, "seed": how.seed,
-            "masks": [None if m is None else int(m.sum()) for m in masks or ()], "map": sorted((mapping or {}).items()),
+            "masks": list(masks or ()), "map": sorted((mapping or {}).items()),
         }  # fmt: skip
 
         def work(progress: Progress) -> None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from svv.bench.styles.consistency import draw_frames, means, measure_frames, straight
 from svv.bench.styles.likeness import FIGURES, caption, judge_of, painted_figures
-from svv.bench.styles.path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, digest, finely, kept
+from svv.bench.styles.path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, finely
 from svv.bench.styles.rival_frames import Before, frame_after, frame_alone, frame_of_statistics
 from svv.bench.styles.rivals import arf_like, snerf_like, unseeded
 from svv.bench.styles.table import (
@@ -39,6 +39,7 @@ from svv.fields.region import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.io.images import read_style
+from svv.io.made import digest, kept, key_of_measure
 from svv.io.output import on_background
 from svv.render.pictures import read_png
 from svv.styles.features import load_features
@@ -171,8 +172,8 @@ class _CaseWork:
     ) -> None:
         self.case, self.scene, self.style, self.how = case, scene, style, how
         self.folder, self.folders = out / case.name, {}  # type: Path, dict[str, Path]
-        self.hashes = {"scene": digest(case.scene.read_bytes()), "style": digest(style.tobytes())}
-        key = digest({"scene": self.hashes["scene"], "protocol": asdict(how.protocol)})
+        self.hashes = {"scene": digest(case.scene), "style": digest(style)}
+        key = key_of_measure({"scene": self.hashes["scene"], "protocol": asdict(how.protocol)})
         geometry = out / f"{case.scene.stem}-geometry"
         self.path = OrbitPath(scene, how.protocol, geometry, key, lambda _, label: progress(0.0, label))
 
@@ -190,7 +191,7 @@ class _CaseWork:
         parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), "stylize": asdict(how.chosen.stylize),
                  "loss": asdict(how.loss_of(mode)), "seed": how.seed, "features": how.features,
                  "sampling": FINE, **({"paint_light": PAINT_LIGHT} if mode == "ours" else {})}  # fmt: skip
-        key, folder = digest(parts), self.folder / mode
+        key, folder = key_of_measure(parts), self.folder / mode
         drawing = part(progress, 0.7, 1.0)
         if mode in FRAMES:
             return self._stylized(mode, folder, key, progress)
@@ -208,7 +209,7 @@ class _CaseWork:
         """The scene that a mode makes, and its seconds: read, where it was made before."""
         how = self.how
         settings, loss = how.chosen.stylize, how.loss_of(mode)
-        key = digest({"mode": mode, **self.hashes, "stylize": asdict(settings), "loss": asdict(loss),
+        key = key_of_measure({"mode": mode, **self.hashes, "stylize": asdict(settings), "loss": asdict(loss),
                       "seed": how.seed, "features": how.features})  # fmt: skip
         return kept_scene(
             self.folder / f"{mode}-scene", key, lambda saved: self._train(mode, settings, loss, saved, progress)
@@ -274,7 +275,7 @@ def likeness(path: OrbitPath, frames: Path, style: NDArray[np.float32]) -> dict[
         square over what is visible; ``content``: SSIM of the grey frame and the unstyled one.
     """
     network = load_lpips()
-    how = digest({"style": digest(style.tobytes()), "figures": FIGURES, "alexnet": network is not None})
+    how = key_of_measure({"style": style, "figures": FIGURES, "alexnet": network is not None})
     file = frames / f"judged-{how}.json"
     if file.exists():
         return dict(json.loads(file.read_text(encoding="utf-8")))

@@ -5,9 +5,6 @@ What is made is kept in folders that know what they were made of.
 
 from __future__ import annotations
 
-import hashlib
-import json
-import shutil
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -16,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv._version import __version__
 from svv.core.cameras import Camera
 from svv.core.flow import (
     ABSOLUTE,
@@ -33,7 +29,8 @@ from svv.core.flow import (
 from svv.core.metrics import flip_map
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene import Scene
-from svv.io.atomic import atomic_path, make_folder, to_json, write_json
+from svv.io.atomic import atomic_path
+from svv.io.made import kept, key_of_measure
 from svv.io.output import write_png
 from svv.render.frames import orbit
 from svv.render.pictures import over_white, read_png
@@ -147,7 +144,7 @@ class OrbitPath:
     """
 
     def __init__(self, scene: Scene, protocol: Protocol, folder: Path, key: str, progress: Progress = silent) -> None:
-        self.protocol, self.key = protocol, digest([key, FINE, RULES])
+        self.protocol, self.key = protocol, key_of_measure(key, FINE, RULES)
         self.folder = kept(folder, self.key)
         self.cameras: list[Camera] = orbit(scene, protocol.orbit, protocol.size, protocol.size)
         self.diameter = 2.0 * float(scene.camera_rig["radius"])
@@ -202,34 +199,6 @@ class OrbitPath:
             there, back = (content[name].astype(np.float64) for name in ("there", "back"))
         led = sampled(two[..., None], there)[..., 0]
         return there, back, -BRIGHTER * np.abs(one - np.nan_to_num(led, nan=2.0))
-
-
-def digest(content: Any) -> str:
-    """A hash of bytes, or of plain values and of our version."""
-    if not isinstance(content, bytes):
-        plain = json.loads(to_json({"version": __version__, "content": content}))
-        content = json.dumps(plain, sort_keys=True).encode()
-    return hashlib.sha256(content).hexdigest()[:16]
-
-
-def kept(folder: Path, key: str) -> Path:
-    """A folder whose content is of that key: made where it is missing, emptied where it is of another."""
-    note = folder / "key.json"
-    if folder.exists() and not note.exists() and any(folder.iterdir()):
-        raise BadInput(f"{folder} holds something else; choose another folder with --out.")
-    if note.exists() and _read_key(note) != key:
-        shutil.rmtree(folder)
-    make_folder(folder)
-    if not note.exists():
-        write_json(note, {"key": key})
-    return folder
-
-
-def _read_key(note: Path) -> str | None:
-    try:
-        return str(json.loads(note.read_text(encoding="utf-8"))["key"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None  # nothing that can be relied on
 
 
 def _save(path: Path, **arrays: NDArray[Any]) -> None:

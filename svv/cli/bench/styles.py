@@ -91,10 +91,11 @@ def consistency(
     Ctrl-C, the same command goes on where it was.
     """
     from svv.bench.styles.consistency import consistency
-    from svv.bench.styles.path import METRICS, digest
+    from svv.bench.styles.path import METRICS
     from svv.bench.styles.table import markdown
     from svv.fields.scene import Scene
     from svv.io.atomic import check_writable, write_json
+    from svv.io.made import digest
 
     protocol = frames.protocol(flows)
     if json is not None:
@@ -104,7 +105,7 @@ def consistency(
     if name not in loaded.networks:
         raise BadInput(f"The scene holds no network '{name}', only {', '.join(loaded.networks)}.")
     with shown("Consistency") as progress:
-        found = consistency(loaded, name, protocol, out, digest(scene.read_bytes()), progress)
+        found = consistency(loaded, name, protocol, out, digest(scene), progress)
     if json is not None:
         write_json(json, {"scene": scene.name, "network": name, "protocol": vars(protocol), **found})
     named = [{"flow, interval": f"{r['flow']} {r['interval']}", **r} for r in found["rows"]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.core.colour import (
+    colour_differences,
     hsb_array,
     hsb_to_rgb,
     hue_distance,
@@ -139,3 +141,42 @@ def test_over_a_background() -> None:
     expected = np.array([[1.0, 1.0, 1.0], [1.0, 0.5, 0.0], [1.0, 0.875, 0.75]])
     assert abs(over(rgba, (1, 1, 1)) - expected).max() < TIGHT
     assert over(rgba.astype(np.float32), (0, 0, 1)).dtype == np.float32
+
+
+# --- against colour-science -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def science() -> Any:
+    """The package colour-science, an implementation of its own of what we and scikit-image calculate."""
+    return pytest.importorskip("colour", reason="colour-science is a dependency of svv: install it again")
+
+
+@given(rgb=colour)
+def test_hsb_is_that_of_colour_science(science: Any, rgb: tuple[float, float, float]) -> None:
+    if max(rgb) - min(rgb) < 1e-6:
+        rgb = (rgb[0],) * 3
+    found, expected = hsb_array(np.array(rgb)), science.RGB_to_HSV(np.array(rgb))
+    assert hue_distance(found[0], expected[0]) < 1e-9
+    np.testing.assert_allclose(found[1:], expected[1:], atol=TIGHT)
+
+
+@given(a=st.lists(colour, min_size=1, max_size=4), b=st.lists(colour, min_size=1, max_size=4))
+def test_colour_differences_are_those_of_colour_science(science: Any, a: list, b: list) -> None:
+    first, second = (science.XYZ_to_Lab(science.sRGB_to_XYZ(np.array(c))) for c in (a, b))
+    expected = science.delta_E(first[:, None], second[None], method="CIE 2000")
+    # The hue of nearly grey colours turns with the last digits of the matrix from sRGB, on which the two differ.
+    np.testing.assert_allclose(colour_differences(np.array(a), np.array(b)), expected, atol=0.03)
+
+
+def test_colour_differences_are_those_of_the_paper() -> None:
+    """Sharma, Wu and Dalal (2005), table 1, brought to sRGB; black and white are 100 apart."""
+    from skimage.color import lab2rgb
+
+    pairs = np.array([[[50, 2.5, 0], [50, 0, -2.5]], [[50, 2.5, 0], [61, -5, 29]],
+                      [[2.0776, 0.0795, -1.135], [0.9033, -0.0636, -0.5514]]])  # fmt: skip
+    rgb = lab2rgb(pairs)
+    found = [colour_differences(rgb[k, :1], rgb[k, 1:])[0, 0] for k in range(3)]
+    np.testing.assert_allclose(found, [4.3065, 22.8977, 0.9082], atol=0.02)
+    black, white = np.zeros((1, 3)), np.ones((1, 3))
+    np.testing.assert_allclose(colour_differences(black, np.concatenate([white, black])), [[100.0, 0.0]], atol=0.01)

@@ -17,7 +17,6 @@ from PIL import Image
 from svv.bench.stability.cases import CASES, EASIEST, Bench, BenchSettings, Case, Measures, barely_masked, tiny
 from svv.bench.stability.measures import (
     FOREGROUND_DROP,
-    colour_differences,
     failures,
     matched,
     overlaps,
@@ -28,19 +27,12 @@ from svv.bench.stability.scenes import NESTED, SCENES, TRANSPARENT, Range
 from svv.bench.stability.table import FILES, summary, write_summary
 from svv.cli import app as cli
 from svv.core.cameras import orbit_cameras
+from svv.core.colour import colour_differences
 from svv.dvr.grids import index_to_world, to_array
 from svv.errors import BadInput, Cancelled
 from svv.train.config import Preset, preset
 
 # --- measures ----------------------------------------------------------------------------------------------------
-
-
-def test_colour_differences_are_ciede2000() -> None:
-    """Against pairs of Sharma et al. (2005), through sRGB; black and white are 100 apart."""
-    ends = colour_differences(np.array([[0.0, 0.0, 0.0]]), np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0]]))
-    np.testing.assert_allclose(ends, [[100.0, 0.0]], atol=0.01)
-    red_green = colour_differences(np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
-    np.testing.assert_allclose(red_green, 86.6, atol=0.1)
 
 
 def test_a_palette_is_compared_in_the_best_assignment() -> None:

@@ -122,3 +122,19 @@ def over(rgba: NDArray[np.floating], background: tuple[float, float, float]) -> 
     """Straight-alpha RGBA over an opaque background, all in [0, 1]. (..., 4) -> (..., 3)."""
     alpha = rgba[..., 3:]
     return np.asarray(rgba[..., :3] * alpha + np.asarray(background, dtype=rgba.dtype) * (1 - alpha))
+
+
+def colour_differences(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Colour difference CIEDE2000 (Sharma et al. 2005) of every colour of one list and every colour of another.
+
+    Args:
+        a: sRGB in [0, 1]; values beyond are clipped. (A, 3)
+        b: Likewise. (B, 3)
+
+    Returns:
+        Differences >= 0; 1 is about the least that is seen. (A, B)
+    """
+    from skimage.color import deltaE_ciede2000, rgb2lab  # half a second that most uses of this module need not wait
+
+    first, second = (rgb2lab(np.clip(np.asarray(c, np.float64), 0.0, 1.0)[None])[0] for c in (a, b))
+    return np.asarray(deltaE_ciede2000(first[:, None], second[None]), np.float64)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from svv.core.colour import colour_differences
 from svv.errors import BadInput
 from svv.fields.region import Region
 from svv.train.ink import PAPER, Ink, Style, picture_of
@@ -56,14 +57,6 @@ def mean_colour(style: Style, mask: Mask | None = None) -> NDArray[np.float64]:
         return np.array(PAPER)
     pixels = np.asarray(style, np.float64).reshape(-1, 3) if mask is None else np.asarray(style, np.float64)[mask]
     return np.asarray(pixels.mean(0))
-
-
-def colour_differences(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
-    """CIEDE2000 of sRGB colours (A, 3) and (B, 3): 1 is about the least that is seen. (A, B)"""
-    from skimage.color import deltaE_ciede2000, rgb2lab
-
-    first, second = (rgb2lab(np.clip(np.asarray(c, np.float64), 0, 1)[None])[0] for c in (a, b))
-    return np.asarray(deltaE_ciede2000(first[:, None], second[None]))
 
 
 def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep: Collection[int]) -> dict[int, int]:

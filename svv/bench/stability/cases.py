@@ -14,10 +14,10 @@ from PIL import Image
 from scipy.optimize import linear_sum_assignment
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.bench.stability.measures import colour_differences, matched, overlaps, palette_error
+from svv.bench.stability.measures import matched, overlaps, palette_error
 from svv.bench.stability.scenes import SCENES, TRANSPARENT, KnownScene
 from svv.core.cameras import Camera, orbit_cameras
-from svv.core.colour import over
+from svv.core.colour import colour_differences, over
 from svv.core.correction import Correction
 from svv.core.metrics import psnr, psnr_foreground
 from svv.dvr.views import make_views, render_views

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from skimage.color import deltaE_ciede2000, rgb2lab
+
+from svv.core.colour import colour_differences
 
 Array = NDArray[np.float64]
 
@@ -32,12 +33,6 @@ MOST_SPREAD = 2.0
 
 MOST_LOST = 0.5
 """dB of foreground PSNR that saving may cost; more: "lost in the file"."""
-
-
-def colour_differences(some: NDArray[np.floating], others: NDArray[np.floating]) -> Array:
-    """CIEDE2000 (Sharma et al. 2005) between sRGB colours in [0, 1]: (A, 3) and (B, 3) -> (A, B)."""
-    a, b = (rgb2lab(np.asarray(colours, np.float64).reshape(-1, 1, 3))[:, 0] for colours in (some, others))
-    return np.asarray(deltaE_ciede2000(a[:, None], b[None]), np.float64)
 
 
 def palette_error(found: NDArray[np.floating], truth: NDArray[np.floating]) -> float:

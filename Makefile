@@ -39,6 +39,7 @@ test-processors: $(TOOLS)
 
 check: $(TOOLS)
 	"$(BIN)/ruff" check .
+	"$(BIN)/ruff" format --check .
 	"$(BIN)/mypy"
 
 install: $(INSTALLED)

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from PIL import Image
 
 from svv.bench.chart import figures
@@ -97,7 +98,7 @@ def test_labels_of_neighbours_do_not_overlap() -> None:
 
 
 def test_a_legend_is_as_narrow_as_its_figure() -> None:
-    handles = [figures.Line2D([], [], label="a word " * length) for length in (1, 8, 2, 6, 3, 7)]
+    handles = [Line2D([], [], label="a word " * length) for length in (1, 8, 2, 6, 3, 7)]
     for columns, width in ((1, 3.0), (2, 10.0), (3, 24.0)):
         figure = Figure((width, 3.0))
         renderer = FigureCanvasAgg(figure).get_renderer()

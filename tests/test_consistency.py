@@ -336,9 +336,7 @@ def test_an_unrefined_palette_keeps_greys_and_similar_hues() -> None:
 
 def test_ablations_differ_where_they_say(folder: Path, tmp_path: Path) -> None:
     only = ("lighting", "refinement")
-    job = ablation.Ablation(
-        folder / "balls.svv", (folder / "stripes.png",), folder / "views", only, SHORT, "draft"
-    )
+    job = ablation.Ablation(folder / "balls.svv", (folder / "stripes.png",), folder / "views", only, SHORT, "draft")
     text = ablation.run_ablation(job, tmp_path / "out")
     rows = {r["variant"]: r for r in json.loads((tmp_path / "out" / "ablations.json").read_text())}
     assert len(rows) == 4 and all(name in text for name in rows)
@@ -352,7 +350,6 @@ def test_ablations_differ_where_they_say(folder: Path, tmp_path: Path) -> None:
         assert len(shares) == row["regions"] and sum(shares) == pytest.approx(100, abs=0.5)
         assert f"| {row['shares']} |" in text and f"| {row['psnr']:.2f} |" in text
     assert "## lighting" in text and "| RMSE, 1 apart |" in text
-
 
 
 # --- the commands ------------------------------------------------------------------------------------------------

@@ -155,9 +155,7 @@ def test_a_stopped_correction_goes_on_to_the_same_scene(
         correct_palette(scene, train, correction, SHORT, progress=stop, checkpoint=path)
     assert path.exists()
     seen: list[float] = []
-    found, _ = correct_palette(
-        scene, train, correction, SHORT, progress=lambda f, _: seen.append(f), checkpoint=path
-    )
+    found, _ = correct_palette(scene, train, correction, SHORT, progress=lambda f, _: seen.append(f), checkpoint=path)
     assert seen[0] > 0.2
     assert found.palette is not None and expected.palette is not None
     for name, value in expected.palette.state_dict().items():

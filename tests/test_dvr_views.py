@@ -371,8 +371,8 @@ def test_cameras_of_two_sizes_are_refused() -> None:
 
 def test_without_opengl_the_gpu_is_refused_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.setattr(mappers.sys, "platform", "linux")
-    monkeypatch.setattr(mappers.ctypes.util, "find_library", lambda name: None)
+    monkeypatch.setattr("svv.dvr.mappers.sys.platform", "linux")
+    monkeypatch.setattr("svv.dvr.mappers.ctypes.util.find_library", lambda name: None)
     with pytest.raises(BadInput, match="libegl1 libosmesa6"):
         render_views(from_array(blob()), ramp(), sphere_cameras(3, (0, 0, 0), 60, 0.6, 8), "gpu")
 

@@ -84,9 +84,7 @@ def points_in(occupied: np.ndarray, count: int, seed: int) -> torch.Tensor:
 @FEW
 @given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 150))
 @pytest.mark.parametrize("kernels", OTHERS)
-def test_lattice_is_the_reference_in_value_and_gradient(
-    kernels: Kernels, seed: int, features: int, count: int
-) -> None:
+def test_lattice_is_the_reference_in_value_and_gradient(kernels: Kernels, seed: int, features: int, count: int) -> None:
     lattice, occupied = lattice_of(seed, features, (4, 8))
     x = points_in(occupied, count, seed)
     table = lattice.table.detach().clone().requires_grad_()
@@ -139,9 +137,7 @@ def test_hash_grid_is_the_reference_in_value_and_gradient(
 @FEW
 @given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 300), st.sampled_from([0.0, 0.5]))
 @pytest.mark.parametrize("kernels", OTHERS)
-def test_adam_is_that_of_the_processor(
-    kernels: Kernels, seed: int, features: int, rows: int, pull: float
-) -> None:
+def test_adam_is_that_of_the_processor(kernels: Kernels, seed: int, features: int, rows: int, pull: float) -> None:
     """Rows join and leave from step to step; what is not marked stays as it is."""
     ends = []
     for k in (compiled, kernels):
@@ -273,9 +269,7 @@ def test_rays_that_see_nothing(kernels: Kernels) -> None:
 @FEW
 @given(st.integers(0, 10**6), st.lists(st.integers(0, 7), min_size=1, max_size=70), st.integers(1, 9))
 @pytest.mark.parametrize("kernels", OTHERS)
-def test_compositing_is_that_of_the_processor(
-    kernels: Kernels, seed: int, counts: list[int], channels: int
-) -> None:
+def test_compositing_is_that_of_the_processor(kernels: Kernels, seed: int, counts: list[int], channels: int) -> None:
     """Value and gradient, for rays of any number of samples, with and without optical depth between them."""
     generator = torch.Generator().manual_seed(seed)
     count, total = torch.tensor(counts), sum(counts)

@@ -140,9 +140,7 @@ def test_hash_grid_matches_reference_in_value_and_gradient() -> None:
     upstream = torch.randn(expected.shape, generator=torch.Generator().manual_seed(2))
     expected.backward(upstream)
     got.backward(upstream)
-    torch.testing.assert_close(
-        grid.buffers_for_gradient()[0], table.grad, atol=KERNELS["gradient"], rtol=1e-4
-    )
+    torch.testing.assert_close(grid.buffers_for_gradient()[0], table.grad, atol=KERNELS["gradient"], rtol=1e-4)
 
 
 @pytest.mark.parametrize("pull", [0.0, 0.5])

@@ -67,9 +67,13 @@ def unit(v: object) -> torch.Tensor:
 @settings(max_examples=60)
 @given(VECTORS, VECTORS, VECTORS, st.tuples(*[st.floats(0, 2)] * 4), st.floats(1, 50))
 def test_blinn_phong_is_its_equation_on_either_side(
-    n: tuple[float, ...], v: tuple[float, ...], l: tuple[float, ...], k: tuple[float, ...], p: float  # noqa: E741
+    n: tuple[float, ...],
+    v: tuple[float, ...],
+    toward_light: tuple[float, ...],
+    k: tuple[float, ...],
+    p: float,
 ) -> None:
-    normal, facing, toward = unit(n), unit(v), unit(l)
+    normal, facing, toward = unit(n), unit(v), unit(toward_light)
     ambient, diffuse, specular, intensity = k
     coefficients = torch.tensor([[ambient, diffuse, specular, p]], dtype=torch.float64)
     got = blinn_phong(normal, facing, toward, intensity, coefficients)
@@ -150,9 +154,7 @@ def test_summed_normals_are_the_same(lit_cube: Scene) -> None:
     at = torch.rand(200, 3, generator=torch.Generator().manual_seed(0))
     torch.testing.assert_close(again.palette.phong.normal(at), palette.phong.normal(at), atol=1e-4, rtol=0)
     kept = Scene.from_bytes(again.to_bytes())
-    np.testing.assert_allclose(
-        kept.render(cube_camera()).rgba, lit_cube.render(cube_camera()).rgba, atol=0.03
-    )
+    np.testing.assert_allclose(kept.render(cube_camera()).rgba, lit_cube.render(cube_camera()).rgba, atol=0.03)
 
 
 def test_files_keep_the_light_and_undo_takes_it_back(lit_cube: Scene) -> None:

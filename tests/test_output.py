@@ -63,9 +63,7 @@ def test_png_comes_back(tmp_path: Path, view: tuple[np.ndarray, ...]) -> None:
     assert Image.open(tmp_path / "b.png").mode == "RGB"
 
 
-def test_depth_png_gives_the_depth_back_to_a_65534th_of_its_range(
-    tmp_path: Path, view: tuple[np.ndarray, ...]
-) -> None:
+def test_depth_png_gives_the_depth_back_to_a_65534th_of_its_range(tmp_path: Path, view: tuple[np.ndarray, ...]) -> None:
     depth = view[1]
     near, far = write_depth_png(tmp_path / "d.png", depth)
     picture = Image.open(tmp_path / "d.png")
@@ -83,9 +81,7 @@ def test_depth_png_of_an_empty_and_of_a_flat_view(tmp_path: Path, value: float) 
     assert (levels == (0 if np.isnan(value) else 1)).all()
 
 
-def test_region_png_keeps_the_indices_and_shows_the_colours(
-    tmp_path: Path, view: tuple[np.ndarray, ...]
-) -> None:
+def test_region_png_keeps_the_indices_and_shows_the_colours(tmp_path: Path, view: tuple[np.ndarray, ...]) -> None:
     region, colours = view[2], np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
     write_region_png(tmp_path / "r.png", region, colours)
     picture = Image.open(tmp_path / "r.png")

@@ -19,9 +19,7 @@ from svv.io import scene_file
 from svv.io.atomic import atomic_path, check_writable, make_folder, write_json
 from svv.io.scene_file import read_scene_file, write_scene_file
 
-DTYPES = st.sampled_from(
-    [np.float16, np.float32, np.float64, np.uint8, np.int16, np.int32, np.int64, np.bool_]
-)
+DTYPES = st.sampled_from([np.float16, np.float32, np.float64, np.uint8, np.int16, np.int32, np.int64, np.bool_])
 ARRAYS = DTYPES.flatmap(lambda dtype: hnp.arrays(dtype, hnp.array_shapes(min_dims=0, min_side=0, max_side=5)))
 
 
@@ -37,9 +35,7 @@ def only_file(path: Path) -> bool:
 
 
 @settings(deadline=None, max_examples=50)
-@given(
-    tensors=st.dictionaries(st.text(st.characters(codec="ascii", categories=["L", "N"]), min_size=1), ARRAYS)
-)
+@given(tensors=st.dictionaries(st.text(st.characters(codec="ascii", categories=["L", "N"]), min_size=1), ARRAYS))
 def test_every_array_comes_back_as_it_was(
     tmp_path_factory: pytest.TempPathFactory, tensors: dict[str, np.ndarray]
 ) -> None:
@@ -208,9 +204,7 @@ def test_written_files_have_the_usual_permissions(tmp_path: Path) -> None:
 
 
 def test_json_is_strict(tmp_path: Path) -> None:
-    write_json(
-        tmp_path / "a.json", {"psnr": float("inf"), "lpips": None, "n": np.int32(2), "xs": (1, np.float64(2))}
-    )
+    write_json(tmp_path / "a.json", {"psnr": float("inf"), "lpips": None, "n": np.int32(2), "xs": (1, np.float64(2))})
     text = (tmp_path / "a.json").read_text()
     assert json.loads(text, parse_constant=pytest.fail) == {
         "psnr": None,

@@ -61,11 +61,7 @@ def test_a_rotated_camera_is_held_upright(tmp_path: Path, profiled: bool) -> Non
     image.paste(RED, (0, 0, 30, 30))
     exif = Image.Exif()
     exif[0x0112] = 6  # the top of the scene is on the right-hand side... of a picture turned by 90 degrees
-    extra = (
-        {"icc_profile": ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()}
-        if profiled
-        else {}
-    )
+    extra = {"icc_profile": ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()} if profiled else {}
     image.save(tmp_path / "a.jpg", exif=exif, quality=95, **extra)
     style = read_style(tmp_path / "a.jpg")
     assert style.shape == (60, 30, 3)

@@ -61,8 +61,10 @@ def edit(
     shininess: Annotated[float | None, typer.Option(min=1, help="How sharp its highlight is (a).")] = None,
     light: Annotated[
         str | None,
-        typer.Option(metavar="headlight|AZ,EL|X,Y,Z", help="Where light comes from: degrees right of the camera and "
-                     "above it, or a direction in the world (a)."),
+        typer.Option(
+            metavar="headlight|AZ,EL|X,Y,Z",
+            help="Where light comes from: degrees right of the camera and above it, or a direction in the world (a).",
+        ),
     ] = None,
     intensity: Annotated[float | None, typer.Option(min=0, help="Factor on the light's brightness (a).")] = None,
     strength: Annotated[
@@ -73,8 +75,12 @@ def edit(
     ] = None,
     stroke_opacity: Annotated[
         float | None,
-        typer.Option(min=-1, max=1, help="How much opacity follows strokes, of the region or of all; above 0 dark ones "
-                     "are more opaque, below 0 light ones."),
+        typer.Option(
+            min=-1,
+            max=1,
+            help="How much opacity follows strokes, of the region or of all; above 0 dark ones "
+            "are more opaque, below 0 light ones.",
+        ),
     ] = None,
     outline: Annotated[
         float | None,

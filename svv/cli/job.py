@@ -120,7 +120,17 @@ def run(
     else:
         origin = _volume(source, tf, array, dims, dtype, spacing)
     settings = JobSettings(
-        n, test, size, mapper.value, preset.value, time_limit, seed, orbit, orbit_size, recolour, device.value,
+        n,
+        test,
+        size,
+        mapper.value,
+        preset.value,
+        time_limit,
+        seed,
+        orbit,
+        orbit_size,
+        recolour,
+        device.value,
         lighting.value,
     )
     origin.identity()  # what is missing or cannot be is told before a picture of the gallery is written

@@ -33,9 +33,7 @@ TRAIN = (
     "svv train views -o scene.svv --preset fast --json f.json",
 )
 """Examples of the help."""
-EVALUATE = (
-    "svv evaluate scene.svv --views views --json scores.json",
-)
+EVALUATE = ("svv evaluate scene.svv --views views --json scores.json",)
 """Examples of the help."""
 INFO = (
     "svv info scene.svv",

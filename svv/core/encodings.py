@@ -72,9 +72,7 @@ def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
     return spherical_harmonics(directions, 4)[ray.long()]
 
 
-def lattice_corners(
-    x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index: Tensor
-) -> tuple[Tensor, Tensor]:
+def lattice_corners(x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
     """Rows of the eight vertices around positions on one level of a lattice, and their trilinear weights.
 
     Args:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
@@ -47,7 +49,12 @@ def filled(picture: NDArray[np.float32], mask: NDArray[np.bool_], seed: int = 0)
 
 
 def _covered(
-    picture: NDArray, nearest: NDArray, mask: NDArray[np.bool_], centres: NDArray, half: int, rng: np.random.Generator
+    picture: NDArray[Any],
+    nearest: NDArray[Any],
+    mask: NDArray[np.bool_],
+    centres: NDArray[Any],
+    half: int,
+    rng: np.random.Generator,
 ) -> NDArray[np.float32]:
     height, width = mask.shape
     reach = np.arange(-half, half + 1)

@@ -17,9 +17,11 @@ Array = NDArray[np.float64]
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
 """The paper's viewer: 0.7 m from a screen that is 0.7 m wide and has 3840 columns, so 67.02 pixels a degree."""
 
-RGB_TO_XYZ = np.array(
-    [[10135552, 8788810, 4435075], [2613072, 8788810, 887015], [1425312, 8788810, 70074185]]
-) / [[24577794], [12288897], [73733382]]
+RGB_TO_XYZ = np.array([[10135552, 8788810, 4435075], [2613072, 8788810, 887015], [1425312, 8788810, 70074185]]) / [
+    [24577794],
+    [12288897],
+    [73733382],
+]
 """Linear sRGB to CIE XYZ under D65."""
 
 WHITE = RGB_TO_XYZ.sum(1)

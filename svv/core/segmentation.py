@@ -9,6 +9,7 @@ Letters: h and w are height and width in pixels, K superpixels, D numbers that d
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +114,7 @@ def regions(picture: NDArray[np.floating], count: int) -> Labels:
     return place[owner[labels]]
 
 
-def _prices(mean: NDArray, size: NDArray, others: NDArray, sizes: NDArray) -> NDArray[np.float64]:
+def _prices(mean: NDArray[Any], size: NDArray[Any], others: NDArray[Any], sizes: NDArray[Any]) -> NDArray[np.float64]:
     square = ((mean[:, None] - others) ** 2).sum(-1)
     return np.asarray(size[:, None] * sizes / (size[:, None] + sizes) * square)
 
@@ -192,7 +193,7 @@ def _split(labels: Labels, inside: list[tuple[int, int]], outside: list[tuple[in
     return labels
 
 
-def _laplacian(features: NDArray, pairs: NDArray, step: NDArray, scale: float, total: int) -> coo_array:
+def _laplacian(features: NDArray[Any], pairs: NDArray[Any], step: NDArray[Any], scale: float, total: int) -> coo_array:
     from scipy.spatial import cKDTree
 
     distance, like = cKDTree(features).query(features, k=min(LINKS + 1, total))
@@ -204,12 +205,12 @@ def _laplacian(features: NDArray, pairs: NDArray, step: NDArray, scale: float, t
     return diags_array(np.asarray(graph.sum(1))) - graph
 
 
-def _spread(features: NDArray, scale: float) -> float:
+def _spread(features: NDArray[Any], scale: float) -> float:
     """Squared distance at which looks count as different: a part of the picture's own variety."""
     return max(4.0 * scale, 0.12 * float(features.var(0).sum()), 25.0)
 
 
-def _nearest(features: NDArray, others: NDArray) -> NDArray[np.float64]:
+def _nearest(features: NDArray[Any], others: NDArray[Any]) -> NDArray[np.float64]:
     """Squared distance of each to the nearest of the others; (K,)."""
     if not len(others):
         return np.full(len(features), np.inf)

@@ -146,9 +146,7 @@ def _plain(scalars: vtkDataArray, name: str) -> NDArray[Any]:
     if values.dtype.kind == "f":
         bad = int(values.size - np.count_nonzero(np.isfinite(values)))
         if bad:
-            raise BadInput(
-                f"{name} holds {bad} values that are NaN or infinite; replace them with numbers first."
-            )
+            raise BadInput(f"{name} holds {bad} values that are NaN or infinite; replace them with numbers first.")
     return values
 
 

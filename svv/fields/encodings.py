@@ -32,7 +32,7 @@ class _Lookup(torch.autograd.Function):
         return encoding.look_up(x)
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:  # type: ignore[override]
+    def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:
         ctx.encoding.add_gradient(ctx.x, gradient.contiguous())
         return None, None, None
 
@@ -62,7 +62,7 @@ class Encoding(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Features (S, width) at box coordinates (S, 3), both float32."""
         if torch.is_grad_enabled() and self.table.requires_grad:
-            return _Lookup.apply(x, self.table, self)  # type: ignore[no-any-return]
+            return _Lookup.apply(x, self.table, self)
         return self.look_up(x)
 
     def buffers_for_gradient(self) -> tuple[Tensor, Tensor]:

@@ -19,10 +19,11 @@ from svv.fields.model import Model
 from svv.fields.networks import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import SCALE, SOFT, Beams, PhongLight
-from svv.fields.rendering import Rays, Samples
+from svv.fields.rendering import Rays
 from svv.fields.stroke_opacity import followed
 from svv.kernels import image as kernels
 from svv.kernels.dispatch import kernels_for
+from svv.kernels.types import Samples
 
 
 def can_fuse(scene: Model) -> bool:

@@ -16,8 +16,9 @@ from torch.nn.functional import softplus
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.phong import Beams, PhongLight
-from svv.fields.rendering import CEILING, Extinction, Samples
+from svv.fields.rendering import CEILING, Extinction
 from svv.kernels.dispatch import kernels_for
+from svv.kernels.types import Samples
 
 DIRECTION_WIDTH = 16
 """Spherical harmonics of degree 4."""

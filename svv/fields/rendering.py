@@ -101,9 +101,7 @@ class Marching:
     """Whether samples that weigh less are joined to the next (for images) instead of being left out (for training)."""
 
 
-def march(
-    rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching, seed: int = 0
-) -> Samples:
+def march(rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching, seed: int = 0) -> Samples:
     """Sample rays in occupied cells, leaving out what cannot be seen.
 
     Args:
@@ -152,7 +150,7 @@ def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, 
         Sum of weight times value (R, C), transmittance behind the ray (R,), and the weights (S,), which carry no
         gradient.
     """
-    return _Composite.apply(sigma, values, samples)  # type: ignore[no-any-return]
+    return _Composite.apply(sigma, values, samples)
 
 
 def empty_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
@@ -175,7 +173,7 @@ class _Composite(torch.autograd.Function):
         return out, transmittance, weights
 
     @staticmethod
-    def backward(ctx: Any, g_out: Tensor, g_transmittance: Tensor, _: Tensor) -> tuple[Any, Any, None]:  # type: ignore[override]
+    def backward(ctx: Any, g_out: Tensor, g_transmittance: Tensor, _: Tensor) -> tuple[Any, Any, None]:
         s, v, weights, out, transmittance = ctx.saved_tensors
         upstream = g_out.contiguous(), g_transmittance.contiguous()
         gradients = kernels_for(s).composite_backward(s, v, weights, ctx.samples, out, transmittance, *upstream)
@@ -191,7 +189,7 @@ class Extinction(torch.autograd.Function):
         return samples.sigma.clone()
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:  # type: ignore[override]
+    def backward(ctx: Any, gradient: Tensor) -> tuple[None, None, None]:
         samples, density = ctx.samples, ctx.density
         raw = (gradient * samples.sigma)[:, None].expand(-1, density.levels).contiguous()
         density.add_gradient(samples.position, raw)

@@ -24,12 +24,13 @@ from svv.fields.networks import PaletteColours, encode_directions
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
 from svv.fields.region import Region
-from svv.fields.rendering import Marching, RayCaster, Rays, Samples, composite, empty_images, march
+from svv.fields.rendering import Marching, RayCaster, Rays, composite, empty_images, march
 from svv.fields.scene_arrays import arrays_of, parts_of
 from svv.fields.stroke_opacity import fade_of, followed
 from svv.fields.variants import PaintedModel
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.dispatch import kernels_of
+from svv.kernels.types import Samples
 
 FAINT = 1.0 / 512.0
 """Alpha below half a step of 8 bits: the pixel counts as empty."""
@@ -121,9 +122,7 @@ class Scene(PaintedModel):
         return Rendering(rgba, depth, region)
 
     @torch.no_grad()
-    def _render_rays(
-        self, rays: Rays, beams: Beams, network: str, rgba: Tensor, depth: Tensor, region: Tensor
-    ) -> None:
+    def _render_rays(self, rays: Rays, beams: Beams, network: str, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
         """Write what rays see into the images, where they see anything."""
         samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited(network))
         if not len(samples):

@@ -20,6 +20,7 @@ from svv.fields.variants import PaintedModel, Variant
 
 Arrays = dict[str, NDArray[Any]]
 
+
 def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays]:
     """Header and arrays of the file, see :meth:`svv.fields.scene.Scene.to_arrays`."""
     box = scene.occupancy.box
@@ -40,8 +41,13 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
         "paint_resolutions": None if scene.styled is None else scene.styled.resolutions,
         "paint_direct": scene.styled is not None and scene.styled.direct,
         "variants": [
-            {"name": v.name, "styles": v.styles, "made": v.made, "resolutions": v.network.resolutions,
-             "direct": v.network.direct}
+            {
+                "name": v.name,
+                "styles": v.styles,
+                "made": v.made,
+                "resolutions": v.network.resolutions,
+                "direct": v.network.direct,
+            }
             for v in scene.others
         ],
         "camera_rig": scene.camera_rig,
@@ -65,7 +71,7 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
 def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     """The scene's fields by name, of what :func:`arrays_of` gave; ``regions`` as plain values."""
     b = header["box"]
-    box = Box(tuple(b["low"]), float(b["size"]), tuple(b["extent"]))  # type: ignore[arg-type]
+    box = Box(tuple(b["low"]), float(b["size"]), tuple(b["extent"]))
     shape = tuple(header["shape"])
     bits = np.unpackbits(tensors["occupied"], count=int(np.prod(shape)))
     occupancy = Occupancy(box, int(header["cells"]), np.ascontiguousarray(bits.reshape(shape)))
@@ -84,9 +90,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
             settings, occupancy, header.get("paint_resolutions"), bool(header.get("paint_direct", False))
         )
     told = header.get("variants", [])
-    others = [
-        UnrestrictedField(settings, occupancy, v.get("resolutions"), bool(v.get("direct", False))) for v in told
-    ]
+    others = [UnrestrictedField(settings, occupancy, v.get("resolutions"), bool(v.get("direct", False))) for v in told]
     named = [*zip(NETWORKS, (base, palette, styled), strict=True)]
     named += [(f"variant{number}", network) for number, network in enumerate(others)]
     for name, network in named:

@@ -19,7 +19,8 @@ from svv.core.cameras import sphere_cameras
 from svv.fields.model import Model
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import SIZE, VIEWS
-from svv.fields.rendering import RayCaster, Samples, composite, march
+from svv.fields.rendering import RayCaster, composite, march
+from svv.kernels.types import Samples
 
 REACH = 0.8
 """Logarithm of the extinction's factor a standard deviation of the paint's brightness from its mean, at amount 1,"""

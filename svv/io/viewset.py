@@ -336,8 +336,7 @@ def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[Images, str |
         image[..., 3] = np.where(difference <= max(2, spread), 0, 255)
     colour = ", ".join(str(int(c)) for c in background)
     return images, (
-        f"The images have no alpha: pixels of the background colour ({colour}) count as empty, all others as "
-        "opaque."
+        f"The images have no alpha: pixels of the background colour ({colour}) count as empty, all others as opaque."
     )
 
 

@@ -38,12 +38,8 @@ def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) 
     return out
 
 
-def hash_backward(
-    x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor
-) -> None:
-    hashing.encode_backward(
-        x.numpy(), g.numpy(), resolutions.numpy(), offsets.numpy(), gradient.numpy(), used.numpy()
-    )
+def hash_backward(x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor) -> None:
+    hashing.encode_backward(x.numpy(), g.numpy(), resolutions.numpy(), offsets.numpy(), gradient.numpy(), used.numpy())
 
 
 def adam(
@@ -137,13 +133,13 @@ def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
 
 def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
     if rough and len(x) >= products.LEAST and products.processor_has_half():
-        return products.HalfNetwork.apply(x, *weights)  # type: ignore[no-any-return]
+        return products.HalfNetwork.apply(x, *weights)
     return plain.network(x, weights, rough)
 
 
 @cache
 def _bias_corrections(beta1: float, beta2: float) -> NDArray[np.float32]:
-    return lattice.bias_corrections(np.float32(beta1), np.float32(beta2))  # type: ignore[no-any-return]
+    return lattice.bias_corrections(np.float32(beta1), np.float32(beta2))
 
 
 def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:

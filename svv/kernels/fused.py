@@ -54,9 +54,7 @@ def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) 
     return out
 
 
-def hash_backward(
-    x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor
-) -> None:
+def hash_backward(x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor) -> None:
     levels, features = len(resolutions), gradient.shape[1]
     if len(x):
         fused_tables.hash_backward[triton.cdiv(len(x), TABLE_BLOCK), levels](

@@ -171,7 +171,7 @@ def run(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
     """See :meth:`svv.kernels.types.Kernels.network`; networks that do not fit run in plain torch."""
     if not fits(x, weights):
         return relu_layers(x, weights)
-    return _Network.apply(x.contiguous(), *weights)  # type: ignore[no-any-return]
+    return _Network.apply(x.contiguous(), *weights)
 
 
 class _Network(torch.autograd.Function):

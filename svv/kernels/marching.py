@@ -19,6 +19,7 @@ from svv.kernels.trilinear import NEXT, ONE, cell_at
 BLOCK = 64
 """Rays that one thread marches in a row; a block's samples are written contiguously."""
 
+
 @njit(fastmath=True)
 def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
     """Sum over levels of the trilinear interpolation of a one-channel table."""
@@ -61,10 +62,32 @@ def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, fastmath=True, cache=True)
 def march(  # type: ignore[no-untyped-def]
-    origins, directions, distance, cells, extent, step, jitter_seed,
-    shapes, scales, bases, index, table, ceiling,
-    least_weight, keep, stop, fade, merge,
-    position, skipped, sigma, ray, start, count, tail, full,
+    origins,
+    directions,
+    distance,
+    cells,
+    extent,
+    step,
+    jitter_seed,
+    shapes,
+    scales,
+    bases,
+    index,
+    table,
+    ceiling,
+    least_weight,
+    keep,
+    stop,
+    fade,
+    merge,
+    position,
+    skipped,
+    sigma,
+    ray,
+    start,
+    count,
+    tail,
+    full,
 ):
     """March rays through the occupied cells and keep the samples that matter.
 

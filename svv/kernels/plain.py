@@ -37,9 +37,7 @@ def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) 
     return hash_features(x, resolutions, offsets, table.detach())
 
 
-def hash_backward(
-    x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor
-) -> None:
+def hash_backward(x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor) -> None:
     parts, ends = g.split(gradient.shape[1], dim=1), offsets.tolist()
     for resolution, first, end, part in zip(resolutions.tolist(), ends, ends[1:], parts):
         _scatter(*hash_corners(x, resolution, first, end - first), part, gradient, used)
@@ -109,9 +107,7 @@ def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tens
 
 
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
-    return composite_samples(
-        sigma, values, samples.skipped, samples.start, samples.count, samples.tail, samples.step
-    )
+    return composite_samples(sigma, values, samples.skipped, samples.start, samples.count, samples.tail, samples.step)
 
 
 def composite_backward(

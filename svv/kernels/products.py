@@ -45,10 +45,10 @@ class HalfNetwork(torch.autograd.Function):
             inputs.append(torch.ops.mkldnn._linear_pointwise(inputs[-1], w, None, "relu", [], ""))
         out = torch.ops.mkldnn._linear_pointwise(inputs[-1], halves[-1], None, "none", [], "")
         ctx.save_for_backward(*inputs, *halves)
-        return out[: len(x)].float()  # type: ignore[no-any-return]
+        return out[: len(x)].float()
 
     @staticmethod
-    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
         saved = ctx.saved_tensors
         count = len(saved) // 2
         g, gradients = _padded(upstream), []

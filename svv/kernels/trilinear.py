@@ -45,6 +45,12 @@ def weights_of(wx, wy, wz):  # type: ignore[no-untyped-def]
 def mean_of(table, a, b, c, d, w, f):  # type: ignore[no-untyped-def]
     """Column ``f`` of the rows of a cell (see :func:`cell_at`), weighted by ``w`` (see :func:`weights_of`)."""
     return (
-        w[0] * table[a, f] + w[1] * table[a + NEXT, f] + w[2] * table[b, f] + w[3] * table[b + NEXT, f]
-        + w[4] * table[c, f] + w[5] * table[c + NEXT, f] + w[6] * table[d, f] + w[7] * table[d + NEXT, f]
+        w[0] * table[a, f]
+        + w[1] * table[a + NEXT, f]
+        + w[2] * table[b, f]
+        + w[3] * table[b + NEXT, f]
+        + w[4] * table[c, f]
+        + w[5] * table[c + NEXT, f]
+        + w[6] * table[d, f]
+        + w[7] * table[d + NEXT, f]
     )

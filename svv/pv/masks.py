@@ -117,9 +117,7 @@ def points_in(text: str, name: str) -> list[tuple[float, float]]:
     return points
 
 
-def preview(
-    values: Values, progress: Progress
-) -> tuple[Colours, NDArray[np.uint8], NDArray[Any], tuple[int, int]]:
+def preview(values: Values, progress: Progress) -> tuple[Colours, NDArray[np.uint8], NDArray[Any], tuple[int, int]]:
     """The picture of the region whose mask is shown, how it is shown, and what of it is taken.
 
     Args:

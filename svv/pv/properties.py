@@ -124,9 +124,7 @@ def client_switch(name: str, help: str) -> Property:
     return replace(switch(name, False, help), setters={f"Set{name}": setter})
 
 
-def choice(
-    name: str, entries: Sequence[str], default: str, help: str, advanced: bool = False
-) -> Property:
+def choice(name: str, entries: Sequence[str], default: str, help: str, advanced: bool = False) -> Property:
     """One of some words; ``values`` holds the word."""
     inside = "".join(f'<Entry value="{k}" text={quoteattr(entry)}/>' for k, entry in enumerate(entries))
     xml = _element(
@@ -146,9 +144,7 @@ def text(name: str, help: str, default: str = "", advanced: bool = False) -> Pro
     return Property(name, xml, default, {f"Set{name}": _store(name, lambda value: value or "")})
 
 
-def file(
-    name: str, extensions: str, what: str, help: str, save: bool = False, advanced: bool = False
-) -> Property:
+def file(name: str, extensions: str, what: str, help: str, save: bool = False, advanced: bool = False) -> Property:
     """A file on the server; without extensions a folder."""
     domain = '<FileListDomain name="files"/>'
     if extensions:
@@ -231,8 +227,7 @@ def scalars() -> Property:
 
 
 def transfer_function() -> Property:
-    """Colours and opacities: ParaView's colour transfer function, which carries its scalar opacity function.
-    """
+    """Colours and opacities: ParaView's colour transfer function, which carries its scalar opacity function."""
     xml = (
         '<ProxyProperty name="TransferFunction" label="Transfer Function" command="SetTransferFunction" '
         'panel_widget="proxy_editor" null_on_empty="1">'
@@ -305,6 +300,6 @@ def panel(*properties: Property) -> Callable[[Class], Class]:
             for name, setter in property.setters.items():
                 setattr(plain, name, setter)
         plain.defaults = {p.name: p.default for p in properties if p.setters}
-        return smproperty.xml("".join(p.xml for p in properties))(cls)  # type: ignore[no-any-return]
+        return smproperty.xml("".join(p.xml for p in properties))(cls)
 
     return decorate

@@ -107,10 +107,21 @@ class SceneOutput(Keeping):
     text("Isolate", "Numbers of the regions that alone are seen, such as 0, 2. Empty: all that are not hidden."),
     switch("ShowHidden", False, "Show regions again that were hidden before this filter."),
     number("Strength", 1.0, "How much of a painting is seen: 0 the palette's colours, 1 as it came.", 0.0, 1.0),
-    number("PaintLight", PAINT_LIGHT, f"How much light falls on a painting: 0 none, 1 all of it; {PAINT_LIGHT} as it "
-           "came.", 0.0, 1.0),
-    number("StrokeOpacity", 0.0, "How much a painting's opacity follows its strokes: above 0 dark ones are more "
-           "opaque, for light backgrounds, below 0 light ones, for dark ones; 0 leaves it as it came.", -1.0, 1.0),
+    number(
+        "PaintLight",
+        PAINT_LIGHT,
+        f"How much light falls on a painting: 0 none, 1 all of it; {PAINT_LIGHT} as it came.",
+        0.0,
+        1.0,
+    ),
+    number(
+        "StrokeOpacity",
+        0.0,
+        "How much a painting's opacity follows its strokes: above 0 dark ones are more "
+        "opaque, for light backgrounds, below 0 light ones, for dark ones; 0 leaves it as it came.",
+        -1.0,
+        1.0,
+    ),
     *outline_properties(),
     text("Variant", "Which of the scene's paintings is shown; empty: the one that it came with."),
     integer("Undo", 0, "Take back so many of the edits that the scene came with, before those above.", 0, 50, True),

@@ -132,7 +132,7 @@ def load_features(name: str = "auto", progress: Progress = silent) -> PatchFeatu
         network = _network((weights.load(name) or weights.get(name, progress)).state, "VGG-16")
     else:
         network = read_features(Path(name))
-    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
+    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
 def read_features(path: Path) -> VggFeatures:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -35,14 +36,14 @@ def smooth(rng: Generator, n: int, sigma: float) -> Floats:
     return ((noise - noise.mean()) / noise.std()).astype(np.float32)
 
 
-def rank(field_: NDArray) -> Floats:
+def rank(field_: NDArray[Any]) -> Floats:
     """The field with its values spread evenly over [0, 1]."""
     order = np.empty(field_.size, np.float32)
     order[np.argsort(field_, axis=None)] = np.linspace(0, 1, field_.size, dtype=np.float32)
     return order.reshape(field_.shape)
 
 
-def ramp(colours: Floats, t: NDArray) -> Floats:
+def ramp(colours: Floats, t: NDArray[Any]) -> Floats:
     """Colours along a palette (k, 3), interpolated linearly at t in [0, 1]; (..., 3)."""
     x = np.clip(t, 0, 1) * (len(colours) - 1)
     i = np.minimum(x.astype(int), len(colours) - 2)
@@ -66,7 +67,7 @@ class Canvas:
 
     def dab(
         self, rng: Generator, y: float, x: float, angle: float, length: float, width: float,
-        colour: NDArray, bend: float = 0.0, bristles: float = 0.3, cover: float = 1.0,
+        colour: NDArray[Any], bend: float = 0.0, bristles: float = 0.3, cover: float = 1.0,
     ) -> None:  # fmt: skip
         """Lay one dab of paint: an ellipse (or, when long, a bent stroke) streaked along its length.
 

@@ -189,9 +189,7 @@ def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> Contrast | None:
     return float((every - every.mean(1, keepdim=True)).square().sum(0).mean().sqrt()), (total / count) ** 0.5
 
 
-def surroundings(
-    place: NDArray[np.float32], colours: NDArray[np.float32], reach: float
-) -> NDArray[np.float32]:
+def surroundings(place: NDArray[np.float32], colours: NDArray[np.float32], reach: float) -> NDArray[np.float32]:
     """Mean colour around each point, over about ``reach``: of (V, 3) points and colours, in blocks, interpolated."""
     at = place / reach
     low = np.floor(at.min(0)).astype(np.int64) - 1

@@ -14,8 +14,9 @@ from torch import Tensor
 from svv.core.cameras import sphere_cameras
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import UnrestrictedField
-from svv.fields.rendering import RayCaster, Rays, Samples, march
+from svv.fields.rendering import RayCaster, Rays, march
 from svv.fields.scene import Scene
+from svv.kernels.types import Samples
 from svv.train.config import StylizeSettings, paint_resolutions
 from svv.train.loop import falling, network_adam
 
@@ -98,7 +99,7 @@ class Distillation:
             truth = self.truth(samples, rays)
         loss = (self.field(samples.position) - truth.clamp(0.0, 1.0)).square().mean()
         self.networks.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         rate = falling(fraction, 0.1)
         for group in self.networks.param_groups:
             group["lr"] = self.settings.network_rate * rate

@@ -77,7 +77,6 @@ class Form:
         tangent = np.cos(angle)[:, None] * right + np.sin(angle)[:, None] * upward
         return normal.astype(np.float32), tangent.astype(np.float32), np.minimum(decided, 1.0).astype(np.float32)
 
-
     def hollowness(self, position: Floats) -> Floats:
         """How much of the surroundings of box coordinates (S, 3) is filled, in [0, 1]. (S,)
 
@@ -88,9 +87,7 @@ class Form:
         return np.asarray(map_coordinates(self.filled, at, order=1, mode="nearest"), np.float32)
 
 
-def tangents(
-    normal: NDArray[np.float64], up: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def tangents(normal: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Right and up of someone who looks at surfaces with these outward unit normals (S, 3), both (S, 3)."""
     side = np.eye(3)[int(np.abs(up).argmin())]
     upward = up - (normal @ up)[:, None] * normal
@@ -136,9 +133,7 @@ def form_of(base: BaseField, occupancy: Occupancy, up: NDArray[np.float64] | tup
     return form_of_opacity(opacity_grid(base, occupancy, cells), cells, up)
 
 
-def form_of_opacity(
-    opacity: Floats, cells: int, up: NDArray[np.float64] | tuple[float, float, float]
-) -> Form:
+def form_of_opacity(opacity: Floats, cells: int, up: NDArray[np.float64] | tuple[float, float, float]) -> Form:
     """The form of what cells (X, Y, Z) hide, ``cells`` of them to a box unit."""
     scale = cells / CELLS
     field = gaussian_filter(opacity, BLUR * max(scale, 0.5), mode="constant")  # nothing is beyond the box

@@ -152,13 +152,18 @@ def _train(
             notes.append(reason)
         first = None if limit is None else max(0.1, (limit - seconds["hull"]) * BASE_PART)
         base, occupancy, marching, seconds["base"], reason = reconstruct(
-            views, field, chosen.reconstruct, occupancy, seed, first, part(progress, 0.02, 0.7), saved,
+            views,
+            field,
+            chosen.reconstruct,
+            occupancy,
+            seed,
+            first,
+            part(progress, 0.02, 0.7),
+            saved,
             device,
         )
         notes.append(reason)
-        notes.append(
-            f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty"
-        )
+        notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty")
         scene = Scene(field, occupancy, marching, base, camera_rig=camera_rig(views.cameras))
         if saved is not None:
             header, arrays = scene.to_arrays(packed=False)

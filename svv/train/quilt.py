@@ -204,9 +204,7 @@ class Quilt:
                     stack.extend(int(j) for j in near[k] if left[j])
         return np.array(order)
 
-    def _paint(
-        self, position: Floats, normal: Floats, near: NDArray[np.int64], colours: Floats, suits: Floats
-    ) -> None:
+    def _paint(self, position: Floats, normal: Floats, near: NDArray[np.int64], colours: Floats, suits: Floats) -> None:
         paint(position, normal, near, self.middle, self.right, self.upward, self.outward, self.centre, self.turn,
               self.manner.picture, self.manner.mean.astype(np.float32), np.float32(self.manner.spread),
               np.float32(self.radius), np.float32(RADIUS), np.float32(INK), self.through,

@@ -15,9 +15,10 @@ from svv.core.classified import ClassifiedVolume
 from svv.core.colour import to_hex
 from svv.core.palette import Palette, PaletteSettings
 from svv.fields.region import Region
-from svv.fields.rendering import Samples, composite, march
+from svv.fields.rendering import composite, march
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
+from svv.kernels.types import Samples
 from svv.train.batches import RayPool
 
 LOOKED_AT = 16384

@@ -105,7 +105,7 @@ class Recolouring:
             told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-6)
             loss = loss - s.owner_weight * told.sum() / (total > 0).sum().clamp_min(1)
         self.networks.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         rate = falling(fraction, s.decay)
         for group in self.networks.param_groups:
             group["lr"] = group["full"] * rate
@@ -129,9 +129,7 @@ class Recolouring:
         return shares_of(samples, sigma, weights.argmax(1), weights.shape[1])
 
 
-def palette_of(
-    views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None
-) -> Palette:
+def palette_of(views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None) -> Palette:
     """Palette of the views' visible pixels; raises BadInput if there is none."""
     pool = RayPool(views, occupancy.box, seed, CPU)
     return extract_palette(*pool.visible_colours(PALETTE_PIXELS), settings, seed)

@@ -16,9 +16,10 @@ from svv.errors import Progress
 from svv.fields.encodings import LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.occupancy import Occupancy, carve
-from svv.fields.rendering import CEILING, Extinction, Marching, Rays, Samples, composite, march, representatives
+from svv.fields.rendering import CEILING, Extinction, Marching, Rays, composite, march, representatives
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
+from svv.kernels.types import Samples
 from svv.train.batches import RayBudget, RayPool
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import ReconstructSettings
@@ -91,7 +92,7 @@ class Reconstruction:
         error = (out - batch.premultiplied).square().mean()
         loss = error + s.alpha_weight * (1.0 - transmittance - batch.alpha).square().mean()
         self.networks.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         self._update(falling(fraction, s.decay))
         if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
             self.prune(grow=fraction < 0.25 and not self.known)

@@ -16,9 +16,7 @@ from svv.train.ink import PAPER, Ink, Style, picture_of
 Mask = NDArray[np.bool_]
 
 
-def checked_masks(
-    masks: Sequence[Mask | None] | None, styles: Sequence[Style]
-) -> tuple[list[Mask | None], list[str]]:
+def checked_masks(masks: Sequence[Mask | None] | None, styles: Sequence[Style]) -> tuple[list[Mask | None], list[str]]:
     """One mask or None for each style, and what is to be said about them.
 
     A mask of everything says nothing, so it counts as none.

@@ -113,9 +113,7 @@ class Stylization:
         if not self.views:
             raise BadInput(UNSEEN)
         with torch.no_grad():  # half precision: these are as many numbers as the samples' positions
-            self.starts = [
-                torch.cat([field(p).half() for p in v.position.split(self.piece)]) for v in self.views
-            ]
+            self.starts = [torch.cat([field(p).half() for p in v.position.split(self.piece)]) for v in self.views]
         networks = [] if field.colour_mlp is None else list(field.colour_mlp.parameters())
         self.networks = network_adam(networks, settings.style_network_rate) if networks else None
         self.tables = LatticeAdam([field.encoding])
@@ -138,7 +136,7 @@ class Stylization:
             self.networks.zero_grad(set_to_none=True)
         for first in range(0, len(colours), self.piece):
             piece = slice(first, first + self.piece)
-            self.field(view.position[piece]).backward(gradient[piece])  # type: ignore[no-untyped-call]
+            self.field(view.position[piece]).backward(gradient[piece])
         if self.networks is not None:
             self.networks.step()
         if self.field.direct and number == 0:
@@ -207,9 +205,7 @@ def stylization_cameras(scene: Scene, settings: StylizeSettings) -> Sequence[Cam
 
 
 @torch.no_grad()
-def visible_from(
-    scene: Scene, cameras: Sequence[Camera], progress: Progress, whole: bool = False
-) -> list[StyledView]:
+def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress, whole: bool = False) -> list[StyledView]:
     """Samples, weights and regions of views, or one region 0 (``whole``); views that show nothing are left out."""
     assert whole or scene.palette is not None
     views, piece = [], kernels_of(scene.device.type).SAMPLES

@@ -6,6 +6,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import pytest
@@ -90,7 +91,7 @@ def from_here(packages: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     alone.mkdir()
     if real is not None and real.origin is not None:  # else there is one on the PATH
         (alone / "pip").symlink_to(Path(real.origin).parent)
-    monkeypatch.setattr(prepare.sys, "path", [str(packages), str(alone)])
+    monkeypatch.setattr("svv.pv.prepare.sys.path", [str(packages), str(alone)])
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", (tmp_path / "wheels").as_uri())
@@ -162,8 +163,8 @@ def test_only_a_python_of_the_same_kind_takes_compiled_packages(tmp_path: Path) 
     program.parent.mkdir()
     here = (sys.version_info.major, sys.version_info.minor)
     for suffix, python, takes in (
-        (prepare.EXTENSION_SUFFIXES[0], here, True),
-        (prepare.EXTENSION_SUFFIXES[0], (3, 9), False),
+        (EXTENSION_SUFFIXES[0], here, True),
+        (EXTENSION_SUFFIXES[0], (3, 9), False),
         (".cpython-314t-x86_64-linux-gnu.so", here, False),
     ):
         program.write_text(f"#!/bin/sh\necho 'svv: {suffix}'\n")

@@ -223,7 +223,7 @@ def test_a_marker_that_nobody_reads_is_no_pin_for_all(tmp_path: Path) -> None:
 
 def test_without_a_pip_of_its_own_another_or_uv_installs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert installer.command()[:4] == [sys.executable, "-m", "pip", "install"]
-    monkeypatch.setattr(installer.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("svv.pv.installer.importlib.util.find_spec", lambda name: None)
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BadInput, match="-m ensurepip"):
         installer.command()

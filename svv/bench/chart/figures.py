@@ -169,9 +169,7 @@ def _ring(axes: Axes, x: list[float], y: list[float], best: list[bool], labels: 
 def _labels(members: list[Row]) -> list[str]:
     """Time limit of each row, and whatever else differs besides preset and encoding, which its marker tells."""
     sizes, seeds = len({row.train_size for row in members}) > 1, len({row.seed for row in members}) > 1
-    return [
-        ", ".join([f"{row.train_size} px"] * sizes + [row.limit] + [f"seed {row.seed}"] * seeds) for row in members
-    ]
+    return [", ".join([f"{row.train_size} px"] * sizes + [row.limit] + [f"seed {row.seed}"] * seeds) for row in members]
 
 
 def _volume_rendering(axes: Axes, members: list[Row]) -> None:

@@ -205,9 +205,7 @@ def _pair(below: RGB, above: RGB) -> tuple[Range, ...]:
 
 
 EASY = KnownScene(ring_and_balls, _pair(BLUE, GOLD))
-NESTED = KnownScene(
-    shells, (Range(0.1, 0.24, 0.12, BLUE), Range(0.38, 0.52, 0.25, GREEN), Range(0.66, 1.5, 0.9, RED))
-)
+NESTED = KnownScene(shells, (Range(0.1, 0.24, 0.12, BLUE), Range(0.38, 0.52, 0.25, GREEN), Range(0.66, 1.5, 0.9, RED)))
 SCENES: dict[str, KnownScene] = {
     "easy": EASY,
     "nested": NESTED,

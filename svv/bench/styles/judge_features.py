@@ -86,9 +86,7 @@ def style_loss(picture: Tensor, mask: Tensor, target: StyleTarget) -> Tensor:
     return target.loss(picture * mask + target.background * (1 - mask), mask)
 
 
-def optimised(
-    start: Tensor, mask: Tensor, loss: Callable[[Tensor], Tensor], steps: int, rate: float = 0.03
-) -> Tensor:
+def optimised(start: Tensor, mask: Tensor, loss: Callable[[Tensor], Tensor], steps: int, rate: float = 0.03) -> Tensor:
     """Colours (3, h, w) in [0, 1] for which a loss of them is small, found from a start by Adam.
 
     The change is a pyramid of five levels, as a radiance field has features at several resolutions. ``mask`` (h, w)
@@ -241,4 +239,3 @@ def markdown(rows: list[dict[str, str | float]]) -> str:
         means = [np.mean([float(row[key]) for row in own if key in row]) for key in keys]
         lines.append(f"| {name} | " + " | ".join(f"{mean:.3f}" for mean in means) + " |")
     return "\n".join(lines)
-

@@ -27,8 +27,9 @@ from svv.core.cameras import sphere_cameras
 from svv.core.nnfm import colour_statistics, colour_transfer
 from svv.errors import Progress, part
 from svv.fields.networks import UnrestrictedField, encode_directions
-from svv.fields.rendering import RayCaster, Rays, Samples, composite, march
+from svv.fields.rendering import RayCaster, Rays, composite, march
 from svv.fields.scene import Scene
+from svv.kernels.types import Samples
 from svv.train.config import StylizeSettings
 from svv.train.distil import DISTILLATION_SIZE, Distillation
 from svv.train.loop import Loop
@@ -179,9 +180,7 @@ def base_colours(scene: Scene, samples: Samples, rays: Rays) -> Tensor:
     return colours
 
 
-def _transfer(
-    scene: Scene, target: StyleTarget, seed: int, colours_of: Callable[[Samples, Rays], Tensor]
-) -> Transfer:
+def _transfer(scene: Scene, target: StyleTarget, seed: int, colours_of: Callable[[Samples, Rays], Tensor]) -> Transfer:
     """ARF's colour transfer: the map that gives the scene's visible pixels the style's mean and covariance."""
     rig, views = scene.camera_rig, 42
     cameras = sphere_cameras(views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)

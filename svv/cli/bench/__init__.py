@@ -31,6 +31,5 @@ def bench() -> None:
     """Measure: accuracy against time, stability, consistency between frames, what each part is worth."""
 
 
-
 for _name, (_command, _examples) in COMMANDS.items():
     app.command(_name, epilog=examples(*_examples))(_command)

@@ -44,9 +44,9 @@ class Frames:
     orbit: Annotated[int, typer.Option("--orbit", metavar="N", min=2, help="Frames of the whole path.")] = 181
     size: Annotated[int, typer.Option("--size", min=32, help="Width and height of the frames in pixels.")] = 400
     every: Annotated[int, typer.Option("--every", metavar="K", min=1, help="A pair begins at every Kth frame.")] = 1
-    intervals: Annotated[
-        str, typer.Option("--intervals", metavar="N,...", help="Frames between those of a pair.")
-    ] = "1,10"
+    intervals: Annotated[str, typer.Option("--intervals", metavar="N,...", help="Frames between those of a pair.")] = (
+        "1,10"
+    )
 
     def protocol(self, flows: str) -> Protocol:
         """As the layers below take it."""
@@ -75,6 +75,7 @@ class Training:
 
 
 TRAINING = Training()
+
 
 @spread
 def consistency(

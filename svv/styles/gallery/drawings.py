@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -38,12 +40,12 @@ def streamed(noise: Floats, angle: Floats, length: float) -> Floats:
     return rank(total)
 
 
-def mixed(paper: NDArray, ink: NDArray, cover: NDArray) -> Floats:
+def mixed(paper: NDArray[Any], ink: NDArray[Any], cover: NDArray[Any]) -> Floats:
     """Ink over paper where it covers: colours (..., 3), cover (n, n) in [0, 1]."""
     return (paper + (ink - paper) * np.clip(cover, 0, 1)[..., None]).astype(np.float32)
 
 
-def discs(n: int, y: NDArray, x: NDArray, radius: NDArray) -> Floats:
+def discs(n: int, y: NDArray[Any], x: NDArray[Any], radius: NDArray[Any]) -> Floats:
     """Cover (n, n) of round dots with soft rims of a pixel; all in pixels."""
     cover = np.zeros((n, n), np.float32)
     reach = int(np.ceil(radius.max())) + 1

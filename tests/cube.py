@@ -18,7 +18,6 @@ from svv.fields.scene import Scene
 
 def cube_scene(seed: int = 0) -> Scene:
     """A scene that nobody trained: a translucent cube, in which three regions lie about at random."""
-
     torch.manual_seed(seed)
     field = FieldSettings(resolutions=(4, 8), width=16)
     occupancy = Occupancy(Box((-0.5,) * 3, 1.0, (1.0,) * 3), 4, np.ones((4, 4, 4), np.uint8))
@@ -40,7 +39,6 @@ def cube_scene(seed: int = 0) -> Scene:
 
 def lit_cube_scene() -> Scene:
     """The cube under an explicit light, its normals the gradient of its extinction."""
-
     cube = cube_scene()
     assert cube.palette is not None and cube.base.density is not None
     field = replace(cube.settings, lighting="phong", headlight="axis")
@@ -56,7 +54,6 @@ def lit_cube_scene() -> Scene:
 
 def cube_paint(scene: Scene, seed: int, finer: tuple[int, ...] = ()) -> UnrestrictedField:
     """A painting of the cube in colours that come as they may, with ``finer`` levels beyond the scene's."""
-
     torch.manual_seed(seed)
     levels = (*scene.settings.resolutions, *finer)
     network = UnrestrictedField(scene.settings, scene.occupancy, levels).requires_grad_(False)
@@ -66,7 +63,6 @@ def cube_paint(scene: Scene, seed: int, finer: tuple[int, ...] = ()) -> Unrestri
 
 def cube_camera(size: int = 24) -> Camera:
     """The cube from the front."""
-
     pose = np.eye(4)
     pose[2, 3] = 3.0
     return Camera(pose, 0.5, size, size)

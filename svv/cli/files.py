@@ -27,6 +27,7 @@ def check_targets(*paths: Path | None) -> None:
 
 
 def load(path: Path, device: Device = Device.cpu) -> Scene:
+    """Read a scene onto a device; raises BadInput where either is not there."""
     from svv.fields.scene import Scene
     from svv.kernels.dispatch import device_named
 

@@ -70,8 +70,11 @@ REACH = 2.0
 
 @dataclass(frozen=True)
 class Edges:
-    """Points of edges, (E,) each: ``x`` and ``y`` in pixels from the middle of the first, right and down; the unit
-    normal ``nx``, ``ny``; ``change``, the measure's height there."""
+    """Points of edges, (E,) each.
+
+    ``x`` and ``y`` are in pixels from the middle of the first, right and down; ``nx`` and ``ny`` are the unit normal;
+    ``change`` is the measure's height there.
+    """
 
     x: Floats
     y: Floats

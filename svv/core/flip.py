@@ -42,7 +42,8 @@ def error_map(test: NDArray[np.floating], reference: NDArray[np.floating]) -> ND
     """FLIP error of each pixel, Delta E = Delta E_c ^ (1 - Delta E_f) (section 4.3), at 67 pixels a degree.
 
     Args:
-        test, reference: Gamma-encoded sRGB; values outside [0, 1] are clamped. (h, w, 3)
+        test: Gamma-encoded sRGB; values outside [0, 1] are clamped. (h, w, 3)
+        reference: What it should be, likewise. (h, w, 3)
 
     Returns:
         0 where nothing differs, at most 1. (h, w)

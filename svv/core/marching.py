@@ -54,13 +54,18 @@ def march(
     What is kept, joined and skipped is told in :func:`svv.kernels.marching.march`.
 
     Args:
-        origins, directions: R rays; unit directions. (R, 3)
+        origins: Where R rays begin. (R, 3)
+        directions: Of unit length. (R, 3)
         occupied: Cells that are looked at, bool. (X, Y, Z)
         cells: Cells per box unit.
         extent: Sides of the box.
         step: Sample spacing.
         extinction: At positions (P, 3), in 1 / box unit. (P,)
-        least_weight, keep, stop, fade, merge: Which samples are kept; see :class:`svv.fields.rendering.Marching`.
+        least_weight: Of what is kept, as the next four: see :class:`svv.fields.rendering.Marching`.
+        keep: Likewise.
+        stop: Likewise.
+        fade: Likewise.
+        merge: Likewise.
         seed: > 0 shifts each ray's samples by a random part of the step; 0 by half of it.
         first_ray: Number of the first ray, for its random numbers.
 

@@ -195,10 +195,10 @@ def open_caster(
 
 
 def default_step(caster: CpuMapper | GpuMapper, stage: Stage) -> float:
-    """The sample distance in voxels that a volume needs with its transfer function: the longest of ``COARSER`` whose
-    three small pictures differ from an eighth of a voxel's by no more than ``GOOD_ENOUGH``, else ``STEP``.
+    """The sample distance in voxels that a volume needs with its transfer function.
 
-    Leaves the caster with another sample distance.
+    It is the longest of ``COARSER`` whose three small pictures differ from those with an eighth of a voxel by no more
+    than ``GOOD_ENOUGH``, or else ``STEP``. Leaves the caster with another sample distance.
     """
     radius = FRAMING * 0.5 * float(np.linalg.norm(stage.visible_size))
     cameras = sphere_cameras(3, stage.centre, radius, FOV, 128)

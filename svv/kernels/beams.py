@@ -37,7 +37,11 @@ def tiles_in_sight(rotation, position, focal, width, height, distance, cells, ex
     maximum norm). No tile is left out through whose pixels' centres a ray meets an occupied cell.
 
     Args:
-        rotation, position, focal, width, height: Of the camera, see :mod:`svv.kernels.rays`. (3, 3), (3,)
+        rotation: Camera-to-box rotation, as in :mod:`svv.kernels.rays`. (3, 3)
+        position: The camera's, in box coordinates. (3,)
+        focal: Focal length in pixels.
+        width: Of the image in pixels.
+        height: Likewise.
         distance: Chessboard distance of each cell to the nearest occupied one, 0 for those. (X, Y, Z)
         cells: Cells per box unit.
         extent: Sides of the box. (3,)

@@ -91,7 +91,10 @@ def network(  # type: ignore[no-untyped-def]
     x, first, middle, last, out, samples, inputs, width, outputs,
     WIDE_IN: tl.constexpr, WIDE: tl.constexpr, WIDE_OUT: tl.constexpr, DEEP: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """x (S, I) -> out (S, O). Weights: ``first`` (W, I), ``middle`` (W, W), ``last`` (O, W)."""
+    """A network of two or three layers: ``x`` (S, I) -> ``out`` (S, O).
+
+    Weights are ``first`` (W, I), ``middle`` (W, W) and ``last`` (O, W).
+    """
     w_first = weights_of(first, width, inputs, WIDE, WIDE_IN)
     w_middle = w_first
     if DEEP:

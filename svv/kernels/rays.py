@@ -15,8 +15,10 @@ def pixel_rays(pixels, rotations, positions, focal, width, height, origins, dire
         rotations: Camera-to-box rotations, float32. (N, 3, 3)
         positions: Camera positions in box coordinates, float32. (N, 3)
         focal: Focal lengths in pixels, float32. (N,)
-        width, height: Of the images.
-        origins, directions: Results, float32; directions have unit length. (R, 3)
+        width: Of the images in pixels.
+        height: Likewise.
+        origins: Result, box coordinates, float32. (R, 3)
+        directions: Result, of unit length, float32. (R, 3)
     """
     for r in prange(pixels.shape[0]):
         view, rest = pixels[r] // (width * height), pixels[r] % (width * height)

@@ -15,10 +15,10 @@ NEXT = np.uint64(1)
 
 @njit(fastmath=True)
 def cell_at(x, y, z, level, shapes, scales, bases, index):  # type: ignore[no-untyped-def]
-    """Rows of the vertices at the corners (0, 0, 0), (0, 1, 0), (1, 0, 0) and (1, 1, 0) of a position's cell, and how
-    far it lies from the first of them along each axis, in cells.
+    """Rows of four corners of a position's cell, and how far it lies from the first of them along each axis, in cells.
 
-    Vertices are numbered in raster order, so the neighbour in z is always the next row.
+    The corners are (0, 0, 0), (0, 1, 0), (1, 0, 0) and (1, 1, 0). Vertices are numbered in raster order, so the
+    neighbour in z is always the next row.
     """
     s = scales[level]
     fx, fy, fz = x * s, y * s, z * s

@@ -80,7 +80,7 @@ def requirements(paraview: ParaView) -> tuple[list[str], list[str]]:
 
 
 def _dependencies() -> list[str]:
-    """svv's dependencies without its extras: of the checkout, or as installed."""
+    """What svv depends on without its extras, according to the checkout, or else as installed."""
     try:
         import tomllib
 

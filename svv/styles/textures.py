@@ -1,5 +1,6 @@
-"""What pictures of the gallery are painted with: noise of a spectrum, ramps of colours, and one dab of paint, whose
-bristles and thickness are shaded at the end; and two pictures painted so.
+"""What pictures of the gallery are painted with: noise of a spectrum, ramps of colours, and dabs of paint.
+
+The bristles and the thickness of a dab are shaded at the end. Two pictures painted so are here as well.
 
 Letters: n is the size of a (square) picture in pixels, rng the random generator.
 """
@@ -123,6 +124,7 @@ def style_picture(name: str, size: int = 512, seed: int = 0) -> Floats:
 
 
 def from_hex(*codes: str) -> Floats:
+    """Colours 'rrggbb' as sRGB in [0, 1]. (N, 3)"""
     return np.array([[int(code[i : i + 2], 16) / 255 for i in (0, 2, 4)] for code in codes], np.float32)
 
 

@@ -49,8 +49,10 @@ LIGHT = np.array([-0.45, 0.75, 0.5])
 
 @dataclass(frozen=True)
 class Guides:
-    """Weights of what a piece is chosen by, beside how well it continues what lies there: the mean squared difference,
-    as a part of the picture's own variance."""
+    """Weights of what a piece is chosen by, besides how well it continues what lies there.
+
+    That is the mean squared difference, as a part of the picture's own variance.
+    """
 
     tone: float = 1.0
     """Of the squared difference of ranks in brightness: light places of the picture for lit places of the form."""

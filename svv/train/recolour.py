@@ -154,7 +154,9 @@ def recolour(
 
     Args:
         views: Training views.
-        base: Frozen base field, its occupancy and marching beside it; its device is where the network is trained.
+        base: Frozen base field; its device is where the network is trained.
+        occupancy: Where something is visible.
+        marching: How rays are sampled.
         palette: Initial palette colours, RGB in [0, 1]. (P, 3)
         field: Shape of the networks.
         settings: Of the stage.

@@ -200,8 +200,10 @@ def on_unseen_views(bench: Bench, case: Case, preset: Preset, seed: int, progres
 
 
 def corrected_by_hand(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
-    """The scores after somebody has set the palette to the transfer function's colours, and ``found``: how many regions
-    there were before."""
+    """The scores after somebody has set the palette to the transfer function's colours.
+
+    ``found`` is how many regions there were before.
+    """
     drawn, scene = bench.trained(case, preset, seed, part(progress, 0.0, 0.6))
     truth = np.array([r.colour for r in drawn.known.ranges])
     which, own = linear_sum_assignment(colour_differences(truth, np.array([r.colour for r in scene.regions])))

@@ -168,8 +168,11 @@ def wires(point: Array) -> Array:
 
 
 def layers(count: int) -> Callable[[Array], Array]:
-    """A pile of ``count`` wavy layers that fills the cube, bottom up: layer k is about k + 0.5, and each is seen alone
-    on four sides, so that no pixel has to tell a mixture from a colour."""
+    """A pile of ``count`` wavy layers that fills the cube, from the bottom up.
+
+    Layer k has values of about k + 0.5, and each is seen alone on four sides, so that no pixel has to tell a mixture
+    from a colour.
+    """
 
     def field(point: Array) -> Array:
         x, y, z = point

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from svv.pv import start
 
 ROOT = Path(__file__).resolve().parents[2]

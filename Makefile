@@ -2,6 +2,7 @@
 #   make demo       the whole job on generated data; the result is demo/report.html
 #   make test       style, types and tests, those in ParaView included
 #   make test-processors   the tests outside ParaView with the arithmetic of other processors
+#   make docs       the documentation, as pages in build/docs
 #   make paraview   what ParaView needs to run svv; with PARAVIEW=DIR for one that is unpacked in DIR
 # TORCH=cpu|cuda|keep chooses torch's build; else cuda where there is an NVIDIA GPU, cpu elsewhere, and what is there stays.
 PYTHON ?= python3
@@ -16,11 +17,12 @@ BIN       := $(VENV)/bin
 HERE      := $(subst $(space),\ ,$(VENV))
 INSTALLED := $(HERE)/installed$(TORCH:%=-%)
 TOOLS     := $(HERE)/tools$(TORCH:%=-%)
+DOCS      := $(HERE)/docs$(TORCH:%=-%)
 PIP       := "$(BIN)/python" -m pip install -qq --disable-pip-version-check --no-input --no-compile -c "$(VENV)/constraints.txt"
 PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-processors check tools install paraview clean
+.PHONY: demo test test-processors check docs tools install paraview clean
 
 demo: $(INSTALLED)
 	"$(BIN)/svv" demo --out "$(OUT)"
@@ -41,6 +43,11 @@ check: $(TOOLS)
 	"$(BIN)/ruff" check .
 	"$(BIN)/ruff" format --check .
 	"$(BIN)/mypy"
+
+# Warnings are errors: a link that leads nowhere, a page that is in no contents.
+docs: $(DOCS)
+	"$(BIN)/python" -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo build/docs/index.html
 
 install: $(INSTALLED)
 
@@ -64,13 +71,18 @@ $(HERE)/bin/python:
 # torch goes first: nothing after it can pull in another build.
 $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@.ci/offscreen
-	@rm -f "$(VENV)"/installed* "$(VENV)"/tools*
+	@rm -f "$(VENV)"/installed* "$(VENV)"/tools* "$(VENV)"/docs*
 	@echo 'Installing into $(VENV): a few minutes, once.'
 	@"$(BIN)/python" -m svv.pv.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
 	@$(PIP) --no-build-isolation -e '.[standalone]'
 	@echo 'Fetching weights for style features and LPIPS, 64 MB, unless they are here or SVV_OFFLINE=1 says no.'
 	@"$(BIN)/svv" features --get --small || echo 'Going on without them: styles are matched by patches of pixels.'
+	@touch "$@"
+
+$(DOCS): $(INSTALLED)
+	@echo 'Installing what the documentation needs.'
+	@$(PIP) --no-build-isolation -e '.[standalone,docs]'
 	@touch "$@"
 
 # What only tests need, triton's 0.7 GB above all.

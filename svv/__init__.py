@@ -1,7 +1,7 @@
 """Expressive volume visualization: radiance fields of direct volume renderings, edited and stylized by region.
 
-The Python interface: scenes, what makes and paints them, and what they are made from (docs/python.md). Nothing is
-loaded before it is used.
+The Python interface: scenes, what makes and paints them, and what they are made from (docs/tutorials/python.md).
+Nothing is loaded before it is used.
 """
 
 from __future__ import annotations

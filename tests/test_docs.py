@@ -1,7 +1,8 @@
-"""The examples of docs/python.md run as they stand, in a folder that holds what they begin with."""
+"""The documentation: examples run as they stand, links lead somewhere, reference pages are what the code says."""
 
 from __future__ import annotations
 
+import importlib
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -14,13 +15,53 @@ from svv.bench.stability.scenes import EASY
 from svv.dvr.views import make_views
 from svv.train.config import PRESETS, ReconstructSettings, StylizeSettings
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "python.md"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE = DOCS / "tutorials" / "python.md"
 
 SHORT = replace(
     PRESETS["draft"], reconstruct=ReconstructSettings(iterations=150, rays=1024, cells=32),
     recolour=replace(PRESETS["draft"].recolour, iterations=100, rays=1024),
     stylize=StylizeSettings(distil_iterations=20, distil_rays=1024, style_iterations=3, style_views=6, style_size=64),
 )  # fmt: skip
+
+
+PAGES = sorted([*DOCS.rglob("*.md"), DOCS.parent / "README.md", DOCS.parent / "CONTRIBUTING.md"])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS.parent)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)", page.read_text()):
+        if "://" in target:
+            continue
+        there = (page.parent / target).resolve() if target else page
+        assert there.exists(), target
+        if anchor and there.suffix == ".md":
+            headings = re.findall(r"^#+ (.*)$", there.read_text(), re.MULTILINE)
+            assert anchor in {_anchor(heading) for heading in headings}, f"{target}#{anchor}"
+
+
+def _anchor(heading: str) -> str:
+    """The name by which a heading is linked to, as MyST and GitHub have it."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-")
+
+
+def test_every_page_is_in_a_table_of_contents() -> None:
+    named = {
+        (index.parent / f"{entry}.md").resolve()
+        for index in DOCS.rglob("index.md")
+        for block in re.findall(r"```\{toctree\}\n(.*?)```", index.read_text(), re.DOTALL)
+        for entry in re.findall(r"^([\w/-]+)$", block, re.MULTILINE)
+    }
+    assert named | {DOCS / "index.md"} == set(DOCS.rglob("*.md"))
+
+
+@pytest.mark.parametrize("name", ["commands", "filters", "presets"])
+def test_reference_pages_are_what_the_code_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run ``make docs`` after a change of a command, a filter or a setting."""
+    pytest.importorskip("vtkmodules", reason="the reader of filters needs VTK: install svv[standalone]")
+    monkeypatch.syspath_prepend(str(DOCS))
+    made = importlib.import_module("generated")
+    assert "\n".join(getattr(made, name)()) + "\n" == (DOCS / "reference" / f"{name}.md").read_text()
 
 
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

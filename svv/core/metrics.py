@@ -1,4 +1,4 @@
-"""How close a picture is to the truth, by the protocol of docs/metrics.md.
+"""How close a picture is to the truth, by the protocol of docs/measurements/protocol.md.
 
 All pictures are (h, w, 3) sRGB in [0, 1]: the truth blended on white, the prediction clamped. A metric is a
 number of one view; the number of a set of views is the mean over views.

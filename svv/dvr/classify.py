@@ -32,7 +32,7 @@ A_VOXEL = 2
 """Cells a voxel at least, as far as ``FINEST`` allows: between two voxels a transfer function may do a lot."""
 
 WIDTH = 1.0
-"""Of the averaging, in cells: found by comparing rays dimmed by it with the ray caster's alpha (docs/training.md)."""
+"""Of the averaging, in cells: found by comparing rays dimmed by it with the ray caster's alpha."""
 
 SPREAD = 0.2
 """Root mean square distance in RGB to their mean up to which the colours of one range count as one: offsets of the

@@ -333,7 +333,7 @@ def stylize_scene(
             transferred[region] = transferred.new_tensor(PAPER)
         before = scene.styled if go_on else None
         refined = [k for k in targets if go_on and scene.regions[k].style is not None]
-        # Patches know no shapes: what they make of strokes that are there already is specks (docs/painting.md).
+        # Patches know no shapes: what they make of strokes that are there is specks (docs/explanation/painting.md).
         plain = laid_as_colours and weights.seeded and not refined and isinstance(network, PatchFeatures)
         laid = plain or not targets
         solved = laid_as_colours and weights.seeded and weights.contrast

@@ -1,0 +1,206 @@
+"""Reference pages that are made from the code: commands, filters, presets. Nothing of them is written by hand."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import importlib
+import inspect
+import sys
+import types
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from enum import Enum
+from pathlib import Path
+from typing import Any, get_args
+
+OPEN = "```{note}\nThis page is made from the code (`docs/generated.py`).\n```\n"
+
+
+def write(folder: Path) -> None:
+    """Write ``commands.md``, ``filters.md`` and ``presets.md`` into a folder; files that stay the same are left."""
+    for name, lines in (("commands", commands()), ("filters", filters()), ("presets", presets())):
+        path, text = folder / f"{name}.md", "\n".join(lines) + "\n"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+# --- commands -------------------------------------------------------------------------------------------------------
+
+
+def commands() -> Iterator[str]:
+    """Every command with its arguments, options and examples."""
+    from svv.cli import paraview
+    from svv.cli.app import COMMANDS
+    from svv.cli.bench import COMMANDS as BENCH
+
+    yield "# Commands\n"
+    yield OPEN
+    yield "`svv COMMAND --help` says the same in a terminal. How commands end, what they read and what they resume: "
+    yield "[the command](../how-to/command.md).\n"
+    for name, (function, examples) in COMMANDS.items():
+        yield from _command(f"svv {name}", function, examples)
+    for function in (paraview.paraview, paraview.pvpython, paraview.pvbatch, paraview.pvserver):
+        yield from _command(f"svv {function.__name__}", function, ())
+    for name, (function, examples) in BENCH.items():
+        yield from _command(f"svv bench {name}", function, examples)
+
+
+def _command(name: str, function: Any, examples: Any) -> Iterator[str]:
+    yield f"## `{name}`\n"
+    yield inspect.cleandoc(function.__doc__ or "") + "\n"
+    yield "| | | default |\n|---|---|---|"
+    for parameter in inspect.signature(function, eval_str=True).parameters.values():
+        kind, *notes = get_args(parameter.annotation)
+        (info,) = (note for note in notes if hasattr(note, "help"))
+        # What stands first in an annotation's option is its default, or, where the parameter has one, its first name.
+        given = [d for d in (info.default, *(info.param_decls or ())) if isinstance(d, str) and d.startswith("-")]
+        option = "default_factory" in vars(info) and "prompt" in vars(info)
+        names = ", ".join(f"`{d}`" for d in given) or (f"`--{parameter.name.replace('_', '-')}`" if option else "")
+        value = info.metavar or _choices(kind) or ("" if option else parameter.name.upper())
+        default = parameter.default
+        if default is inspect.Parameter.empty:
+            shown = "required"
+        else:
+            shown = (
+                ""
+                if default is None or default is False or default == ()
+                else f"`{getattr(default, 'value', default)}`"
+            )
+        yield f"| {names} {_cell(value)} | {_cell(info.help or '')} | {shown} |"
+    yield ""
+    if examples:
+        yield "```sh"
+        yield from examples
+        yield "```\n"
+
+
+def _choices(kind: Any) -> str:
+    """The values of an enumeration, of an optional one, too."""
+    for each in (kind, *get_args(kind)):
+        if isinstance(each, type) and issubclass(each, Enum):
+            return "|".join(str(member.value) for member in each)
+    return ""
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", "\\|").replace("<", "&lt;").split())
+
+
+# --- filters --------------------------------------------------------------------------------------------------------
+
+
+def filters() -> Iterator[str]:
+    """Every filter and reader with its properties, as its panel lists them."""
+    found = _decorated()
+    yield "# Filters and readers in ParaView\n"
+    yield OPEN
+    yield "In scripts a property has the name of its label without spaces. What the filters are for: "
+    yield "[ParaView](../how-to/paraview.md).\n"
+    for cls in found:
+        kind, label = cls.proxy
+        yield f"## {label}\n"
+        yield f"*{kind}*, in scripts `{cls.__name__}`. {' '.join((cls.__doc__ or '').split())}\n"
+        yield "| property | | default |\n|---|---|---|"
+        for element in ElementTree.fromstring(f"<all>{''.join(reversed(cls.xml))}</all>"):
+            shown = element.get("panel_visibility", "default") != "never"
+            if not element.tag.endswith("Property") or not shown or element.get("name") in (None, "Input"):
+                continue
+            text = element.findtext("Documentation") or ""
+            more = " *(advanced)*" if element.get("panel_visibility") == "advanced" else ""
+            default = element.get("default_values", "")
+            yield f"| {element.get('label') or element.get('name')}{more} | {_cell(text)} | {_default(default)} |"
+        yield ""
+
+
+def _default(text: str) -> str:
+    return "" if text in ("", "None") else f"`{text}`"
+
+
+def _decorated() -> list[Any]:
+    """The classes of the plugin, read without ParaView: its decorators are replaced by ones that take notes."""
+    found: list[Any] = []
+
+    def note(xml: str) -> Any:
+        def decorate(cls: Any) -> Any:
+            cls.xml = [*cls.__dict__.get("xml", []), xml]
+            return cls
+
+        return decorate
+
+    def proxy(kind: str) -> Any:
+        def named(name: str = "", label: str = "", **_: Any) -> Any:
+            def decorate(cls: Any) -> Any:
+                cls.proxy = kind, label or name
+                found.append(cls)
+                return cls
+
+            return decorate
+
+        return named
+
+    ignore = lambda *_, **__: lambda cls: cls  # noqa: E731
+    fake = types.ModuleType("paraview.util.vtkAlgorithm")
+    fake.VTKPythonAlgorithmBase = type("VTKPythonAlgorithmBase", (), {})  # type: ignore[attr-defined]
+    some = types.SimpleNamespace
+    fake.smproperty = some(xml=note, input=ignore)  # type: ignore[attr-defined]
+    fake.smdomain = some(xml=ignore, datatype=ignore)  # type: ignore[attr-defined]
+    fake.smhint = some(xml=ignore)  # type: ignore[attr-defined]
+    fake.smproxy = some(filter=proxy("Filter"), reader=proxy("Reader"), writer=proxy("Writer"))  # type: ignore[attr-defined]
+    names = {"paraview": types.ModuleType("paraview"), "paraview.util": types.ModuleType("paraview.util"),
+             "paraview.util.vtkAlgorithm": fake}  # fmt: skip
+    sys.modules.update(names)
+    try:
+        for module in ("proxies", "scene_filters", "readers"):
+            importlib.import_module(f"svv.pv.{module}")
+    finally:
+        for name in names:
+            del sys.modules[name]
+    return found
+
+
+# --- presets --------------------------------------------------------------------------------------------------------
+
+
+def presets() -> Iterator[str]:
+    """Every setting of every stage, and its value in each preset."""
+    from svv.fields import networks
+    from svv.train import config
+
+    yield "# Presets and settings\n"
+    yield OPEN
+    yield "A preset is a name for the settings of all stages: `--preset`, *Preset* in the panels, the argument of"
+    yield "`svv.train_scene` and `svv.stylize_scene`. In Python, give them a {py:class}`svv.train.config.Preset` of"
+    yield "your own to change a single setting.\n"
+    names = list(config.PRESETS)
+    for title, field, module, cls in (
+        ("Field", "field", networks, networks.FieldSettings),
+        ("Stage 1: density and base colours", "reconstruct", config, config.ReconstructSettings),
+        ("Stage 2: the palette network", "recolour", config, config.RecolourSettings),
+        ("Stage 3: stylization", "stylize", config, config.StylizeSettings),
+    ):
+        yield f"## {title}\n"
+        yield f"`{cls.__name__}`\n"
+        yield f"| setting | | {' | '.join(names)} |\n|---|---|{'---|' * len(names)}"
+        meaning = _sentences(Path(str(module.__file__)), cls.__name__)
+        for setting in dataclasses.fields(cls):
+            values = [getattr(getattr(config.PRESETS[name], field), setting.name) for name in names]
+            shown = " | ".join(_value(v) for v in values)
+            yield f"| `{setting.name}` | {_cell(meaning.get(setting.name, ''))} | {shown} |"
+        yield ""
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    return "none" if value is None else " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _sentences(path: Path, name: str) -> dict[str, str]:
+    """The docstrings under the fields of a class."""
+    (cls,) = (n for n in ast.parse(path.read_text(encoding="utf-8")).body if getattr(n, "name", "") == name)
+    body, found = list(getattr(cls, "body", [])), {}
+    for line, after in zip(body, [*body[1:], None]):
+        if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name) and isinstance(after, ast.Expr):
+            found[line.target.id] = str(ast.literal_eval(after.value))
+    return found

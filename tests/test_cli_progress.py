@@ -54,16 +54,16 @@ def test_an_error_passes_through() -> None:
 
 WORK = """
 import sys, time
-from svv.cli import app as cli
+from svv.cli import app, scene
 from svv.progress import shown
 def work(path):
     with shown("Working [1/2]") as progress:
         for step in range(10**6):
             progress(step / 10**6, "x [y]")
             time.sleep(0.01)
-cli._load = work
+scene.load = work
 sys.argv = ["svv", "info", "scene.svv"]
-cli.main()
+app.main()
 """
 
 
@@ -77,7 +77,9 @@ def test_ctrl_c_ends_the_command_with_130_and_no_traceback(terminal: bool) -> No
     stream = master if terminal else process.stderr.fileno()  # type: ignore[union-attr]
     text = b""
     while b"Working" not in text:
-        text += os.read(stream, 4096)
+        piece = os.read(stream, 4096)
+        assert piece, text
+        text += piece
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     while True:

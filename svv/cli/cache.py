@@ -18,13 +18,15 @@ CACHE = (
 
 
 def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Remove all of it; states that need it say so.")] = False,
+    clear: Annotated[
+        bool, typer.Option("--clear", help="Remove everything; saved states that need it will say so.")
+    ] = False,
     json: Json = None,
 ) -> None:
-    """Show or clear what ParaView's filters keep, so that saved states need not train or paint again.
+    """Show or clear what ParaView's filters keep so that saved states need not train or paint again.
 
-    The folder is SVV_CACHE, else svv/scenes in the user's cache. SVV_CACHE_SIZE says how much it may hold (2G);
-    beyond that, what was not used for longest goes.
+    The folder is SVV_CACHE, or else svv/scenes in the user's cache. SVV_CACHE_SIZE limits it (2G); beyond that, what
+    was unused for longest is removed.
     """
     from svv.io.atomic import check_writable, write_json
     from svv.io.cache import Cache

@@ -49,29 +49,33 @@ PALETTE = (
 def edit(
     scene: SceneFile,
     out: Out,
-    region: Annotated[int | None, typer.Option(min=0, help="Which region; `svv info` lists them.")] = None,
+    region: Annotated[int | None, typer.Option(min=0, help="Number of the region; `svv info` lists them.")] = None,
     colour: Annotated[str | None, typer.Option(metavar="'#rrggbb'", help="The region's new colour.")] = None,
-    opacity: Annotated[float | None, typer.Option(min=0, help="Factor on its opacity.")] = None,
-    lighting: Annotated[
-        float | None, typer.Option(min=0, help="Factor on its light; 0 is flat. Unshaded views have none.")
+    opacity: Annotated[
+        float | None, typer.Option(min=0, help="Factor on the region's opacity; 1 is as trained.")
     ] = None,
-    ambient: Annotated[float | None, typer.Option(min=0, help="Light that it gives back from everywhere (a).")] = None,
-    diffuse: Annotated[float | None, typer.Option(min=0, help="Part of the light that it scatters (a).")] = None,
-    specular: Annotated[float | None, typer.Option(min=0, help="Part of the light that it mirrors (a).")] = None,
-    shininess: Annotated[float | None, typer.Option(min=1, help="How sharp its highlight is (a).")] = None,
+    lighting: Annotated[
+        float | None, typer.Option(min=0, help="Factor on the region's shading; 0 is flat, 1 is as trained.")
+    ] = None,
+    ambient: Annotated[float | None, typer.Option(min=0, help="Ambient reflection (a).")] = None,
+    diffuse: Annotated[float | None, typer.Option(min=0, help="Diffuse reflection (a).")] = None,
+    specular: Annotated[float | None, typer.Option(min=0, help="Specular reflection (a).")] = None,
+    shininess: Annotated[float | None, typer.Option(min=1, help="Exponent of the specular highlight (a).")] = None,
     light: Annotated[
         str | None,
         typer.Option(
             metavar="headlight|AZ,EL|X,Y,Z",
-            help="Where light comes from: degrees right of the camera and above it, or a direction in the world (a).",
+            help="Degrees to the right of and above the camera, or a vector in world coordinates (a).",
         ),
     ] = None,
-    intensity: Annotated[float | None, typer.Option(min=0, help="Factor on the light's brightness (a).")] = None,
+    intensity: Annotated[float | None, typer.Option(min=0, help="Factor on the brightness of the light (a).")] = None,
     strength: Annotated[
-        float | None, typer.Option(min=0, max=1, help="How much of the styles is seen, of the region or of all.")
+        float | None,
+        typer.Option(min=0, max=1, help="How strongly styles show, from 0 to 1; of --region, or of all regions."),
     ] = None,
     paint_light: Annotated[
-        float | None, typer.Option(min=0, max=1, help="How much light paint shows, of the region or of all; 0 is flat.")
+        float | None,
+        typer.Option(min=0, max=1, help="How strongly paint is shaded, from 0 to 1; of --region, or of all regions."),
     ] = None,
     stroke_opacity: Annotated[
         float | None,
@@ -84,25 +88,31 @@ def edit(
     ] = None,
     outline: Annotated[
         float | None,
-        typer.Option(min=0, max=1, help="Silhouettes and creases as ink, of the region or of all; 0 is none."),
+        typer.Option(min=0, max=1, help="Strength of ink outlines, from 0 to 1; of --region, or of all regions."),
     ] = None,
     outline_width: Annotated[
-        float | None, typer.Option(metavar="PX", help="How wide silhouettes are, in pixels of an image of 800 x 800.")
+        float | None, typer.Option(metavar="PX", help="Width of outlines in pixels of an 800 x 800 image.")
     ] = None,
-    outline_colour: Annotated[str | None, typer.Option(metavar="'#rrggbb'", help="The ink.")] = None,
-    isolate: Annotated[str | None, typer.Option(metavar="K,...", help="See these regions alone.")] = None,
-    hide: Annotated[str | None, typer.Option(metavar="K,...", help="Hide regions; their opacity is kept.")] = None,
-    show: Annotated[str | None, typer.Option(metavar="K,...|all", help="See hidden regions again.")] = None,
-    reset: Annotated[str | None, typer.Option(metavar="K,...|all", help="Take back all edits of regions.")] = None,
-    undo: Annotated[int, typer.Option("--undo", count=True, help="Take back the last edit; twice: the last two.")] = 0,
-    redo: Annotated[int, typer.Option("--redo", count=True, help="Do again what was undone last.")] = 0,
-    show_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Which painting is shown.")] = None,
-    drop_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Remove a painting from the file.")] = None,
+    outline_colour: Annotated[str | None, typer.Option(metavar="'#rrggbb'", help="Colour of outlines.")] = None,
+    isolate: Annotated[str | None, typer.Option(metavar="K,...", help="Show only these regions.")] = None,
+    hide: Annotated[
+        str | None, typer.Option(metavar="K,...", help="Hide these regions and keep their opacity.")
+    ] = None,
+    show: Annotated[str | None, typer.Option(metavar="K,...|all", help="Show hidden regions again.")] = None,
+    reset: Annotated[str | None, typer.Option(metavar="K,...|all", help="Undo all edits of these regions.")] = None,
+    undo: Annotated[int, typer.Option("--undo", count=True, help="Undo the last edit; may be repeated.")] = 0,
+    redo: Annotated[
+        int, typer.Option("--redo", count=True, help="Redo the edit that was undone last; may be repeated.")
+    ] = 0,
+    show_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Show this painting.")] = None,
+    drop_variant: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Remove this painting from the file.")
+    ] = None,
 ) -> None:
-    """Change what is seen of a scene's regions. Nothing is trained, it takes a moment.
+    """Edit a scene's regions: colour, opacity, light, outlines, visibility. Nothing is trained.
 
-    What one command changes is one step of the history in the scene's file, which --undo takes back. Of several options
-    --reset works first, then those that hide and show. (a): of scenes that were trained with --lighting phong.
+    All changes of one command are one step of the history in the scene's file, which --undo takes back. Of several
+    options, --reset applies first, then those that hide and show. (a): for scenes trained with --lighting phong.
     """
     from svv.fields.scene import Scene
     from svv.io.atomic import check_writable
@@ -168,35 +178,37 @@ def edit(
 
 def palette(
     scene: SceneFile,
-    views: Annotated[Path, typer.Option(metavar="VIEWS", help="The views that the scene was trained on.")],
+    views: Annotated[Path, typer.Option(metavar="VIEWS", help="Folder of the views that the scene was trained on.")],
     out: Out,
     add: Annotated[
-        list[str] | None, typer.Option(metavar="'#rrggbb'", help="A new region of this colour; several times.")
+        list[str] | None, typer.Option(metavar="'#rrggbb'", help="Add a region of this colour; may be repeated.")
     ] = None,
     merge: Annotated[
-        list[str] | None, typer.Option(metavar="K,K,...", help="Regions that become one; several times.")
+        list[str] | None, typer.Option(metavar="K,K,...", help="Merge these regions; may be repeated.")
     ] = None,
-    remove: Annotated[list[int] | None, typer.Option(metavar="K", help="A region less; several times.")] = None,
+    remove: Annotated[list[int] | None, typer.Option(metavar="K", help="Remove this region; may be repeated.")] = None,
     colours: Annotated[
-        list[str] | None, typer.Option("--set", metavar="K='#rrggbb'", help="A region's colour; several times.")
+        list[str] | None,
+        typer.Option("--set", metavar="K='#rrggbb'", help="Set a region's palette colour; may be repeated."),
     ] = None,
     split: Annotated[
-        list[int] | None, typer.Option(metavar="K", help="Make a region of each of its ranges of values.")
+        list[int] | None,
+        typer.Option(metavar="K", help="Split this region into one region for each of its ranges of values."),
     ] = None,
     preset: PresetOption = Preset.balanced,
     time_limit: TimeLimit = None,
     seed: Seed = 0,
     views_only: Annotated[
-        bool, typer.Option("--views-only", help="Take the palette as given, whatever the volume says.")
+        bool, typer.Option("--views-only", help="Use the palette as given, even if the volume says otherwise.")
     ] = False,
     device: DeviceOption = Device.cpu,
     json: Json = None,
 ) -> None:
     """Correct a scene's palette by hand and train its regions again; the base network is kept.
 
-    Where two ranges of similar hue were taken for one, add the colour that is missing. All numbers are those of
-    `svv info SCENE.svv`. Where the volume is known, regions stay made of ranges of the transfer function.
-    Stopped with Ctrl-C, the same command goes on where it was.
+    If two parts of similar hue were taken for one, add the missing colour. Regions are numbered as in
+    `svv info SCENE.svv`. If the volume is known, each region still consists of ranges of the transfer function.
+    After Ctrl-C, the same command resumes.
     """
     from dataclasses import replace
 

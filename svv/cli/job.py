@@ -68,9 +68,9 @@ def demo(
     orbit_size: OrbitSize = 400,
     device: DeviceOption = Device.cpu,
 ) -> None:
-    """The whole job on generated data: volume, views, training, edits, two styles, movies and a report.
+    """Run the whole job on generated data: volume, views, training, edits, styles, a movie and a report.
 
-    Stopped with Ctrl-C, the same command goes on where it was; what is finished is not done again.
+    After Ctrl-C, the same command resumes; finished stages are not repeated.
     """
     from svv.job.demo import run_demo
     from svv.job.steps import JobSettings
@@ -86,9 +86,9 @@ def run(
     out: Out,
     tf: TransferFunction = None,
     style: Annotated[
-        list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A style; may be given several times.")
+        list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A style picture; may be repeated.")
     ] = None,
-    recolour: Annotated[bool, typer.Option("--recolour", help="Show the regions in other colours too.")] = False,
+    recolour: Annotated[bool, typer.Option("--recolour", help="Also show the regions recoloured.")] = False,
     n: Views = 92,
     test: TestViews = 16,
     size: ViewSize = 800,
@@ -105,9 +105,9 @@ def run(
     dtype: Dtype = None,
     spacing: Spacing = None,
 ) -> None:
-    """The whole job on a volume or on views: training, scores, styles, movies and a report.
+    """Run the whole job on a volume or on views: training, scores, styles, a movie and a report.
 
-    Stopped with Ctrl-C, the same command goes on where it was; what is finished is not done again.
+    After Ctrl-C, the same command resumes; finished stages are not repeated.
     """
     from svv.job.run import check, run_job
     from svv.job.source import ViewSource
@@ -151,7 +151,7 @@ def views(
     dtype: Dtype = None,
     spacing: Spacing = None,
 ) -> None:
-    """Draw views of a volume: for training on a sphere around it, for scores on the orbit."""
+    """Render views of a volume: training views on a sphere around it, test views on the orbit."""
     source = _volume(volume, tf, array, dims, dtype, spacing)
     with shown("Drawing") as progress:
         made = source.make_views(out, n, test, size, mapper.value, progress)

@@ -84,31 +84,44 @@ class What(str, Enum):
     region = "region"
 
 
-Out = Annotated[Path, typer.Option("--out", "-o", help="Where the result goes.")]
-Json = Annotated[Path | None, typer.Option("--json", help="Write the figures to this JSON file too.")]
-Seed = Annotated[int, typer.Option(help="Same seed, same result.")]
-PresetOption = Annotated[Preset, typer.Option(help="draft: seconds; fast, balanced: minutes; paper: its large grid.")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write the result.")]
+Json = Annotated[Path | None, typer.Option("--json", help="Also write the figures to this JSON file.")]
+Seed = Annotated[int, typer.Option(help="The same seed gives the same result.")]
+PresetOption = Annotated[
+    Preset,
+    typer.Option(help="draft takes seconds, fast and balanced minutes; paper is the paper's schedule."),
+]
 EncodingOption = Annotated[
-    Encoding | None, typer.Option(help="lattice, or the paper's hash grid; by default the preset's own.")
+    Encoding | None, typer.Option(help="Sparse lattice, or the paper's hash grid; the preset decides by default.")
 ]
 LightingOption = Annotated[
     Lighting,
-    typer.Option(help="network, or phong: a light that can be moved; auto: phong where held-out views allow it."),
+    typer.Option(help="A network, or phong, which can be moved; auto: phong if unseen views lose nothing."),
 ]
-TimeLimit = Annotated[float | None, typer.Option(metavar="SECONDS", min=1, help="Shorten training to this long.")]
+TimeLimit = Annotated[float | None, typer.Option(metavar="SECONDS", min=1, help="Train for at most this long.")]
 TransferFunction = Annotated[
     Path | None,
-    typer.Option("--tf", metavar="TF.json", help="Transfer function: a ParaView preset, or a list of opacity bumps."),
+    typer.Option(
+        "--tf",
+        metavar="TF.json",
+        help="Transfer function: a preset exported from ParaView, or a list of opacity bumps.",
+    ),
 ]
-Views = Annotated[int, typer.Option("--n", min=3, help="Training views, evenly on a sphere (10T+2: geodesic).")]
-TestViews = Annotated[int, typer.Option("--test", min=0, help="Unseen views for scores, spread over the orbit.")]
+Views = Annotated[
+    int,
+    typer.Option("--n", min=3, help="Number of training views, spread evenly over a sphere."),
+]
+TestViews = Annotated[int, typer.Option("--test", min=0, help="Number of test views, spread over the orbit.")]
 ViewSize = Annotated[int, typer.Option("--size", min=16, help="Width and height of the views in pixels.")]
-DeviceOption = Annotated[Device, typer.Option(help="What calculates; auto takes CUDA where torch finds a GPU.")]
-MapperOption = Annotated[Mapper, typer.Option(help="auto takes the GPU where OpenGL is hardware.")]
-Array = Annotated[str | None, typer.Option(help="Name of the array in the volume file, where it has several.")]
-Dims = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Raw files: number of voxels along each axis.")]
-Dtype = Annotated[str | None, typer.Option(help="Raw files: type of a voxel, such as uint8, int16, float32.")]
-Spacing = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Raw files, stacks, .npy: size of a voxel.")]
+DeviceOption = Annotated[Device, typer.Option(help="Where to run; auto uses CUDA if PyTorch finds a GPU.")]
+MapperOption = Annotated[
+    Mapper,
+    typer.Option(help="VTK's ray caster; auto picks the GPU if OpenGL runs on hardware."),
+]
+Array = Annotated[str | None, typer.Option(help="Name of the array, if the volume file has several.")]
+Dims = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="For raw files: number of voxels along each axis.")]
+Dtype = Annotated[str | None, typer.Option(help="For raw files: type of a voxel, such as uint8, int16 or float32.")]
+Spacing = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="For raw files, stacks and .npy: size of a voxel.")]
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A trained scene.")]
 
 

@@ -12,9 +12,13 @@ from svv.errors import BadInput
 
 Folder = Annotated[
     Path | None,
-    typer.Option("--paraview", metavar="DIR", help="Where ParaView is; else SVV_PARAVIEW, else the PATH says."),
+    typer.Option(
+        "--paraview", metavar="DIR", help="Folder of ParaView; by default SVV_PARAVIEW, or the one on the PATH."
+    ),
 ]
-Arguments = Annotated[list[str] | None, typer.Argument(metavar="ARGS", help="Handed on as they are.")]
+Arguments = Annotated[
+    list[str] | None, typer.Argument(metavar="ARGS", help="Arguments for the program, passed on unchanged.")
+]
 
 # What we do not know is the program's, and from its first file name on everything is: `svv pvpython script.py --help`.
 # Only --help is ours, as -h would be found inside ParaView's own options (-display).
@@ -28,13 +32,17 @@ PASSED_ON: dict[str, Any] = {
 def paraview(
     arguments: Arguments = None,
     folder: Folder = None,
-    prepare: Annotated[bool, typer.Option("--prepare", help="Install what svv needs in this ParaView.")] = False,
+    prepare: Annotated[bool, typer.Option("--prepare", help="Install what svv needs for this ParaView.")] = False,
     torch: Annotated[
         str | None,
-        typer.Option("--torch", metavar="cpu|cuda|keep", help="With --prepare: torch's build; else TORCH says."),
+        typer.Option(
+            "--torch",
+            metavar="cpu|cuda|keep",
+            help="With --prepare: which build of PyTorch; by default the variable TORCH decides.",
+        ),
     ] = None,
 ) -> None:
-    """Start ParaView with the plugin StyleRF: Filters > StyleRF."""
+    """Start ParaView with the StyleRF plugin; its filters are under Filters > StyleRF."""
     if prepare:
         from svv.pv import prepare as preparation
 
@@ -48,17 +56,17 @@ def paraview(
 
 
 def pvpython(arguments: Arguments = None, folder: Folder = None) -> None:
-    """Start ParaView's Python with the plugin and svv; without a display, on one in memory."""
+    """Start ParaView's Python with the plugin and svv; without a display, it renders off screen."""
     _run("pvpython", arguments, folder)
 
 
 def pvbatch(arguments: Arguments = None, folder: Folder = None) -> None:
-    """Start ParaView's batch Python, alone or on every rank of an MPI run."""
+    """Start ParaView's batch Python, by itself or on every rank of an MPI job."""
     _run("pvbatch", arguments, folder)
 
 
 def pvserver(arguments: Arguments = None, folder: Folder = None) -> None:
-    """Start ParaView's server: filters and training run there, the client needs no torch."""
+    """Start ParaView's server: filters and training run there, and the client needs no PyTorch."""
     _run("pvserver", arguments, folder)
 
 

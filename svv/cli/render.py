@@ -23,24 +23,35 @@ RENDER = (
 
 def render(
     scene: SceneFile,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR|FILE", help="A folder, or .png, .vti or .mp4.")],
-    orbit: Annotated[int | None, typer.Option(min=2, help="That many views on the way around the scene.")] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR|FILE", help="A folder for frames, or a .png, .vti or .mp4 file.")
+    ],
+    orbit: Annotated[int | None, typer.Option(min=2, help="Number of frames on the path around the scene.")] = None,
     camera: Annotated[
         Path | None,
-        typer.Option(metavar="CAMERA.json", help="One view: camera_to_world (4 x 4) and fov, or a transforms file."),
+        typer.Option(
+            metavar="CAMERA.json",
+            help="Render one view: a file with camera_to_world (4 x 4) and fov, or a transforms file.",
+        ),
     ] = None,
-    frame: Annotated[int, typer.Option(min=0, help="Which view of a transforms file.")] = 0,
-    size: Annotated[str | None, typer.Option(metavar="N|WxH", help="Pixels; 800 by default.")] = None,
-    network: Annotated[Network | None, typer.Option(help="By default the last one trained.")] = None,
-    variant: Annotated[str | None, typer.Option(metavar="NAME", help="Which of the scene's paintings.")] = None,
+    frame: Annotated[int, typer.Option(min=0, help="Number of the view in a transforms file.")] = 0,
+    size: Annotated[str | None, typer.Option(metavar="N|WxH", help="Size in pixels; 800 by default.")] = None,
+    network: Annotated[
+        Network | None, typer.Option(help="Which network's colours; by default those of the last stage.")
+    ] = None,
+    variant: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the painting to render.")] = None,
     background: Annotated[
-        str | None, typer.Option(metavar="COLOUR", help="white, black or '#rrggbb'; movies: white, else transparent.")
+        str | None,
+        typer.Option(
+            metavar="COLOUR",
+            help="white, black or '#rrggbb'; by default movies are over white, images are transparent.",
+        ),
     ] = None,
-    what: Annotated[What, typer.Option(help="A .vti always holds all three.")] = What.rgba,
-    fps: Annotated[float, typer.Option(min=1, help="Frames a second of a movie.")] = 30.0,
+    what: Annotated[What, typer.Option(help="What to write; a .vti always holds all three.")] = What.rgba,
+    fps: Annotated[float, typer.Option(min=1, help="Frames per second of a movie.")] = 30.0,
     device: DeviceOption = Device.cpu,
 ) -> None:
-    """Render a scene: an orbit as movie or frames, or one view."""
+    """Render a scene: an orbit as a movie or frames, or a single view."""
     from svv.io.camera_file import read_camera
     from svv.render import frames as views
 

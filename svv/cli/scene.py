@@ -52,14 +52,14 @@ def train(
     encoding: EncodingOption = None,
     lighting: LightingOption = Lighting.network,
     views_only: Annotated[
-        bool, typer.Option("--views-only", help="Learn from the images alone, not from the volume.")
+        bool, typer.Option("--views-only", help="Learn from the images alone, even if the folder knows its volume.")
     ] = False,
     json: Json = None,
 ) -> None:
     """Train a scene on views.
 
-    Views that `svv views` drew carry the volume's extinction, and training begins with it; from views of other origin
-    the extinction is learned, too. Stopped with Ctrl-C, the same command goes on where it was.
+    Views made by `svv views` carry the volume's extinction, and training starts from it. For other views, the
+    extinction is learned as well. After Ctrl-C, the same command resumes.
     """
     from svv.io.viewset import ViewSet
     from svv.kernels.dispatch import device_named
@@ -87,15 +87,17 @@ def train(
 def evaluate(
     scene: SceneFile,
     views: Annotated[Path, typer.Option(metavar="VIEWS", help="Folder with views that were not trained on.")],
-    split: Annotated[str, typer.Option(help="train, test or val.")] = "test",
-    network: Annotated[Network | None, typer.Option(help="base or pcn; by default pcn.")] = None,
+    split: Annotated[str, typer.Option(help="Which views of the folder: train, test or val.")] = "test",
+    network: Annotated[
+        Network | None, typer.Option(help="Which network to score: base or pcn, by default pcn.")
+    ] = None,
     device: DeviceOption = Device.cpu,
     json: Json = None,
 ) -> None:
-    """Compare a scene with views of the volume: PSNR, SSIM, FLIP, LPIPS.
+    """Score a scene against views of the volume: PSNR, SSIM, FLIP and LPIPS.
 
-    Where the folder holds the classified volume, region_overlap says how well each region is the values that it is
-    said to show: intersection over union, over all that the views show.
+    If the folder holds the classified volume, region_overlap says how well each region matches the values that it
+    stands for: the intersection over union, over all that the views show.
     """
     from svv.io.atomic import write_json
     from svv.io.viewset import ViewSet, read_classified
@@ -117,7 +119,7 @@ def evaluate(
 
 
 def info(scene: SceneFile, json: Json = None) -> None:
-    """Show what a scene holds: its regions, networks, size, and how it was made."""
+    """Show what a scene contains: its regions, networks and size, and how it was made."""
     from svv.io.atomic import write_json
     from svv.render.pictures import hex_colour
 

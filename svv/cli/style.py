@@ -37,15 +37,18 @@ class SegmenterName(str, Enum):
 
 
 def styles(
-    names: Annotated[list[str] | None, typer.Argument(metavar="NAME ...", help="Which; by default all.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Write them there as PNG.")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME ...", help="Names of style pictures; all by default.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Write them to this folder as PNG files.")
+    ] = None,
     size: Annotated[int, typer.Option(min=16, max=1024, help="Width and height in pixels.")] = 512,
     seed: Seed = 0,
 ) -> None:
-    """List the style pictures that come with the program, or write them to a folder with a contact sheet.
+    """List the gallery of style pictures, or write them to a folder with a contact sheet.
 
-    Any of them can be given to --style as gallery:NAME. They are painted when they are first used, and kept in the
-    user's cache.
+    Pass any of them to --style as gallery:NAME. They are generated on first use and kept in the user's cache.
     """
     from svv.styles.gallery import GALLERY, PREFIX, gallery_name
 
@@ -64,29 +67,35 @@ def styles(
 def style_mask(
     picture: Annotated[str, typer.Argument(metavar="PICTURE|gallery:NAME", help="A style picture.")],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="MASK.png|DIR", help="The mask; with --regions a folder of masks.")
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="MASK.png|DIR",
+            help="Where to write the mask, or with --regions the folder of masks.",
+        ),
     ],
     regions: Annotated[
-        int | None, typer.Option(metavar="N", help="Cut the picture into N regions that look alike, 2 to 32.")
+        int | None, typer.Option(metavar="N", help="Divide the picture into 2 to 32 regions of similar appearance.")
     ] = None,
     positive: Annotated[
-        list[str] | None, typer.Option(metavar="X,Y", help="A place that is wanted; may be given several times.")
+        list[str] | None, typer.Option(metavar="X,Y", help="A pixel that belongs to the part; may be repeated.")
     ] = None,
     negative: Annotated[
-        list[str] | None, typer.Option(metavar="X,Y", help="A place that is not; may be given several times.")
+        list[str] | None, typer.Option(metavar="X,Y", help="A pixel that does not belong to it; may be repeated.")
     ] = None,
     refine: Annotated[
-        Path | None, typer.Option(metavar="MASK.png", help="Go on from this mask and the points kept beside it.")
+        Path | None, typer.Option(metavar="MASK.png", help="Start from this mask and the points stored beside it.")
     ] = None,
     by: Annotated[
-        SegmenterName, typer.Option("--with", help="What finds parts; sam needs its package and weights.")
+        SegmenterName, typer.Option("--with", help="What finds the part; sam needs its package and weights.")
     ] = SegmenterName.scikit_image,
 ) -> None:
-    """Choose the part of a style picture that `svv stylize --style-mask` learns from.
+    """Select the part of a style picture that `svv stylize --style-mask` learns from.
 
-    Places are pixels of the picture, x from the left, y from the top. Beside MASK.png stand MASK-overlay.png, which
-    shows it, and MASK.json, its points, which --refine adds to. With --regions the folder gets a mask for each region,
-    and overlay.png with their numbers.
+    Points are pixels of the picture, x from the left, y from the top. Besides MASK.png, the command writes
+    MASK-overlay.png, which shows the selection, and MASK.json, the points, to which --refine adds. With --regions, the
+    folder gets a mask for each region, and overlay.png with their numbers.
     """
     from svv.styles.selecting import write_regions, write_selected
 

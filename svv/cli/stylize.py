@@ -41,42 +41,54 @@ def stylize(
         list[str],
         typer.Option(
             metavar="IMG|gallery:NAME|ink:NAME",
-            help="A picture, or ink:stippling, ink:hatching or ink:cross-hatching, which need none; may be repeated.",
+            help="A style picture, or ink:stippling, ink:hatching or ink:cross-hatching; may be repeated.",
         ),
     ],
     out: Out,
     mapping: Annotated[
         str | None,
-        typer.Option("--map", metavar="0=0,1=1|colour", help="Region=style pairs, or by likeness; else in turn."),
+        typer.Option(
+            "--map",
+            metavar="0=0,1=1|colour",
+            help="Pairs of region and style, or colour to pair them by likeness; in turn by default.",
+        ),
     ] = None,
-    keep: Annotated[list[int] | None, typer.Option(metavar="K", help="A region that stays as it is.")] = None,
+    keep: Annotated[
+        list[int] | None, typer.Option(metavar="K", help="A region to leave unpainted; may be repeated.")
+    ] = None,
     style_mask: Annotated[
         list[str] | None,
-        typer.Option("--style-mask", metavar="K=MASK.png", help="Style K learns only where the mask is white."),
+        typer.Option("--style-mask", metavar="K=MASK.png", help="Learn style K only from where the mask is white."),
     ] = None,
-    stroke_size: Annotated[float, typer.Option(metavar="F", help="Size of the strokes, 0.25 to 4.")] = 1.0,
-    strength: Annotated[float, typer.Option(metavar="F", help="How much of the style is shown, up to 1.")] = 1.0,
+    stroke_size: Annotated[float, typer.Option(metavar="F", help="Scale of the strokes, from 0.25 to 4.")] = 1.0,
+    strength: Annotated[
+        float, typer.Option(metavar="F", help="How strongly the style shows, up to 1; can be edited afterwards.")
+    ] = 1.0,
     go_on: Annotated[
-        bool, typer.Option("--continue", help="Go on with the styles of a styled scene instead of beginning anew.")
+        bool, typer.Option("--continue", help="Continue from the scene's painting instead of starting afresh.")
     ] = False,
     preset: PresetOption = Preset.balanced,
     seed: Seed = 0,
     features: Annotated[
-        str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
+        str,
+        typer.Option(
+            metavar="auto|embedded|vgg16|FILE",
+            help="Which features to match; auto uses VGG-16 if its weights can be had.",
+        ),
     ] = "auto",
     variant: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Keep the scene's paintings and add one of this name.")
+        str | None, typer.Option(metavar="NAME", help="Add a painting of this name and keep the others.")
     ] = None,
     preview: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.png", help="Show the painting there while it is made."),
+        typer.Option(metavar="FILE.png", help="Keep a picture of the painting there while it is made."),
     ] = None,
     device: DeviceOption = Device.cpu,
     json: Json = None,
 ) -> None:
-    """Paint the regions of a scene in the manner of pictures, or draw them in ink.
+    """Paint a scene's regions in the style of pictures, or draw them in ink.
 
-    Stopped with Ctrl-C, the same command goes on where it was.
+    After Ctrl-C, the same command resumes.
     """
     from svv.kernels.dispatch import device_named
     from svv.render.frames import previews_in

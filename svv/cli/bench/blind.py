@@ -20,28 +20,34 @@ BLIND = (
 
 def blind(
     ways: Annotated[
-        list[Path] | None, typer.Argument(metavar="FOLDER ...", help="Folders of PNG with equal names, one a way.")
+        list[Path] | None,
+        typer.Argument(
+            metavar="FOLDER ...", help="Folders of PNG files with the same names, one folder for each way of painting."
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the sheets.")] = None,
     styles: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.json|DIR", help="Each picture's style; by default the gallery's, by its name."),
+        typer.Option(
+            metavar="FILE.json|DIR",
+            help="Style of each picture; by default the picture of the gallery that has its name.",
+        ),
     ] = None,
     key: Annotated[
-        Path | None, typer.Option(metavar="KEY.json", help="Which column is which way; by default DIR-key.json.")
+        Path | None, typer.Option(metavar="KEY.json", help="Where to write the key; by default DIR-key.json.")
     ] = None,
-    crops: Annotated[int, typer.Option(min=0, max=6, help="Rows of enlarged crops.")] = 2,
+    crops: Annotated[int, typer.Option(min=0, max=6, help="Number of rows with enlarged crops.")] = 2,
     choices: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="Open the key: best column of every sheet.")
+        Path | None, typer.Option(metavar="FILE.json", help="The best column of every sheet; opens the key.")
     ] = None,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """Compare ways of painting without knowing which is which, and figures with what the eye chose.
+    """Compare ways of painting without knowing which is which, and check figures against the choices.
 
-    First sheets: the style on the left, the ways in shuffled columns. Write the number of the best column of each sheet
-    into choices.json, which lies beside them; then give it to --choices. The key says in what share of the sheets each
-    way was chosen, and in what share of the pairs each figure agrees.
+    First make the sheets: the style is on the left, the ways are in shuffled columns. Write the number of the best
+    column of each sheet into choices.json, which lies beside them, and pass it to --choices. The result says in what
+    share of the sheets each way was chosen, and in what share of the pairs each figure agrees.
     """
     from svv.bench.styles.blind import CHOICES, open_key, report, write_sheets
     from svv.io.atomic import check_writable, write_json

@@ -41,38 +41,46 @@ def chart(
     out: Out,
     tf: Annotated[
         list[Path] | None,
-        typer.Option(metavar="TF.json", help="A volume's transfer function: one for each in their order, or one."),
+        typer.Option(metavar="TF.json", help="Transfer function of a volume; one for all, or one for each in order."),
     ] = None,
-    presets: Annotated[str, typer.Option(metavar="A,B", help="Of draft, fast, balanced, paper.")] = "draft,fast",
-    encodings: Annotated[str, typer.Option(metavar="A,B", help="Of lattice, hash.")] = "lattice,hash",
+    presets: Annotated[
+        str, typer.Option(metavar="A,B", help="Presets, of draft, fast, balanced and paper.")
+    ] = "draft,fast",
+    encodings: Annotated[str, typer.Option(metavar="A,B", help="Encodings, of lattice and hash.")] = "lattice,hash",
     time_limits: Annotated[
-        str, typer.Option(metavar="SECONDS,...", help="A run for each; 'full' is the preset's whole schedule.")
+        str,
+        typer.Option(
+            metavar="SECONDS,...", help="Time limits, one run for each; 'full' is the preset's whole schedule."
+        ),
     ] = "15,30,60",
     sizes: Annotated[
         str | None,
-        typer.Option(metavar="N,...", help="Widths of training views; by default as they are, 400 of a volume."),
+        typer.Option(metavar="N,...", help="Widths of training views; by default as they are, or 400 for a volume."),
     ] = None,
     render_sizes: Annotated[
         str | None, typer.Option(metavar="N,...", help="Widths of rendered views; by default the training views'.")
     ] = None,
     devices: Annotated[str, typer.Option(metavar="A,B", help=f"Of {', '.join(d.value for d in Processor)}.")] = "cpu",
     kernels: Annotated[
-        str, typer.Option(metavar="A,B", help="Of fast (numba, on a GPU Triton) and torch (the plain reference).")
+        str,
+        typer.Option(
+            metavar="A,B", help="Kernels, of fast (numba on a CPU, Triton on a GPU) and torch (the plain reference)."
+        ),
     ] = "fast",
-    seeds: Annotated[str, typer.Option(metavar="N,...", help="A run for each.")] = "0",
+    seeds: Annotated[str, typer.Option(metavar="N,...", help="Seeds, one run for each.")] = "0",
     lighting: Annotated[
-        str, typer.Option(metavar="A,B", help="Of network, phong (needs the lattice), auto; see svv train.")
+        str, typer.Option(metavar="A,B", help="Lights, of network, phong (needs the lattice) and auto; see svv train.")
     ] = "network",
-    network: Annotated[Network, typer.Option(help="Whose colours are scored: base or pcn.")] = Network.pcn,
-    test: Annotated[int, typer.Option(min=5, help="Unseen views that are scored and timed.")] = 8,
+    network: Annotated[Network, typer.Option(help="Which network to score: base or pcn.")] = Network.pcn,
+    test: Annotated[int, typer.Option(min=5, help="Number of unseen views that are scored and timed.")] = 8,
     n: Views = 92,
     mapper: MapperOption = Mapper.auto,
 ) -> None:
-    """Chart accuracy against seconds and bytes: presets x encodings x sizes x devices x time limits on your scenes.
+    """Chart accuracy against time and memory for presets, encodings, sizes, devices and time limits, on your scenes.
 
-    Every combination is trained and measured on unseen views, in a process of its own. The folder gets chart.html,
-    three PNG charts, runs.csv and runs.json. Stopped with Ctrl-C, the same command goes on; runs that are there are
-    not repeated. A volume is drawn by volume rendering too, so its own time stands beside the network's.
+    Every combination is trained and measured on unseen views in a process of its own. The folder gets chart.html,
+    three PNG charts, runs.csv and runs.json. A volume is also rendered directly, so that its own time stands beside the
+    network's. After Ctrl-C, the same command resumes.
     """
     from svv.bench.chart.job import Chart
     from svv.bench.chart.plan import Grid, Measure

@@ -19,14 +19,19 @@ JUDGE = (
 def judge(
     view: Annotated[Path, typer.Argument(metavar="VIEW.png", help="A view with alpha.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for table.csv and contact sheets.")],
-    style: Annotated[list[str] | None, typer.Argument(metavar="STYLE ...", help="Pictures beside our two.")] = None,
+    style: Annotated[
+        list[str] | None, typer.Argument(metavar="STYLE ...", help="Style pictures besides our own two.")
+    ] = None,
     size: Annotated[int, typer.Option(min=64, help="Width of the view in pixels.")] = 400,
-    steps: Annotated[int, typer.Option(min=1, help="Iterations of each stylization.")] = 60,
-    only: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Part of a candidate's name.")] = None,
+    steps: Annotated[int, typer.Option(min=1, help="Steps of each stylization.")] = 60,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Only candidates whose name contains this; may be repeated."),
+    ] = None,
 ) -> None:
-    """Judge what styles are matched with: one view stylized with every candidate, and how near each comes to the style.
+    """Compare feature networks: one view is stylized with every candidate and scored against the style.
 
-    The figures use none of the features that are judged; the contact sheets are for the eye, which has the last word.
+    The scores use none of the features that are compared. The contact sheets are for the eye, which has the last word.
     """
     from svv.bench.styles.judge_features import judge as judged
 

@@ -20,15 +20,17 @@ PROFILE = (
 def profile(
     views: Annotated[Path, typer.Argument(metavar="VIEWS", help="Folder with transforms_train.json and its images.")],
     preset: PresetOption = Preset.fast,
-    steps: Annotated[int, typer.Option(min=8, help="Of stage 1; stage 2 takes half as many.")] = 200,
-    timed: Annotated[int, typer.Option(min=1, help="Steps of each kind that are timed, and images.")] = 15,
+    steps: Annotated[int, typer.Option(min=8, help="Steps of stage 1; stage 2 takes half as many.")] = 200,
+    timed: Annotated[
+        int, typer.Option(min=1, help="Number of steps of each kind, and of images, that are timed.")
+    ] = 15,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """Where the time of training and of an image goes on this processor, beside the least that it could be.
+    """Show where the time of training and rendering goes on this CPU, beside the least that it could take.
 
-    Trains for some steps and draws an image. For each part: milliseconds, bytes that must move, operations, and the
-    floor that follows from what the machine was measured to do at most.
+    Trains for some steps and renders an image. For each part: milliseconds, bytes that must move, operations, and the
+    lower bound that follows from the machine's measured peak rates.
     """
     # Torch's profiler would say on standard error when it starts and stops; it asks for this as torch is loaded.
     os.environ.setdefault("KINETO_LOG_LEVEL", "5")

@@ -27,12 +27,14 @@ class Painting:
     """What is painted, how, and where it goes."""
 
     style: Annotated[
-        list[str], typer.Option("--style", metavar="IMG|gallery:NAME", help="A picture; may be given several times.")
+        list[str], typer.Option("--style", metavar="IMG|gallery:NAME", help="A style picture; may be repeated.")
     ]
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for pictures and painted scenes.")]
-    preset: Annotated[Preset, typer.Option(help="How long each painting is worked on.")] = Preset.fast
-    size: Annotated[int, typer.Option(min=16, help="Side of a picture in pixels.")] = 320
-    frame: Annotated[int, typer.Option(help="View of the path of 181, 0 to 180.")] = 76
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the pictures and the painted scenes.")
+    ]
+    preset: Annotated[Preset, typer.Option(help="How long to work on each painting.")] = Preset.fast
+    size: Annotated[int, typer.Option(min=16, help="Width and height of a picture in pixels.")] = 320
+    frame: Annotated[int, typer.Option(help="Number of the frame on the path of 181, from 0 to 180.")] = 76
     seed: Seed = 0
 
     def exhibit(self) -> Exhibit:
@@ -47,10 +49,9 @@ def sheet(
     scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv ...", help="Scenes with a palette network.")],
     how: Painting,
 ) -> None:
-    """Paint every scene in every style, and show all on one sheet.
+    """Paint every scene in every style, and show them all on one sheet.
 
-    The folder gets sheet.png and a scene file for each painting. Stopped with Ctrl-C, the same command goes on; what is
-    painted is not painted again.
+    The folder gets sheet.png and a scene file for each painting. After Ctrl-C, the same command resumes.
     """
     from svv.bench.styles.exhibits import paint_sheet
 
@@ -59,10 +60,10 @@ def sheet(
 
 @spread
 def figures(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A scene of two regions at least.")],
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A scene with at least two regions.")],
     how: Painting,
 ) -> None:
-    """Show what painting can do with a scene, as the paper's figures do.
+    """Make the paper's figures with a scene of yours.
 
     several.png: each region painted alone, and several pictures for one scene; parts.png: three pairings of parts of
     one picture with the regions; edits.png: opacity and light edited after painting.

@@ -27,31 +27,31 @@ def stability(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="A case, or a pattern of names; may be given several times. By default all but 'regions-*'.",
+            help="A case, or a pattern of names; may be repeated. By default all but 'regions-*'.",
         ),
     ] = None,
     preset: Annotated[
         list[Preset] | None,
-        typer.Option(help="A preset; may be given several times. By default draft and paper."),
+        typer.Option(help="A preset; may be repeated. By default draft and paper."),
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Runs of each case, with the seeds 0, 1, ...")] = 5,
-    n: Annotated[int, typer.Option("--n", min=3, help="Training views, where the case is not about them.")] = 92,
-    test: Annotated[int, typer.Option("--test", min=2, help="Unseen views for the scores.")] = 6,
+    n: Annotated[int, typer.Option("--n", min=3, help="Number of training views, unless the case is about them.")] = 92,
+    test: Annotated[int, typer.Option("--test", min=2, help="Number of test views.")] = 6,
     size: Annotated[int, typer.Option("--size", min=64, help="Width and height of the views in pixels.")] = 200,
     resolution: Annotated[int, typer.Option(min=24, help="Voxels along each side of the volumes.")] = 64,
     time_limit: Annotated[
-        float, typer.Option(metavar="SECONDS", min=1, help="Training time of a run, the same for each preset.")
+        float, typer.Option(metavar="SECONDS", min=1, help="Training time of each run, the same for every preset.")
     ] = 15.0,
     steps: Annotated[
         list[str] | None,
         typer.Option(metavar="PRESET=A+B", help="Steps of the two stages instead of a time limit: draft=300+150."),
     ] = None,
-    samples: Annotated[int | None, typer.Option(min=512, help="Visible samples a step at most.")] = None,
-    listed: Annotated[bool, typer.Option("--list", help="Print the cases and stop.")] = False,
+    samples: Annotated[int | None, typer.Option(min=512, help="Most visible samples per step.")] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the cases and exit.")] = False,
 ) -> None:
-    """Train on generated scenes of which all is known, where methods of this kind fail, and say what failed.
+    """Train on generated scenes with known truth, where methods of this kind fail, and report what failed.
 
-    Each run is a file; stopped with Ctrl-C, the same command goes on where it was. In the end there are a table
+    Each run is a file; after Ctrl-C, the same command resumes. The result is a table
     (stability.md, .csv, .json) and a heat map (stability.png).
     """
     from svv.bench.stability.cases import CASES, USUAL, BenchSettings

@@ -31,7 +31,10 @@ ABLATE = (
 )
 
 Flows = Annotated[
-    str, typer.Option("--flows", metavar="A,B", help="Of depth (ours, exact), and the estimators tvl1 and ilk.")
+    str,
+    typer.Option(
+        "--flows", metavar="A,B", help="Optical flows: depth (exact, from the scene), and the estimators tvl1 and ilk."
+    ),
 ]
 KINDS = ("depth", "tvl1", "ilk")
 ALL_MODES = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame,video,adain"
@@ -41,12 +44,12 @@ ALL_MODES = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame,video,a
 class Frames:
     """Which frames are measured, and which pairs of them."""
 
-    orbit: Annotated[int, typer.Option("--orbit", metavar="N", min=2, help="Frames of the whole path.")] = 181
+    orbit: Annotated[int, typer.Option("--orbit", metavar="N", min=2, help="Number of frames of the whole path.")] = 181
     size: Annotated[int, typer.Option("--size", min=32, help="Width and height of the frames in pixels.")] = 400
-    every: Annotated[int, typer.Option("--every", metavar="K", min=1, help="A pair begins at every Kth frame.")] = 1
-    intervals: Annotated[str, typer.Option("--intervals", metavar="N,...", help="Frames between those of a pair.")] = (
-        "1,10"
-    )
+    every: Annotated[int, typer.Option("--every", metavar="K", min=1, help="Start a pair at every Kth frame.")] = 1
+    intervals: Annotated[
+        str, typer.Option("--intervals", metavar="N,...", help="Distances between the frames of a pair.")
+    ] = "1,10"
 
     def protocol(self, flows: str) -> Protocol:
         """As the layers below take it."""
@@ -70,7 +73,11 @@ class Training:
     preset: PresetOption = Preset.balanced
     seed: Seed = 0
     features: Annotated[
-        str, typer.Option(metavar="auto|embedded|vgg16|FILE", help="Which network's features are matched.")
+        str,
+        typer.Option(
+            metavar="auto|embedded|vgg16|FILE",
+            help="Which features to match; auto uses VGG-16 if its weights can be had.",
+        ),
     ] = "auto"
 
 
@@ -83,13 +90,15 @@ def consistency(
     out: Out,
     frames: Frames = ALL_FRAMES,
     flows: Flows = "depth,tvl1",
-    network: Annotated[Network | None, typer.Option(help="By default the last one trained.")] = None,
+    network: Annotated[
+        Network | None, typer.Option(help="Which network's colours; by default those of the last stage.")
+    ] = None,
     json: Json = None,
 ) -> None:
-    """Measure how well the frames of an orbit agree: RMSE, MSE and FLIP, short- and long-range.
+    """Measure how consistent the frames of an orbit are: RMSE, MSE and FLIP, short- and long-range.
 
-    A frame is warped onto a later one along the optical flow and compared where both see the same. Stopped with
-    Ctrl-C, the same command goes on where it was.
+    A frame is warped onto a later one along the optical flow and compared where both see the same. After
+    Ctrl-C, the same command resumes.
     """
     from svv.bench.styles.consistency import consistency
     from svv.bench.styles.path import METRICS
@@ -119,9 +128,7 @@ def consistency(
 @spread
 def compare(
     scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv ...", help="Trained scenes.")],
-    style: Annotated[
-        list[str], typer.Option(metavar="IMG|gallery:NAME", help="A picture; may be given several times.")
-    ],
+    style: Annotated[list[str], typer.Option(metavar="IMG|gallery:NAME", help="A style picture; may be repeated.")],
     out: Out,
     modes: Annotated[
         str,
@@ -131,13 +138,13 @@ def compare(
     flows: Flows = "depth,tvl1",
     training: Training = TRAINING,
     paper_loss: Annotated[
-        bool, typer.Option("--paper-loss", help="Plain matching instead of our loss, in all modes.")
+        bool, typer.Option("--paper-loss", help="Use plain matching instead of our loss in all modes.")
     ] = False,
 ) -> None:
-    """Set our stylization beside other ways to do it: with other fields, and frame by frame.
+    """Compare our stylization with other ways to do it: with other fields, and frame by frame.
 
-    The folder gets modes.md, .csv and .json and a contact sheet a scene and style. Stopped with Ctrl-C, the same
-    command goes on where it was.
+    The folder gets modes.md, .csv and .json, and a contact sheet for each scene and style. After Ctrl-C, the same
+    command resumes.
     """
     from svv.bench.styles.modes import Comparison, compare_styles, write_comparison
     from svv.render.gallery import style_file
@@ -155,10 +162,14 @@ def ablate(
     scene: SceneFile,
     out: Out,
     style: Annotated[
-        list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A picture for the stylization's.")
+        list[str] | None,
+        typer.Option(
+            metavar="IMG|gallery:NAME", help="Style picture, for the ablations of stylization; may be repeated."
+        ),
     ] = None,
     views: Annotated[
-        Path | None, typer.Option(metavar="VIEWS", help="Its folder of views, for those of the palette network.")
+        Path | None,
+        typer.Option(metavar="VIEWS", help="Folder of the scene's views, for the ablations of the palette network."),
     ] = None,
     only: Annotated[
         str | None,
@@ -170,11 +181,11 @@ def ablate(
     ] = None,
     frames: Frames = FEW_FRAMES,
     training: Training = TRAINING,
-    paper_loss: Annotated[bool, typer.Option("--paper-loss", help="Plain matching instead of our loss.")] = False,
+    paper_loss: Annotated[bool, typer.Option("--paper-loss", help="Use plain matching instead of our loss.")] = False,
 ) -> None:
-    """Leave out, one at a time, what the paper says it needs: table and contact sheet of every variant.
+    """Leave out one part of the method at a time: a table and a contact sheet of every variant.
 
-    The folder gets ablations.md, .csv and .json and the pictures. Stopped with Ctrl-C, the same command goes on.
+    The folder gets ablations.md, .csv and .json and the pictures. After Ctrl-C, the same command resumes.
     """
     from svv.bench.ablation.painting import Ablation, run_ablation
     from svv.render.gallery import style_file

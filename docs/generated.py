@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import importlib
 import inspect
+import re
 import sys
 import types
 import xml.etree.ElementTree as ElementTree
@@ -103,13 +104,17 @@ def filters() -> Iterator[str]:
         yield f"*{kind}*, in scripts `{cls.__name__}`. {' '.join((cls.__doc__ or '').split())}\n"
         yield "| property | | default |\n|---|---|---|"
         for element in ElementTree.fromstring(f"<all>{''.join(reversed(cls.xml))}</all>"):
+            label = element.get("label") or element.get("name") or ""
+            if re.match(r"(Region [1-9]|Colour [1-9]) ", label):
+                continue  # as the first, whose number is K here
+            label = re.sub(r"^(Region|Colour) 0 ", r"\1 K ", label)
             shown = element.get("panel_visibility", "default") != "never"
             if not element.tag.endswith("Property") or not shown or element.get("name") in (None, "Input"):
                 continue
             text = element.findtext("Documentation") or ""
             more = " *(advanced)*" if element.get("panel_visibility") == "advanced" else ""
             default = element.get("default_values", "")
-            yield f"| {element.get('label') or element.get('name')}{more} | {_cell(text)} | {_default(default)} |"
+            yield f"| {label}{more} | {_cell(text)} | {_default(default)} |"
         yield ""
 
 

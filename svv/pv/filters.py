@@ -168,7 +168,7 @@ class Filter(VTKPythonAlgorithmBase):
         (window.DisplayErrorText if error else window.DisplayWarningText)(f"{type(self).__name__}: {sentence}\n")
 
     def GetStatus(self) -> str:
-        """What the filter did last, or why it could not."""
+        """What the filter did last, or why it failed."""
         return self._status
 
     def TakeAsEdited(self) -> None:

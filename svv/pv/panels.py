@@ -92,18 +92,18 @@ def volume_properties(views: int, test: int, size: int) -> list[Property]:
             "Distance, in the volume's units, after which the opacity is that of the transfer function; 0 takes "
             "ParaView's default for this volume.", low=0.0,
         ),
-        switch("Shade", True, "Whether the volume is lit by a light at the camera."),
+        switch("Shade", True, "Light the volume from the camera."),
         *group("Shading", [
-            number("Ambient", 0.0, "Light from everywhere.", 0.0, 1.0, True),
-            number("Diffuse", 1.0, "Light that surfaces scatter.", 0.0, 1.0, True),
-            number("Specular", 0.0, "Light that surfaces mirror.", 0.0, 1.0, True),
-            number("SpecularPower", 100.0, "How sharp the highlights are.", 0.0, 128.0, True),
+            number("Ambient", 0.0, "Ambient reflection.", 0.0, 1.0, True),
+            number("Diffuse", 1.0, "Diffuse reflection.", 0.0, 1.0, True),
+            number("Specular", 0.0, "Specular reflection.", 0.0, 1.0, True),
+            number("SpecularPower", 100.0, "Exponent of the specular highlights.", 0.0, 128.0, True),
         ]),
-        integer("Views", views, "Views to learn from, evenly around the volume.", 3, None, True),
-        integer("TestViews", test, "More views, to measure with; they are never learned.", 0, 181, True),
+        integer("Views", views, "Number of training views, spread evenly around the volume.", 3, None, True),
+        integer("TestViews", test, "Number of test views, which are never trained on.", 0, 181, True),
         integer("ViewSize", size, "Width and height of the views in pixels.", 64, 4096, True),
         choice("RayCaster", ("auto", "gpu", "cpu"), "auto",
-               "auto takes the graphics card where OpenGL runs on hardware.", True),
+               "VTK's ray caster; auto picks the GPU if OpenGL runs on hardware.", True),
     ]  # fmt: skip
 
 
@@ -111,9 +111,9 @@ def training_properties(preset: str) -> list[Property]:
     """How much is learned."""
     return [
         choice("Preset", PRESETS, preset,
-               "How long training takes: draft for a first look, fast and balanced take minutes, paper hours."),
-        number("TimeLimit", 0.0, "Shorten training to this many seconds; 0 is no limit.", 0.0),
-        integer("Seed", 0, "Same seed, same result.", 0, None, True),
+               "How long to train: draft gives a first look, fast and balanced take minutes, paper takes hours."),
+        number("TimeLimit", 0.0, "Train for at most this many seconds; 0: no limit.", 0.0),
+        integer("Seed", 0, "The same seed gives the same result.", 0, None, True),
         choice("Lighting", ("network", "phong", "auto"), "network",
                "network: a light that stays at the camera; phong: one that StyleRF Edit can move; auto: phong where "
                "views that are held out allow it.", True),
@@ -146,12 +146,12 @@ def image_properties(size: int) -> list[Property]:
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
                "What the picture shows: the scene, or its regions, numbered, in false colours or in their own."),
-        text("Variant", "Which of the scene's paintings; empty: the one that it shows.", "", True),
+        text("Variant", "Name of the painting; empty: the one that the scene shows.", "", True),
         choice("Network", ("last", "base", "pcn", "styled"), "last",
                "What gives the colours: base (as learned), pcn (the palette, with its edits), styled; last is the last "
                "that the scene has."),
-        switch("Background", False, "Whether the image gets a background; else it is transparent."),
-        numbers("BackgroundColour", (1.0, 1.0, 1.0), "Its colour.", "color_selector"),
+        switch("Background", False, "Give the image a background; otherwise it is transparent."),
+        numbers("BackgroundColour", (1.0, 1.0, 1.0), "Colour of the background.", "color_selector"),
         numbers("Camera", (0.0,) * 9 + (30.0,),
                 "Position, focal point, view up (x, y, z each) and angle of view in degrees. All zeros: the orbit "
                 "around the scene.", None, True),
@@ -164,19 +164,19 @@ def region_properties(region: int) -> Sequence[Property]:
     """What can be edited of one region."""
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
-        switch(f"{name}Recolour", False, "Whether to give the region another colour.",
+        switch(f"{name}Recolour", False, "Give the region another colour.",
                advanced),
-        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "Its new colour.", "color_selector", advanced),
-        number(f"{name}Opacity", 1.0, "Factor on the region's opacity.", 0.0, 4.0, advanced),
-        number(f"{name}Lighting", 1.0, "Factor on the region's lighting; 0 is flat.", 0.0, 2.0,
+        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "The region's new colour.", "color_selector", advanced),
+        number(f"{name}Opacity", 1.0, "Factor on the region's opacity; 1 is as trained.", 0.0, 4.0, advanced),
+        number(f"{name}Lighting", 1.0, "Factor on the region's shading; 0 is flat, 1 is as trained.", 0.0, 2.0,
                advanced),
-        switch(f"{name}Hide", False, "Whether to leave it out of images; its opacity is kept.", advanced),
-        switch(f"{name}Reflect", False, "Whether to say what it makes of a light that can be moved.", True),
+        switch(f"{name}Hide", False, "Hide the region and keep its opacity.", advanced),
+        switch(f"{name}Reflect", False, "Set how the region reflects a light that can be moved.", True),
         *shown_where(f"{name}Reflect", 1, [
-            number(f"{name}Ambient", 0.1, "Light from everywhere that it gives back.", 0.0, 1.0, True),
-            number(f"{name}Diffuse", 0.9, "Part of the light that it scatters.", 0.0, 2.0, True),
-            number(f"{name}Specular", 0.2, "Part of the light that it mirrors.", 0.0, 2.0, True),
-            number(f"{name}Shininess", 30.0, "How sharp its highlight is.", 1.0, 128.0, True),
+            number(f"{name}Ambient", 0.1, "Ambient reflection of the region.", 0.0, 1.0, True),
+            number(f"{name}Diffuse", 0.9, "Diffuse reflection of the region.", 0.0, 2.0, True),
+            number(f"{name}Specular", 0.2, "Specular reflection of the region.", 0.0, 2.0, True),
+            number(f"{name}Shininess", 30.0, "Exponent of the region's specular highlight.", 1.0, 128.0, True),
         ]),
     ])  # fmt: skip
 
@@ -185,15 +185,16 @@ def light_properties() -> Sequence[Property]:
     """Where the light of a scene stands that was trained with the lighting phong."""
     return group("Light", [
         choice("LightFrom", (AS_IT_CAME, BESIDE, IN_WORLD), AS_IT_CAME,
-               "Where light comes from, in scenes that were trained with the lighting phong."),
+               "Where the light comes from, for scenes trained with the lighting phong."),
         *shown_where("LightFrom", 1, [
             number("LightAzimuth", 0.0, "Degrees to the right of the camera, which the light follows.", -180.0, 180.0),
             number("LightElevation", 0.0, "Degrees above the camera.", -90.0, 90.0),
         ]),
         *shown_where("LightFrom", 2, [
-            numbers("LightDirection", (0.0, 0.0, 1.0), "Where it comes from, x, y and z, whatever the camera does."),
+            numbers("LightDirection", (0.0, 0.0, 1.0), "Direction of the light (x, y, z) in world coordinates, "
+                "whatever the camera does."),
         ]),
-        number("LightIntensity", 1.0, "Factor on its brightness; 1 leaves it as it came.", 0.0, 4.0),
+        number("LightIntensity", 1.0, "Factor on the brightness of the light; 1 leaves it unchanged.", 0.0, 4.0),
     ])  # fmt: skip
 
 
@@ -204,7 +205,7 @@ def outline_properties() -> Sequence[Property]:
                0.0, 1.0),
         number("OutlineWidth", OUTLINE_WIDTH, "How wide silhouettes are, in pixels where the view's shorter side has "
                "800.", 0.5, 16.0),
-        numbers("OutlineColour", INK, "The ink.", "color_selector", True),
+        numbers("OutlineColour", INK, "Colour of the outlines.", "color_selector", True),
         text("OutlineRegions", "Numbers of the regions that are outlined so, such as 0, 2. Empty: all.", "", True),
     ])  # fmt: skip
 
@@ -213,10 +214,11 @@ def correction_properties(region: int) -> Sequence[Property]:
     """What can be corrected about one palette colour."""
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
-        switch(f"{name}SetColour", False, "Whether training is to begin with another colour for the region.", advanced),
-        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "That colour.", "color_selector", advanced),
-        switch(f"{name}Remove", False, "Whether it is to be no region; others take over what it shows.", advanced),
-        switch(f"{name}Split", False, "Whether each range of the transfer function that it shows becomes a region.",
+        switch(f"{name}SetColour", False, "Start training with another colour for the region.", advanced),
+        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "The region's palette colour.", "color_selector", advanced),
+        switch(f"{name}Remove", False, "Remove the region; others take over what it shows.", advanced),
+        switch(f"{name}Split", False, "Split the region into one region for each of its ranges of the transfer "
+            "function.",
                advanced),
     ])  # fmt: skip
 
@@ -225,8 +227,8 @@ def added_properties(number: int) -> Sequence[Property]:
     """A colour that the palette lacks."""
     name, advanced = f"Colour{number}", number > 1
     return group(f"New colour {number}", [
-        switch(f"{name}Add", False, "Whether to add a colour to the palette.", advanced),
-        numbers(f"{name}Value", (1.0, 0.5, 0.0), "The colour of the part that is missing.", "color_selector", advanced),
+        switch(f"{name}Add", False, "Add a colour to the palette.", advanced),
+        numbers(f"{name}Value", (1.0, 0.5, 0.0), "The colour that the palette lacks.", "color_selector", advanced),
     ])  # fmt: skip
 
 
@@ -251,9 +253,10 @@ def style_properties(region: int) -> Sequence[Property]:
                advanced),
         text(f"{name}Positive", "Places in the picture that the region learns from, x,y in its pixels from the upper "
              "left, with semicolons between: 310,120; 40,300. Empty, and without a mask: all of it.", "", advanced),
-        text(f"{name}Negative", "Places that it does not learn from.", "", advanced),
+        text(f"{name}Negative", "Points that the region does not learn from.", "", advanced),
         file(f"{name}Mask", "png", "Masks", "A mask of the picture to go on from, with the points kept beside it; "
              "white is learned from.", advanced=advanced),
-        integer(f"{name}Part", -1, "Number of the part of the picture, where Picture Parts cuts it; -1: not by parts.",
+        integer(f"{name}Part", -1, "Number of the part of the picture, if Picture Parts divides it; -1: do not use "
+            "parts.",
                 -1, None, advanced),
     ])  # fmt: skip

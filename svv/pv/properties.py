@@ -205,7 +205,7 @@ def shown_view() -> Sequence[Property]:
         "<Documentation>Numbers of the first and the last view.</Documentation></IntVectorProperty>"
     )
     xml = _element(
-        "IntVectorProperty", "ShownView", "Number of the view that is shown, from 0.",
+        "IntVectorProperty", "ShownView", "Number of the view to show, from 0.",
         'command="SetShownView" number_of_elements="1" default_values="0"',
         '<IntRangeDomain name="range"><RequiredProperties><Property name="ViewNumbers" function="RangeInfo"/>'
         "</RequiredProperties></IntRangeDomain>",

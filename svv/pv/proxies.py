@@ -46,7 +46,7 @@ __all__ = [
 @panel(
     *volume_properties(92, 16, 800),
     button("TakeAsEdited", TAKE_HELP),
-    file("Folder", "", "", "Where to write the views too, as a set that `svv` and other programs read."),
+    file("Folder", "", "", "Folder in which to write the views as well, as a set that `svv` and other programs read."),
     *shown_view(),
     *kept_as(),
     status(),
@@ -179,7 +179,7 @@ class StyleRFRender(ImageOutput):
 @menu
 @keep_input_visible
 @panel(
-    files("StyleFiles", PICTURES, "Pictures", "Pictures in whose manner the volume is painted."),
+    files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
     *training_properties("fast"),
     device(),
     button("TakeAsEdited", TAKE_HELP),

@@ -65,8 +65,8 @@ __all__ = ["StyleRFEdit", "StyleRFPalette", "StyleRFStylize"]
 def save_properties() -> list[Property]:
     """The button Save, and where it writes to."""
     return [
-        file("SaveFile", "svv", "Scenes", "Where the button Save Scene writes the scene.", save=True),
-        button("SaveScene", "Write the scene that the filter gives out to the file above."),
+        file("SaveFile", "svv", "Scenes", "File to which Save Scene writes the scene.", save=True),
+        button("SaveScene", "Write the filter's scene to the file above."),
     ]
 
 
@@ -99,14 +99,14 @@ class SceneOutput(Keeping):
 @smproxy.filter(label="StyleRF Edit", support_reload=False)
 @menu
 @panel(
-    button("UndoEdit", "Take back what was applied last."),
-    button("RedoEdit", "Apply again what was taken back."),
-    button("ResetEdits", "Set everything in this panel back, so that the scene is as it came."),
+    button("UndoEdit", "Undo what was applied last."),
+    button("RedoEdit", "Redo what was undone."),
+    button("ResetEdits", "Reset this panel, so that the scene is as it came in."),
     *light_properties(),
     *(p for region in range(REGIONS) for p in region_properties(region)),
     text("Isolate", "Numbers of the regions that alone are seen, such as 0, 2. Empty: all that are not hidden."),
-    switch("ShowHidden", False, "Show regions again that were hidden before this filter."),
-    number("Strength", 1.0, "How much of a painting is seen: 0 the palette's colours, 1 as it came.", 0.0, 1.0),
+    switch("ShowHidden", False, "Show regions that were hidden before this filter."),
+    number("Strength", 1.0, "How strongly the painting shows: 0 the palette's colours, 1 the paint.", 0.0, 1.0),
     number(
         "PaintLight",
         PAINT_LIGHT,
@@ -123,9 +123,11 @@ class SceneOutput(Keeping):
         1.0,
     ),
     *outline_properties(),
-    text("Variant", "Which of the scene's paintings is shown; empty: the one that it came with."),
-    integer("Undo", 0, "Take back so many of the edits that the scene came with, before those above.", 0, 50, True),
-    switch("AsTrained", False, "Take back all edits that the scene came with, before those above.", True),
+    text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
+    integer(
+        "Undo", 0, "Undo this many of the edits that the scene came with, before applying those above.", 0, 50, True
+    ),
+    switch("AsTrained", False, "Undo all edits that the scene came with, before applying those above.", True),
     *save_properties(),
     status(),
 )
@@ -159,17 +161,17 @@ class StyleRFEdit(SceneOutput):
         <Documentation>The views that the scene was trained on: StyleRF Views, or a folder of views.</Documentation>
         <Hints><Optional/></Hints></InputProperty>''', None, {}),
     file("ViewsFile", "json", "Views",
-         "Without an input of views: transforms_train.json of the folder of views that the scene was trained on."),
+         "If no views are connected: transforms_train.json in the folder of views that the scene was trained on."),
     text("Merge", "Regions that become one, such as 0, 1; with semicolons between several: 0, 1; 2, 3."),
     *(p for region in range(REGIONS) for p in correction_properties(region)),
     *(p for number in range(ADDED) for p in added_properties(number)),
-    choice("Preset", PRESETS, "balanced", "How long the regions are trained: draft for a first look."),
-    number("TimeLimit", 0.0, "Shorten training to this many seconds; 0 is no limit.", 0.0),
-    integer("Seed", 0, "Same seed, same result.", 0, None, True),
+    choice("Preset", PRESETS, "balanced", "How long to train the regions; draft gives a first look."),
+    number("TimeLimit", 0.0, "Train for at most this many seconds; 0: no limit.", 0.0),
+    integer("Seed", 0, "The same seed gives the same result.", 0, None, True),
     switch("ViewsOnly", False, "Take the palette as given, and let the views alone say which point is whose.", True),
     device(),
-    button("TrainAgain", "Train again, though nothing was changed."),
-    button("ResetPalette", "Set everything in this panel back, so that the scene is as it came."),
+    button("TrainAgain", "Train again, even if nothing has changed."),
+    button("ResetPalette", "Reset this panel, so that the scene is as it came in."),
     *save_properties(),
     *kept_as(),
     status(),
@@ -248,29 +250,31 @@ class StyleRFPalette(SceneOutput):
 @menu
 @smproperty.xml('<OutputPort name="Scene" index="0"/><OutputPort name="Mask" index="1"/>')
 @panel(
-    files("StyleFiles", PICTURES, "Pictures", "Pictures in whose manner the regions are painted."),
+    files("StyleFiles", PICTURES, "Pictures", "Style pictures for the regions."),
     choice("Gallery", (NO_GALLERY, *GALLERY, *INKS), NO_GALLERY,
            "One more picture, of those that come with the program, or a drawing in ink, which needs none."),
     choice("Mapping", ("in turn", "by colour"), "in turn",
            "Who gets which picture: the regions in turn, or each the one whose mean colour is most like it. A "
            "region's row goes before."),
-    number("Strength", 1.0, "0 shows the regions as they were, 1 as painted; no training.", 0.0, 1.0),
-    number("StrokeSize", 1.0, "Scale of the pictures against the image: 2 makes strokes twice as large.", 0.25, 4.0),
-    choice("Preset", PRESETS, "balanced", "How long painting takes: draft for a first look."),
+    number("Strength", 1.0, "How strongly the painting shows: 0 the palette's colours, 1 the paint. Takes no "
+        "training.", 0.0, 1.0),
+    number("StrokeSize", 1.0, "Scale of the strokes: 2 makes them twice as large.", 0.25, 4.0),
+    choice("Preset", PRESETS, "balanced", "How long to paint; draft gives a first look."),
     preview_file(),
-    switch("PreviewOnly", False, "Show the masks, and do not paint yet."),
-    integer("ShownMask", 0, "The region whose picture and mask the second output shows.", 0, REGIONS - 1),
+    switch("PreviewOnly", False, "Show the masks without painting."),
+    integer("ShownMask", 0, "Region whose picture and mask the second output shows.", 0, REGIONS - 1),
     *point_properties(),
     *(p for region in range(REGIONS) for p in style_properties(region)),
-    integer("PictureParts", 0, "Cut pictures into so many parts that look alike, 2 to 32; 0: not.", 0, 32),
+    integer("PictureParts", 0, "Divide pictures into 2 to 32 parts of similar appearance; 0: do not divide.", 0, 32),
     file("MaskFolder", "", "", "Where to write the masks too: region-K.png, and its points beside it."),
-    switch("Continue", False, "Go on with the last painting when pictures or masks are others, instead of anew."),
-    text("Variant", "Name of the painting: another name paints beside those that are there, in the same scene."),
-    text("ShowVariant", "Which painting is shown; empty: that of the name above."),
-    integer("Seed", 0, "Same seed, same result.", 0, None, True),
+    switch("Continue", False, "Continue from the last painting if pictures or masks have changed, instead of "
+        "starting afresh."),
+    text("Variant", "Name of the painting; a new name adds a painting to the same scene."),
+    text("ShowVariant", "Name of the painting to show; empty: the one named above."),
+    integer("Seed", 0, "The same seed gives the same result.", 0, None, True),
     device(),
-    button("PaintAgain", "Paint again: from the start, or on where Continue is chosen."),
-    button("ResetStyle", "Go back to the scene before painting; Paint Again paints it."),
+    button("PaintAgain", "Paint again: from the start, or onwards if Continue is on."),
+    button("ResetStyle", "Return to the scene before painting; Paint Again paints it."),
     *save_properties(),
     *kept_as(),
     status(),

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 paraview_plugin_name = "StyleRF"
-paraview_plugin_version = "0.1.0"
+paraview_plugin_version = "0.2.0"
 
 if importlib.util.find_spec("svv") is None:  # loaded by hand: the package lies beside the plugin, or above it
     _here = Path(__file__).resolve().parent

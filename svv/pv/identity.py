@@ -1,7 +1,7 @@
 """What results depend on, as hashes that are the same in every process: names under which results are kept.
 
 A name says what was made, of what, with which settings, and by which version:
-``scene-<of what>-<settings>-0.1.0.1.svv``.
+``scene-<of what>-<settings>-0.2.0.1.svv``.
 """
 
 from __future__ import annotations

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -15,44 +13,29 @@ import torch
 from numpy.typing import NDArray
 
 from svv._version import __version__
-from svv.core.cameras import camera_rig
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.networks import UnrestrictedField
-from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
 from svv.measure import give_memory_back, measured
 from svv.styles.features import PatchFeatures, load_features
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import Preset, fitted_field, lit_by, preset
+from svv.train.config import Preset, lit_by, preset
 from svv.train.contrast import match_contrast
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.ink import PAPER, Ink, Style
-from svv.train.levels import with_fewest_levels
-from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
 from svv.train.loop import Loop
 from svv.train.previews import Previews, Show
-from svv.train.ranges import hull_of, regions_of
-from svv.train.recolour import palette_of, recolour
-from svv.train.reconstruct import first_occupancy, reconstruct
-from svv.train.sampling import with_fewest_samples
 from svv.train.start import is_laid, run_stage, started, targets_of
 from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, loss_for
 from svv.train.stylize import Stylization
-from svv.train.unmix import Unmixing
-
-INDEPENDENT = 3
-"""Palette colours that a pixel's colour can tell apart by itself: RGB has no more dimensions. Which of more colours a
-mixture is made of, the pixels must say (:class:`svv.train.unmix.Unmixing`) where no volume does."""
+from svv.train.training import Training
 
 LEAST_VIEWS = 3
 LEAST_STROKE, MOST_STROKE = 0.25, 4.0
 """Between them a stroke is more than a pixel of the render and less than most regions."""
-
-BASE_PART = 0.68
-"""Part of a time limit that goes to stage 1; the rest, less what comes between, is stage 2's."""
 
 
 def train_scene(
@@ -100,8 +83,9 @@ def train_scene(
     saved = None if checkpoint is None else Checkpoint(checkpoint, key_of(views, chosen, time_limit, seed))
     forget_gpu_peak(device)
     with measured() as cost:
-        scene, seconds, notes = _train(views, chosen, time_limit, seed, progress, saved, device)
-    seconds["total"] = sum(seconds.values())
+        training = Training(views, chosen, time_limit, seed, progress, saved, device)
+        scene = training.run()
+    seconds = {**training.seconds, "total": sum(training.seconds.values())}
     report = {
         "seconds": seconds,
         "peak_rss_bytes": cost.peak_rss_bytes,
@@ -112,7 +96,7 @@ def train_scene(
         "preset": chosen.name,
         "encoding": chosen.field.encoding,
         "lighting": scene.settings.lighting,
-        "notes": notes,
+        "notes": training.notes,
     }
     made = {
         **report,
@@ -122,95 +106,6 @@ def train_scene(
         "source": views.meta,
     }
     return replace(scene, made=made), report
-
-
-def _train(
-    views: ViewSet,
-    chosen: Preset,
-    limit: float | None,
-    seed: int,
-    progress: Progress,
-    saved: Checkpoint | None,
-    device: torch.device,
-) -> tuple[Scene, dict[str, float], list[str]]:
-    seconds: dict[str, float] = {}
-    notes: list[str] = []
-    if saved is not None and "base" in saved.finished:
-        values = saved.finished["base"]
-        scene, seconds, notes = (
-            Scene.from_arrays(values["header"], saved.arrays).on(device),
-            values["seconds"],
-            values["notes"],
-        )
-    else:
-        with _timed(seconds, "hull"):
-            occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(progress, 0.0, 0.02))
-        notes.append(reason)
-        field = chosen.field
-        if chosen.fitted:
-            field, reason = fitted_field(field, views.cameras, occupancy.box)
-            notes.append(reason)
-        first = None if limit is None else max(0.1, (limit - seconds["hull"]) * BASE_PART)
-        base, occupancy, marching, seconds["base"], reason = reconstruct(
-            views,
-            field,
-            chosen.reconstruct,
-            occupancy,
-            seed,
-            first,
-            part(progress, 0.02, 0.7),
-            saved,
-            device,
-        )
-        notes.append(reason)
-        notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty")
-        scene = Scene(field, occupancy, marching, base, camera_rig=camera_rig(views.cameras))
-        if saved is not None:
-            header, arrays = scene.to_arrays(packed=False)
-            saved.finish("base", {"header": header, "seconds": seconds, "notes": notes}, arrays)
-    known = None
-    with _timed(seconds, "palette"):
-        if views.classified is not None and chosen.reconstruct.use_volume:
-            known = regions_of(views.classified, views, scene, seed)
-        if chosen.fitted:
-            borders = known is not None and len(known.ranges) > 1
-            scene, reason = with_fewest_levels(scene, views, seed, borders)
-            notes.append(reason)
-        palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette
-        notes.extend(palette.steps)
-        if chosen.fitted:
-            lit, reason = shows_light(scene, views, seed)
-            scene = replace(scene, settings=replace(scene.settings, lighting="network" if lit else "none"))
-            notes.append(reason)
-    owners = None if known is None else known.owners
-    given = None
-    if owners is None and chosen.fitted and len(palette.colours) > INDEPENDENT:
-        given = Unmixing(palette.colours, scene.device)
-    if scene.settings.lighting == "network" and chosen.lighting != "network":
-        scene = replace(scene, settings=with_explicit_light(scene.settings, views))
-        if chosen.lighting == "auto":
-            with _timed(seconds, "lighting"):
-                third = None if limit is None else max(0.1, limit - sum(seconds.values())) / 3.0
-                scene, reason = light_by_trial(
-                    scene, views, palette.colours, chosen.recolour, seed, owners, given,
-                    part(progress, 0.7, 0.76), third,
-                )  # fmt: skip
-            notes.append(reason)
-        else:
-            notes.append("instead of it an explicit light (Blinn-Phong), as asked for: it can be moved")
-    left = None if limit is None else max(0.1, limit - sum(seconds.values()))
-    network, shares, seconds["pcn"] = recolour(
-        views, scene.base, scene.occupancy, scene.marching, palette.colours, scene.settings, chosen.recolour, seed,
-        left, part(progress, 0.76 if "lighting" in seconds else 0.7, 1.0), saved, owners, given,
-    )  # fmt: skip
-    ranges = ((),) * len(shares) if known is None else known.ranges
-    regions = tuple(
-        Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
-        for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
-    )
-    with _timed(seconds, "sampling"):
-        scene, reason = with_fewest_samples(replace(scene, palette=network, regions=regions), views.cameras)
-    return scene, seconds, [*notes, reason]
 
 
 def stylize_scene(
@@ -372,13 +267,6 @@ def stylize_scene(
         "notes": notes,
     }
     return replace(styled, made={**scene.made, "stylized": report}), report
-
-
-@contextmanager
-def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
-    begin = time.monotonic()
-    yield
-    seconds[name] = time.monotonic() - begin
 
 
 def key_of(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:

@@ -1,0 +1,160 @@
+"""One training: from views to a scene, stage after stage, within a limit of time if there is one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import torch
+
+from svv.core.cameras import camera_rig
+from svv.core.palette import Palette
+from svv.errors import Progress, part
+from svv.fields.region import Region
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.train.checkpoint import Checkpoint
+from svv.train.config import Preset, fitted_field
+from svv.train.levels import with_fewest_levels
+from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
+from svv.train.ranges import KnownRegions, Owners, hull_of, regions_of
+from svv.train.recolour import palette_of, recolour
+from svv.train.reconstruct import first_occupancy, reconstruct
+from svv.train.sampling import with_fewest_samples
+from svv.train.unmix import Unmixing
+
+INDEPENDENT = 3
+"""Palette colours that a pixel's colour can tell apart by itself: RGB has no more dimensions. Which of more colours a
+mixture is made of, the pixels must say (:class:`svv.train.unmix.Unmixing`) where no volume does."""
+
+BASE_PART = 0.68
+"""Part of a time limit that goes to stage 1; the rest, less what comes between, is stage 2's."""
+
+
+class Training:
+    """Stages 1 and 2 of one scene.
+
+    ``seconds`` says how long each part took, and ``notes`` what was chosen and why.
+    """
+
+    def __init__(
+        self,
+        views: ViewSet,
+        chosen: Preset,
+        limit: float | None,
+        seed: int,
+        progress: Progress,
+        saved: Checkpoint | None,
+        device: torch.device,
+    ) -> None:
+        """Prepare it; the arguments are those of :func:`svv.train.pipeline.train_scene`."""
+        self.views, self.chosen, self.limit, self.seed = views, chosen, limit, seed
+        self.progress, self.saved, self.device = progress, saved, device
+        self.seconds: dict[str, float] = {}
+        self.notes: list[str] = []
+
+    def run(self) -> Scene:
+        """The trained scene; stages that the checkpoint holds are not done again."""
+        scene = self._restored_base() if self.saved and "base" in self.saved.finished else self._base()
+        with self._timed("palette"):
+            scene, palette, known = self._palette(scene)
+        owners = None if known is None else known.owners
+        given = None
+        if owners is None and self.chosen.fitted and len(palette.colours) > INDEPENDENT:
+            given = Unmixing(palette.colours, scene.device)
+        scene = self._lit(scene, palette, owners, given)
+        scene = self._recoloured(scene, palette, known, given)
+        with self._timed("sampling"):
+            scene, reason = with_fewest_samples(scene, self.views.cameras)
+        self.notes.append(reason)
+        return scene
+
+    def _restored_base(self) -> Scene:
+        assert self.saved is not None
+        values = self.saved.finished["base"]
+        self.seconds, self.notes = values["seconds"], values["notes"]
+        return Scene.from_arrays(values["header"], self.saved.arrays).on(self.device)
+
+    def _base(self) -> Scene:
+        """Stage 1: extinction and base colours."""
+        views, chosen, progress = self.views, self.chosen, self.progress
+        with self._timed("hull"):
+            occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(progress, 0.0, 0.02))
+        self.notes.append(reason)
+        field = chosen.field
+        if chosen.fitted:
+            field, reason = fitted_field(field, views.cameras, occupancy.box)
+            self.notes.append(reason)
+        first = None if self.limit is None else max(0.1, (self.limit - self.seconds["hull"]) * BASE_PART)
+        base, occupancy, marching, self.seconds["base"], reason = reconstruct(
+            views, field, chosen.reconstruct, occupancy, self.seed, first, part(progress, 0.02, 0.7), self.saved,
+            self.device,
+        )  # fmt: skip
+        self.notes.append(reason)
+        self.notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty")
+        scene = Scene(field, occupancy, marching, base, camera_rig=camera_rig(views.cameras))
+        if self.saved is not None:
+            header, arrays = scene.to_arrays(packed=False)
+            self.saved.finish("base", {"header": header, "seconds": self.seconds, "notes": self.notes}, arrays)
+        return scene
+
+    def _palette(self, scene: Scene) -> tuple[Scene, Palette, KnownRegions | None]:
+        """Palette, and the regions where the volume says them; fewer levels and no light where the scene needs none."""
+        views, seed, known = self.views, self.seed, None
+        if views.classified is not None and self.chosen.reconstruct.use_volume:
+            known = regions_of(views.classified, views, scene, seed)
+        if self.chosen.fitted:
+            borders = known is not None and len(known.ranges) > 1
+            scene, reason = with_fewest_levels(scene, views, seed, borders)
+            self.notes.append(reason)
+        palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette
+        self.notes.extend(palette.steps)
+        if self.chosen.fitted:
+            lit, reason = shows_light(scene, views, seed)
+            scene = replace(scene, settings=replace(scene.settings, lighting="network" if lit else "none"))
+            self.notes.append(reason)
+        return scene, palette, known
+
+    def _lit(self, scene: Scene, palette: Palette, owners: Owners | None, given: Unmixing | None) -> Scene:
+        """The scene with an explicit light, where one was asked for."""
+        if scene.settings.lighting != "network" or self.chosen.lighting == "network":
+            return scene
+        scene = replace(scene, settings=with_explicit_light(scene.settings, self.views))
+        if self.chosen.lighting != "auto":
+            self.notes.append("instead of it an explicit light (Blinn-Phong), as asked for: it can be moved")
+            return scene
+        with self._timed("lighting"):
+            left = self._left()
+            scene, reason = light_by_trial(
+                scene, self.views, palette.colours, self.chosen.recolour, self.seed, owners, given,
+                part(self.progress, 0.7, 0.76), None if left is None else left / 3.0,
+            )  # fmt: skip
+        self.notes.append(reason)
+        return scene
+
+    def _recoloured(self, scene: Scene, palette: Palette, known: KnownRegions | None, given: Unmixing | None) -> Scene:
+        """Stage 2: the palette network and its regions."""
+        owners = None if known is None else known.owners
+        told = part(self.progress, 0.76 if "lighting" in self.seconds else 0.7, 1.0)
+        network, shares, self.seconds["pcn"] = recolour(
+            self.views, scene.base, scene.occupancy, scene.marching, palette.colours, scene.settings,
+            self.chosen.recolour, self.seed, self._left(), told, self.saved, owners, given,
+        )  # fmt: skip
+        ranges = ((),) * len(shares) if known is None else known.ranges
+        regions = tuple(
+            Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
+            for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
+        )
+        return replace(scene, palette=network, regions=regions)
+
+    def _left(self) -> float | None:
+        """Seconds of the limit that are left, at least a tenth."""
+        return None if self.limit is None else max(0.1, self.limit - sum(self.seconds.values()))
+
+    @contextmanager
+    def _timed(self, name: str) -> Iterator[None]:
+        begin = time.monotonic()
+        yield
+        self.seconds[name] = time.monotonic() - begin

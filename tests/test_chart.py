@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from svv.bench.chart import job, process, result
 from svv.bench.chart.job import Chart
@@ -119,8 +120,11 @@ def test_scenes_of_one_name_are_told_apart(tmp_path: Path) -> None:
     folders = [write_views(tmp_path / part / "views") for part in ("a", "b")]
     scenes = read_scenes(folders, [], Measure(test=5))
     assert [scene.name for scene in scenes] == ["views", "views-2"]
-    keys = {scene.views_key(32, Measure()) for scene in scenes}
-    assert len(keys) == 2
+    one, other = (scene.views_key(32, Measure()) for scene in scenes)
+    assert one == other  # the same views, at two places
+    picture = next((folders[1] / "train").glob("*.png"), None) or next(folders[1].rglob("*.png"))
+    Image.new("RGBA", (32, 32), (255, 0, 0, 255)).save(picture)
+    assert scenes[1].views_key(32, Measure()) != one
 
 
 # --- a chart whose runs are made up ---------------------------------------------------------------------------------

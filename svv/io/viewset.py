@@ -243,6 +243,17 @@ def _own_files(path: Path) -> set[Path]:
         return set()
 
 
+def files_of(folder: Path, split: str) -> list[Path]:
+    """The files that the views of a split are read from: the list of frames first, then their images.
+
+    Raises:
+        BadInput: the list or an image is not there, or it is no such list.
+    """
+    path = folder / f"transforms_{split}.json"
+    _, frames = _read_transforms(path)
+    return [path, *(_image_file(path, frame) for frame in frames)]
+
+
 def _read_transforms(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     try:
         scene = json.loads(path.read_text())

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
+from svv.io.viewset import CLASSIFIED, files_of
 from svv.job.stages import fingerprint
 
 
@@ -129,10 +130,12 @@ class ViewSource:
         Raises:
             BadInput: the folder holds no training views.
         """
-        train, test = (self.folder / f"transforms_{split}.json" for split in ("train", "test"))
-        if not train.exists():
+        if not (self.folder / "transforms_train.json").exists():
             raise BadInput(f"{self.folder} holds no views: there is no transforms_train.json.")
-        return {"files": [fingerprint(path) for path in (train, test) if path.exists()]}
+        splits = [split for split in ("train", "test") if (self.folder / f"transforms_{split}.json").exists()]
+        files = [path for split in splits for path in files_of(self.folder, split)]
+        files += [path for path in (self.folder / CLASSIFIED,) if path.exists()]
+        return {"files": [[path.name, path] for path in files]}
 
 
 def read_meta(views: Path) -> dict[str, Any]:

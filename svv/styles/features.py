@@ -102,7 +102,11 @@ class VggFeatures(nn.Module):
         return torch.cat(maps[-len(self.layers[2]) :], 1)
 
 
-def load_features(name: str = "auto", progress: Progress = silent) -> PatchFeatures | VggFeatures:
+FeatureNetwork = PatchFeatures | VggFeatures
+"""What styles are matched with."""
+
+
+def load_features(name: str = "auto", progress: Progress = silent) -> FeatureNetwork:
     """A frozen feature network.
 
     Args:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,29 +12,23 @@ import torch
 from numpy.typing import NDArray
 
 from svv._version import __version__
-from svv.errors import BadInput, Progress, part, silent
-from svv.fields.networks import UnrestrictedField
+from svv.errors import BadInput, Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
-from svv.measure import give_memory_back, measured
-from svv.styles.features import PatchFeatures, load_features
+from svv.measure import measured
+from svv.styles.features import load_features
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, lit_by, preset
-from svv.train.contrast import match_contrast
 from svv.train.evaluate import evaluate_scene as evaluate_scene
-from svv.train.ink import PAPER, Ink, Style
-from svv.train.loop import Loop
-from svv.train.previews import Previews, Show
-from svv.train.start import is_laid, run_stage, started, targets_of
-from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
+from svv.train.ink import Ink, Style
+from svv.train.order import Painting, ordered
+from svv.train.previews import Show
+from svv.train.start import is_laid
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, loss_for
-from svv.train.stylize import Stylization
 from svv.train.training import Training
 
 LEAST_VIEWS = 3
-LEAST_STROKE, MOST_STROKE = 0.25, 4.0
-"""Between them a stroke is more than a pixel of the render and less than most regions."""
 
 
 def train_scene(
@@ -165,92 +158,32 @@ def stylize_scene(
             that is empty or of another size than its picture, a stroke size or strength out of range, going on with
             a scene that holds no styled network, a variant that exists, or ink where paint is no lattice.
     """
-    chosen, name = preset(preset_name), scene.free_name(variant)
-    if go_on and variant is None and scene.variant is not None:
-        name = scene.variant
-    masks, notes = checked_masks(masks, styles)
-    if mapping == "colour":
-        by_hand = pairs_by_colour(scene.regions, styles, masks, keep) or None
-    else:
-        by_hand = mapping
-    pairs = style_pairs(len(scene.regions), len(styles), by_hand, keep)
-    given = names or [f"style {k}" for k in range(len(styles))]
-    labels = [s.name if isinstance(s, Ink) else label for s, label in zip(styles, given, strict=True)]
-    inks = {k: replace(s, size=stroke_size) for k, v in pairs.items() if isinstance(s := styles[v], Ink)}
-    notes += leftovers(pairs, labels)
-    if not LEAST_STROKE <= stroke_size <= MOST_STROKE:
-        raise BadInput(f"The stroke size must lie between {LEAST_STROKE} and {MOST_STROKE:g}, not {stroke_size:g}.")
-    if not 0.0 < strength <= 1.0:
-        raise BadInput(
-            f"The strength must be more than 0 and at most 1, not {strength:g}: at 0 nothing of a style is seen."
-        )
-    if go_on and scene.styled is None:
-        raise BadInput("The scene holds no styled network to go on with: leave --continue out.")
-    settings, saved = chosen.stylize, None
-    laid_as_colours = is_laid(scene, settings)
-    if inks and not laid_as_colours:
+    chosen = preset(preset_name)
+    order = ordered(scene, styles, mapping, keep, names, masks, stroke_size, strength, go_on, variant)
+    if order.inks and not is_laid(scene, chosen.stylize):
         raise BadInput("Ink needs paint on a lattice: choose a scene and a preset of another kind than 'paper'.")
     network = None  # ink is not matched
-    if len(inks) < len(pairs):
+    if len(order.inks) < len(order.pairs):
         network = load_features(features, lambda _, label: progress(0.0, label))
-        notes += [network.note] if network.note else []
     weights = loss or (PAPER_LOSS if chosen.name == "paper" else loss_for(network) if network else StyleLossSettings())
     weights = replace(weights, style_size=round(weights.style_size * stroke_size))
+    saved = None
     if checkpoint is not None:
         key = {"scene": scene.made, "styles": [s.name if isinstance(s, Ink) else np.asarray(s) for s in styles],
-               "masks": masks, "pairs": sorted(pairs.items()), "go_on": go_on, "settings": asdict(settings),
-               "loss": asdict(weights), "seed": seed, "features": network and network.title}  # fmt: skip
+               "masks": order.masks, "pairs": sorted(order.pairs.items()), "go_on": go_on,
+               "settings": asdict(chosen.stylize), "loss": asdict(weights), "seed": seed,
+               "features": network and network.title}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
-    own = {k: r.style for k, r in enumerate(scene.regions) if go_on and r.style is not None}
-    regions = tuple(
-        replace(r, strength=float(strength)) if k in pairs else r if k in own else replace(r, strength=1.0)
-        for k, r in enumerate(scene.regions)
-    )
-    styles_of = {**own, **{k: labels[v] for k, v in pairs.items()}}
-
-    def painting(colours: UnrestrictedField) -> Scene:
-        return replace(scene, regions=regions).painted(colours, styles_of, {}, name)
-
-    previews = None if preview is None else Previews(preview, painting)
-    seconds: dict[str, float] = {"stylize": 0.0}
+    work = Painting(scene, order, chosen.stylize, weights, network, seed, saved, preview)
     forget_gpu_peak(scene.device)
     with measured() as cost:
-        network = None if network is None else network.to(scene.device)
-        pictures = {k: styles[v] for k, v in pairs.items() if k not in inks}
-        targets = {} if network is None else targets_of(
-            scene, network, pictures, {k: masks[pairs[k]] for k in pictures}, weights, settings, seed
-        )  # fmt: skip
-        assert scene.palette is not None
-        transferred = scene.palette.colours.detach().clone()
-        for region, target in targets.items() if settings.colour_transfer else ():
-            transferred[region] = target.statistics[0]
-        for region in inks:
-            transferred[region] = transferred.new_tensor(PAPER)
-        before = scene.styled if go_on else None
-        refined = [k for k in targets if go_on and scene.regions[k].style is not None]
-        # Patches know no shapes: what they make of strokes that are there is specks (docs/explanation/painting.md).
-        plain = laid_as_colours and weights.seeded and not refined and isinstance(network, PatchFeatures)
-        laid = plain or not targets
-        solved = laid_as_colours and weights.seeded and weights.contrast
-        end = 0.9 if solved else 1.0
-        told = part(progress, 0.0, end if laid else 0.3)
-        field = started(scene, transferred, targets, settings, seed, before, saved, seconds, told, previews, inks)
-        if not laid:
-            stylization = Stylization(scene, field, targets, settings, part(progress, 0.3, 0.35), refined)
-            watch = None if previews is None else partial(previews.look, field)
-            loop = Loop(settings.style_iterations, None, part(progress, 0.35, end), "stylization", watch=watch)
-            seconds["stylize"] = run_stage(loop, stylization, saved, "stylize")
-            del stylization, loop  # samples and moments, a third of a gigabyte: what follows has samples of its own
-            give_memory_back()
-        if solved:
-            match_contrast(scene, field, targets, settings, part(progress, end, 1.0))
-    seconds["total"] = cost.seconds
+        field = work.run(progress)
     field.requires_grad_(False)
-    styled = painting(field)
+    styled = order.painted(scene, field)
     if preview is not None:
         preview(styled)
     report = {
-        "seconds": seconds,
+        "seconds": {**work.seconds, "total": cost.seconds},
         "peak_rss_bytes": cost.peak_rss_bytes,
         "parameters": styled.info()["parameters"]["total"],
         **device_report(scene.device),
@@ -258,13 +191,13 @@ def stylize_scene(
         "seed": seed,
         "preset": chosen.name,
         "features": "none" if network is None else f"{network.title}, {network.channels} channels",
-        "styles": {str(k): labels[v] for k, v in pairs.items()},
-        "masked": sorted({labels[v] for v in pairs.values() if masks[v] is not None}),
+        "styles": {str(k): order.labels[v] for k, v in order.pairs.items()},
+        "masked": sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
         "stroke_size": stroke_size,
         "strength": strength,
-        "continued": refined,
-        "previews": [] if previews is None else previews.seconds,
-        "notes": notes,
+        "continued": work.refined,
+        "previews": [] if work.previews is None else work.previews.seconds,
+        "notes": [*order.notes, *([network.note] if network and network.note else [])],
     }
     return replace(styled, made={**scene.made, "stylized": report}), report
 

@@ -1,0 +1,185 @@
+"""Which region is painted with what, and the painting of it, stage after stage."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.errors import BadInput, Progress, part
+from svv.fields.networks import UnrestrictedField
+from svv.fields.region import Region
+from svv.fields.scene import Scene
+from svv.measure import give_memory_back
+from svv.styles.features import FeatureNetwork, PatchFeatures
+from svv.train.checkpoint import Checkpoint
+from svv.train.config import StylizeSettings
+from svv.train.contrast import match_contrast
+from svv.train.ink import PAPER, Ink, Style
+from svv.train.loop import Loop
+from svv.train.previews import Previews, Show
+from svv.train.start import is_laid, run_stage, started, targets_of
+from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
+from svv.train.style_loss import StyleLossSettings, StyleTarget
+from svv.train.stylize import Stylization
+
+LEAST_STROKE, MOST_STROKE = 0.25, 4.0
+"""Between them a stroke is more than a pixel of the render and less than most regions."""
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be painted, checked."""
+
+    styles: Sequence[Style]
+    labels: Sequence[str]
+    """What each style is called."""
+    masks: Sequence[Mask | None]
+    """Where each style teaches; None is all of it."""
+    pairs: Mapping[int, int]
+    """Style of each region that gets one."""
+    inks: Mapping[int, Ink]
+    """Those of them that are drawn in ink."""
+    regions: tuple[Region, ...]
+    """The scene's regions with the strength of their styles."""
+    named: Mapping[int, str]
+    """Name of the style of each region that has one in the end."""
+    name: str
+    """The variant's."""
+    go_on: bool
+    """Whether to begin with the scene's own paint."""
+    notes: Sequence[str]
+    """What the user should know of the choice."""
+
+    def painted(self, scene: Scene, colours: UnrestrictedField) -> Scene:
+        """The scene with these colours as the variant."""
+        return replace(scene, regions=self.regions).painted(colours, self.named, {}, self.name)
+
+
+def ordered(
+    scene: Scene,
+    styles: Sequence[Style],
+    mapping: dict[int, int] | Literal["colour"] | None,
+    keep: Collection[int],
+    names: Sequence[str] | None,
+    masks: Sequence[Mask | None] | None,
+    stroke_size: float,
+    strength: float,
+    go_on: bool,
+    variant: str | None,
+) -> Order:
+    """Who gets what; the arguments, and what is raised, are those of :func:`svv.train.pipeline.stylize_scene`."""
+    name = scene.free_name(variant)
+    if go_on and variant is None and scene.variant is not None:
+        name = scene.variant
+    masks, notes = checked_masks(masks, styles)
+    by_hand = (pairs_by_colour(scene.regions, styles, masks, keep) or None) if mapping == "colour" else mapping
+    pairs = style_pairs(len(scene.regions), len(styles), by_hand, keep)
+    given = names or [f"style {k}" for k in range(len(styles))]
+    labels = [s.name if isinstance(s, Ink) else label for s, label in zip(styles, given, strict=True)]
+    if not LEAST_STROKE <= stroke_size <= MOST_STROKE:
+        raise BadInput(f"The stroke size must lie between {LEAST_STROKE} and {MOST_STROKE:g}, not {stroke_size:g}.")
+    if not 0.0 < strength <= 1.0:
+        raise BadInput(
+            f"The strength must be more than 0 and at most 1, not {strength:g}: at 0 nothing of a style is seen."
+        )
+    if go_on and scene.styled is None:
+        raise BadInput("The scene holds no styled network to go on with: leave --continue out.")
+    own = {k: r.style for k, r in enumerate(scene.regions) if go_on and r.style is not None}
+    regions = tuple(
+        replace(r, strength=float(strength)) if k in pairs else r if k in own else replace(r, strength=1.0)
+        for k, r in enumerate(scene.regions)
+    )
+    inks = {k: replace(s, size=stroke_size) for k, v in pairs.items() if isinstance(s := styles[v], Ink)}
+    return Order(
+        styles, labels, masks, pairs, inks, regions, {**own, **{k: labels[v] for k, v in pairs.items()}}, name, go_on,
+        [*notes, *leftovers(pairs, labels)],
+    )  # fmt: skip
+
+
+class Painting:
+    """Stage 3 of one scene: a start, matching, and contrast. ``seconds`` says how long each took."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        order: Order,
+        settings: StylizeSettings,
+        weights: StyleLossSettings,
+        network: FeatureNetwork | None,
+        seed: int,
+        saved: Checkpoint | None,
+        preview: Show | None,
+    ) -> None:
+        """Prepare it.
+
+        Args:
+            scene: With a palette colour network.
+            order: What is to be painted.
+            settings: Of stage 3.
+            weights: What pulls the images towards the styles.
+            network: Whose features are matched; None where all is ink.
+            seed: Of all that is drawn at random.
+            saved: Where to go on from, and to save to.
+            preview: Shown the painting as it comes.
+        """
+        self.scene, self.order, self.settings, self.weights = scene, order, settings, weights
+        self.network, self.seed, self.saved = network, seed, saved
+        self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
+        self.seconds: dict[str, float] = {"stylize": 0.0}
+        self.refined: list[int] = []
+        """Regions that go on from the paint that they have."""
+
+    def run(self, progress: Progress) -> UnrestrictedField:
+        """The paint."""
+        scene, order, settings = self.scene, self.order, self.settings
+        targets = self._targets()
+        self.refined = [k for k in targets if order.go_on and scene.regions[k].style is not None]
+        as_colours = is_laid(scene, settings) and self.weights.seeded
+        # Patches know no shapes: what they make of strokes that are there is specks (docs/explanation/painting.md).
+        plain = as_colours and not self.refined and isinstance(self.network, PatchFeatures)
+        laid, end = plain or not targets, 0.9 if as_colours and self.weights.contrast else 1.0
+        field = started(
+            scene, self._transferred(targets), targets, settings, self.seed, scene.styled if order.go_on else None,
+            self.saved, self.seconds, part(progress, 0.0, end if laid else 0.3), self.previews, order.inks,
+        )  # fmt: skip
+        if not laid:
+            self._match(field, targets, part(progress, 0.3, end))
+            give_memory_back()  # samples and moments, a third of a gigabyte: what follows has samples of its own
+        if end < 1.0:
+            match_contrast(scene, field, targets, settings, part(progress, end, 1.0))
+        return field
+
+    def _targets(self) -> dict[int, StyleTarget]:
+        """What each region is drawn towards."""
+        if self.network is None:
+            return {}
+        order = self.order
+        pictures = {k: order.styles[v] for k, v in order.pairs.items() if k not in order.inks}
+        masks = {k: order.masks[order.pairs[k]] for k in pictures}
+        network = self.network.to(self.scene.device)
+        return targets_of(self.scene, network, pictures, masks, self.weights, self.settings, self.seed)
+
+    def _transferred(self, targets: Mapping[int, StyleTarget]) -> Tensor:
+        """The palette with the mean colours of styles, and paper where ink is drawn. (P, 3)"""
+        assert self.scene.palette is not None
+        colours = self.scene.palette.colours.detach().clone()
+        for region, target in targets.items() if self.settings.colour_transfer else ():
+            colours[region] = target.statistics[0]
+        for region in self.order.inks:
+            colours[region] = colours.new_tensor(PAPER)
+        return colours
+
+    def _match(self, field: UnrestrictedField, targets: dict[int, StyleTarget], progress: Progress) -> None:
+        """Join the pieces by matching features, or make strokes where none were laid."""
+        work = Stylization(self.scene, field, targets, self.settings, part(progress, 0.0, 0.08), self.refined)
+        watch = None if self.previews is None else partial(self.previews.look, field)
+        loop = Loop(self.settings.style_iterations, None, part(progress, 0.08, 1.0), "stylization", watch=watch)
+        self.seconds["stylize"] = run_stage(loop, work, self.saved, "stylize")

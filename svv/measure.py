@@ -1,4 +1,4 @@
-"""What a piece of work cost: seconds and peak memory; and how to leave memory and processors to others."""
+"""What a piece of work cost: seconds and peak memory; and how to leave memory and CPUs to others."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def share_processors(environ: MutableMapping[str, str]) -> None:
     """Let threads that wait for each other sleep after some ten microseconds; before torch is loaded.
 
     GNU OpenMP, which torch and numba use, waits for milliseconds at full load otherwise. Where another program wants
-    the processor, too, a thread then often waits for one that is not running because of it: beside one busy process
-    a step of training on two processors took 55 ms, and takes 32 ms so; alone 17 ms either way. What the user has
+    the CPU, too, a thread then often waits for one that is not running because of it: beside one busy process
+    a step of training on two CPU cores took 55 ms, and takes 32 ms so; alone 17 ms either way. What the user has
     set stays.
     """
     if "OMP_WAIT_POLICY" not in environ:

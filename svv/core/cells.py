@@ -12,7 +12,7 @@ def leaps(occupied: Tensor) -> Tensor:
     """How far a ray may leap: 0 in occupied cells, else the chessboard distance to the nearest, at most 255.
 
     Args:
-        occupied: uint8, on the processor. (X, Y, Z)
+        occupied: uint8, on the CPU. (X, Y, Z)
 
     Returns:
         uint8; 255 everywhere if no cell is occupied. (X, Y, Z)

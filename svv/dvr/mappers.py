@@ -289,7 +289,7 @@ def all_threads() -> Iterator[None]:
 
 
 def processors() -> int:
-    """Processors that this process may use."""
+    """CPUs that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

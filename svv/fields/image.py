@@ -1,4 +1,4 @@
-"""Rays to pixels of a palette scene on the processor: what :meth:`Scene.shade` says, with fused kernels, no gradients.
+"""Rays to pixels of a palette scene on the CPU: what :meth:`Scene.shade` says, with fused kernels, no gradients.
 
 A sixth of the time of an image went into passes over memory between the networks' products; here each is one pass.
 """
@@ -27,7 +27,7 @@ from svv.kernels.types import Samples
 
 
 def can_fuse(scene: Model) -> bool:
-    """Whether the kernels know the scene's networks: palette and lattices, on the processor."""
+    """Whether the kernels know the scene's networks: palette and lattices, on the CPU."""
     return (
         scene.palette is not None
         and isinstance(scene.base.encoding, SparseLattice)

@@ -58,7 +58,7 @@ class RayCaster:
     def in_sight(self, occupancy: Occupancy) -> Tensor:
         """Pixels of the first view that may look at something: flat indices, int64, in their order if all may. (R,)
 
-        Whole tiles of an image that look past all occupied cells are left out on the processor, where to march their
+        Whole tiles of an image that look past all occupied cells are left out on the CPU, where to march their
         rays takes as long as to march those that meet something; a GPU marches all at once.
         """
         everything = torch.arange(self.width * self.height, device=self.device)

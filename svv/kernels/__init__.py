@@ -1,5 +1,5 @@
 """The hot functions of the renderer and its training; references stand in ``svv.core``.
 
 One interface (:class:`svv.kernels.types.Kernels`), three ways to calculate it: :mod:`~svv.kernels.compiled`
-(numba, on the processor), :mod:`~svv.kernels.fused` (Triton, on the GPU) and :mod:`~svv.kernels.plain` (torch alone).
+(numba, on the CPU), :mod:`~svv.kernels.fused` (Triton, on the GPU) and :mod:`~svv.kernels.plain` (torch alone).
 """

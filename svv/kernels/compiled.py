@@ -1,4 +1,4 @@
-"""The kernels on the processor: numba, on the tensors' own memory. See :class:`svv.kernels.types.Kernels`."""
+"""The kernels on the CPU: numba, on the tensors' own memory. See :class:`svv.kernels.types.Kernels`."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from svv.kernels.types import Lattice, Limits, Samples
 
 NAME = "numba"
 RAYS = 1 << 13
-"""Their activations stay in the processor's cache (1 << 16 took 1.2 times as long)."""
+"""Their activations stay in the CPU's cache (1 << 16 took 1.2 times as long)."""
 SAMPLES = 1 << 14
-"""Their activations stay in the processor's cache."""
+"""Their activations stay in the CPU's cache."""
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:

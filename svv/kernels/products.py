@@ -1,4 +1,4 @@
-"""The small networks in half precision, on processors that multiply bfloat16 matrices (AMX).
+"""The small networks in half precision, on CPUs that multiply bfloat16 matrices (AMX).
 
 What goes in and comes out is float32, and so are the weights that learn; between, activations are bfloat16 (8 bits of
 mantissa, the exponents of float32) and every product adds up in float32. S samples.
@@ -22,7 +22,7 @@ which takes longer than the product itself."""
 
 @cache
 def processor_has_half() -> bool:
-    """Whether this processor multiplies bfloat16 matrices in hardware of its own, and torch can make use of it."""
+    """Whether this CPU multiplies bfloat16 matrices in hardware of its own, and torch can make use of it."""
     ask = getattr(torch.cpu, "get_capabilities", None)  # torch before 2.7 has no such question
     if ask is None or not ask().get("amx_bf16") or not hasattr(torch.ops.mkldnn, "_linear_pointwise"):
         return False

@@ -1,7 +1,7 @@
-"""Decides which build of torch is installed, and installs it: for the processor alone, or with CUDA.
+"""Decides which build of torch is installed, and installs it: for the CPU alone, or with CUDA.
 
 On Linux (x86-64) pip finds a build with CUDA, 5 GB that do nothing without an NVIDIA GPU. torch's own index has one
-for the processor alone. Needs nothing beyond Python's own library: ``make`` runs it before anything is installed.
+for the CPU alone. Needs nothing beyond Python's own library: ``make`` runs it before anything is installed.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def install(choice: str, there: Torch | None, pin: str, *options: str) -> None:
         return
     options = ("--no-deps", *options, *(["--force-reinstall"] if what.replace else []))
     if what.source == "index":
-        _say(f"torch: its build for the processor, {ABOUT['cpu']}, {what.reason}; TORCH=cuda chooses the other.")
+        _say(f"torch: its build for the CPU, {ABOUT['cpu']}, {what.reason}; TORCH=cuda chooses the other.")
         if installer.install([pin], "--index-url", index(), *options):
             return
         what = Plan("pip", f"as {index()} broke off")
@@ -190,7 +190,7 @@ def install(choice: str, there: Torch | None, pin: str, *options: str) -> None:
         if "==" in pin and installer.install([f"{pin}+cpu"], *options, quiet=True):
             return
         raise BadInput(
-            f"torch's build for the processor cannot be had, {what.reason}: name a mirror of it with SVV_TORCH_INDEX, "
+            f"torch's build for the CPU cannot be had, {what.reason}: name a mirror of it with SVV_TORCH_INDEX, "
             "a proxy with https_proxy, or take what pip finds with TORCH=cuda."
         )
     about = f", {ABOUT['cuda' if _pip_finds_cuda() else 'cpu']}"

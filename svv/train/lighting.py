@@ -67,7 +67,7 @@ def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
 def with_explicit_light(settings: FieldSettings, views: ViewSet) -> FieldSettings:
     """The settings with an explicit light, which is where the views were lit from.
 
-    VTK's ray caster on processors takes a headlight for parallel to the camera's axis, for which views carry its name;
+    VTK's ray caster on CPUs takes a headlight for parallel to the camera's axis, for which views carry its name;
     on GPUs, and others, for a point at the camera.
     """
     headlight = "axis" if views.meta.get("mapper") == "cpu" else "point"

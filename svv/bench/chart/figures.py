@@ -246,7 +246,7 @@ def _legend(rows: Sequence[Row], line: str, volume: bool = False, dashes: bool =
     if any(row.device != "cpu" for row in rows):
         handles.append(
             Line2D([], [], color="#333333", marker="s", markerfacecolor="white", linestyle="none",
-                   label="hollow: not on the processor")
+                   label="hollow: not on the CPU")
         )  # fmt: skip
     if volume and any(row.dvr_seconds is not None for row in rows):
         handles.append(Line2D([], [], color=DVR, linestyle=(0, (4, 2)), label="volume rendering (DVR), same views"))

@@ -38,7 +38,7 @@ class Grid:
     """Width of the rendered views in pixels; None for that of the training views."""
     devices: tuple[str, ...] = ("cpu",)
     kernels: tuple[str, ...] = ("fast",)
-    """``fast``: numba on the processor, Triton on a GPU. ``torch``: the plain reference."""
+    """``fast``: numba on the CPU, Triton on a GPU. ``torch``: the plain reference."""
     seeds: tuple[int, ...] = (0,)
     lightings: tuple[str, ...] = ("network",)
     """What scenes that show light are lit by: network, phong or auto."""

@@ -131,9 +131,9 @@ def facts(rows: Sequence[Row]) -> list[tuple[str, str]]:
         ("Runs", str(len({row.run for row in rows}))),
         ("Network", ", ".join(sorted({row.network for row in rows}))),
         ("Devices", ", ".join(sorted({row.device for row in rows}))),
-        ("Machine", f"{platform.machine()}, {os.cpu_count()} processors, {rows[0].threads} threads"),
+        ("Machine", f"{platform.machine()}, {os.cpu_count()} CPUs, {rows[0].threads} threads"),
         ("Load average when runs began", f"{min(loads):.1f} to {max(loads):.1f}; above 0 means that others used it"),
-        ("Processors used", f"{min(shares):.2f} to {max(shares):.2f} on average while training"),
+        ("CPUs used", f"{min(shares):.2f} to {max(shares):.2f} on average while training"),
         ("Files", "runs.csv and runs.json hold every figure; runs/ the scene files"),
     ]
     if any(row.resumed for row in rows):

@@ -47,7 +47,7 @@ class Row:
     train_seconds: float
     """Of all stages of training."""
     train_cpu_seconds: float
-    """Processor seconds of all threads meanwhile: far below seconds x processors where others used the machine."""
+    """CPU seconds of all threads meanwhile: far below seconds x CPUs where others used the machine."""
     hull_seconds: float
     base_seconds: float
     palette_seconds: float
@@ -60,7 +60,7 @@ class Row:
     view_seconds_least: float
     view_seconds_most: float
     view_cpu_seconds: float
-    """Processor seconds of all threads, median."""
+    """CPU seconds of all threads, median."""
     dvr_seconds: float | None
     """Of the same view by volume rendering in the same run, right before: median; None without the volume."""
     dvr_seconds_least: float | None

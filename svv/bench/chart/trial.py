@@ -146,7 +146,7 @@ class Dvr:
 
 @dataclass
 class Times:
-    """Seconds of a work and the processor seconds of all its threads, view after view."""
+    """Seconds of a work and the CPU seconds of all its threads, view after view."""
 
     seconds: list[float]
     cpu: list[float]
@@ -160,7 +160,7 @@ class Times:
         return result
 
     def summary(self) -> dict[str, Any]:
-        """Median, least and most, all of them, and the median of the processor seconds."""
+        """Median, least and most, all of them, and the median of the CPU seconds."""
         return {
             "median": float(np.median(self.seconds)),
             "least": min(self.seconds),

@@ -39,7 +39,7 @@ class Ceilings:
     operations: float
     """Additions and multiplications of a float32 matrix product."""
     half_operations: float | None
-    """Of a bfloat16 product; None where the processor has no units for it."""
+    """Of a bfloat16 product; None where the CPU has no units for it."""
     gathers: float
     """Reads at random places of a table of 1 MB."""
     far_gathers: float

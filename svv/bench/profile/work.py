@@ -43,7 +43,7 @@ class Work:
     items: float = 0
     """Samples, rays or rows that it is about."""
     bytes: float = 0
-    """Bytes that must move between memory and processor."""
+    """Bytes that must move between memory and CPU."""
     operations: float = 0
     """Additions and multiplications in single precision."""
     gathers: float = 0

@@ -133,8 +133,8 @@ def run(
         device.value,
         lighting.value,
     )
-    origin.identity()  # what is missing or cannot be is told before a picture of the gallery is written
-    check(settings)
+    check(settings)  # what cannot be is said before a picture of the gallery is written
+    origin.identity()
     print(run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown))
 
 

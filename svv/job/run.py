@@ -46,10 +46,10 @@ def run_job(
         BadInput: bad input anywhere, or a folder that cannot be written to.
         Cancelled: ``show``'s progress stopped the job; the same call goes on where it was.
     """
-    source.identity()  # what is missing is told before anything is made, and not after minutes of work
+    check(settings)  # what is wrong is said before anything is made, and not after minutes of work
+    source.identity()
     for style in styles:
         read_style(style)
-    check(settings)
     job = Job(source, styles, out, settings, stages or Stages(out, show))
     job.make_views()
     job.train()

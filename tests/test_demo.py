@@ -97,6 +97,19 @@ def test_a_changed_file_has_another_fingerprint(tmp_path: Path) -> None:
     assert key_of(fingerprint(file)) != before
 
 
+@pytest.mark.parametrize(
+    ("name", "line"), [("a.mhd", "ElementDataFile = voxels.raw"), ("a.nhdr", "data file: voxels.raw")]
+)
+def test_a_volume_is_known_by_the_voxels_that_its_header_names(tmp_path: Path, name: str, line: str) -> None:
+    (tmp_path / name).write_text(f"NDims = 3\n{line}\n")
+    (tmp_path / "voxels.raw").write_bytes(b"one")
+    source = VolumeSource(tmp_path / name)
+    before = key_of(source.identity())
+    assert key_of(source.identity()) == before
+    (tmp_path / "voxels.raw").write_bytes(b"other")
+    assert key_of(source.identity()) != before
+
+
 def test_peak_memory_is_that_of_the_work_alone() -> None:
     with measured() as large:
         np.ones(40_000_000).sum()

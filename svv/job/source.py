@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -103,7 +104,7 @@ class VolumeSource(Drawn):
             if not path.exists():
                 raise BadInput(f"There is no {kind} {path}; check the path.")
         return {
-            "files": [fingerprint(path) for _, path in files],
+            "files": [fingerprint(path) for _, path in files] + [fingerprint(path) for path in _data_of(self.volume)],
             "options": [self.dims, self.dtype, self.spacing, self.array],
         }
 
@@ -118,6 +119,17 @@ class VolumeSource(Drawn):
         return {"tf": self.tf}
 
 
+def _data_of(header: Path) -> list[Path]:
+    """The file that holds the voxels, where a header (.mhd, .nhdr) names one of its own."""
+    if header.suffix.lower() not in (".mhd", ".nhdr"):
+        return []
+    named = re.search(
+        r"^(?:ElementDataFile\s*=|data ?file:)\s*(\S.*?)\s*$", header.read_text("latin-1"), re.MULTILINE | re.IGNORECASE
+    )
+    data = header.parent / named[1] if named else header
+    return [data] if data != header and data.is_file() else []
+
+
 @dataclass(frozen=True)
 class ViewSource:
     """A folder of views, ours or other people's."""
@@ -128,7 +140,7 @@ class ViewSource:
         """What tells whether the views are still the same.
 
         Raises:
-            BadInput: the folder holds no training views.
+            BadInput: the folder holds no training views, or an image that they name is not there.
         """
         if not (self.folder / "transforms_train.json").exists():
             raise BadInput(f"{self.folder} holds no views: there is no transforms_train.json.")

@@ -1,4 +1,4 @@
-"""A pytest plugin: this processor multiplies bfloat16 matrices, as one with AMX does.
+"""A pytest plugin: this CPU multiplies bfloat16 matrices, as one with AMX does.
 
 ``python -m pytest -p tests.amx``: networks that are rough then take half precision, and what the unit would give is
 worked out in float32. It is slow, and right to the rounding: products of two bfloat16 numbers are exact in float32.
@@ -11,7 +11,7 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from svv.kernels import products
+from svv.kernels import bfloat16
 
 
 def linear(x: Tensor, weight: Tensor, bias: None, activation: str, *_: object) -> Tensor:
@@ -21,4 +21,4 @@ def linear(x: Tensor, weight: Tensor, bias: None, activation: str, *_: object) -
 
 
 torch.ops.mkldnn._linear_pointwise = linear  # type: ignore[attr-defined]
-products.processor_has_half = cache(lambda: True)
+bfloat16.cpu_has_bfloat16 = cache(lambda: True)

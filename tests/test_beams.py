@@ -15,7 +15,7 @@ from svv.fields.networks import BaseField, FieldSettings
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching, RayCaster, march
 from svv.fields.scene import Scene
-from svv.kernels import compiled
+from svv.kernels import numba_kernels
 from svv.kernels.dispatch import CPU
 
 BOX = Box((-2.0, 1.0, 0.0), 3.0, (1.0, 0.9, 0.75))
@@ -71,7 +71,7 @@ def test_images_are_those_of_all_pixels(away: float, monkeypatch: pytest.MonkeyP
     base.encoding.randomize(1.0, torch.Generator().manual_seed(0))
     scene = Scene(settings, occupancy, Marching(1 / 32), base.requires_grad_(False))
     camera = camera_at(3, away, 1.0, 75, 50)
-    monkeypatch.setattr(compiled, "RAYS", 1000)  # so that there are several pieces
+    monkeypatch.setattr(numba_kernels, "RAYS", 1000)  # so that there are several pieces
     image = scene.render(camera)
     monkeypatch.setattr(RayCaster, "in_sight", lambda self, _: torch.arange(self.width * self.height))
     whole = scene.render(camera)

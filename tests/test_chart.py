@@ -40,7 +40,7 @@ def test_each_setting_makes_another_run_and_the_same_settings_the_same() -> None
     changes: list[dict[str, Any]] = [
         {"scene": "foot"}, {"source": "other"}, {"preset": "draft"}, {"encoding": "hash"}, {"size": 200},
         {"limit": 60.0}, {"limit": None}, {"device": "other"}, {"seed": 1},
-        {"kernels": "torch"}, {"lighting": "phong"},
+        {"kernels": "reference"}, {"lighting": "phong"},
     ]  # fmt: skip
     names = {replace(RUN, **change).name for change in changes}
     assert len(names | {RUN.name}) == len(changes) + 1
@@ -353,14 +353,14 @@ def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture
     write_json(tmp_path / "tf.json", [demo_transfer_function().to_dict()])
     out = tmp_path / "out"
     arguments = [str(tmp_path / "ball.vti"), "--tf", str(tmp_path / "tf.json"), "--presets", "draft", "--encodings",
-                 "lattice", "--kernels", "fast,torch", "--lighting", "auto", "--time-limits", "1", "--sizes", "32",
+                 "lattice", "--kernels", "auto,reference", "--lighting", "auto", "--time-limits", "1", "--sizes", "32",
                  "--render-sizes", "48", "--n", "12", "--test", "5", "--out", str(out)]  # fmt: skip
     cli.app(["bench", "chart", *arguments], prog_name="svv", standalone_mode=False)
     said = capsys.readouterr()
     assert said.out == f"{out / 'chart.html'}\n"
     assert said.err.startswith("2 runs to train")
     run, plain = json.loads((out / "runs.json").read_text())["runs"]
-    assert [run["kernels"], plain["kernels"]] == ["numba", "torch"]
+    assert [run["kernels"], plain["kernels"]] == ["numba", "reference"]
     assert (run["scene"], run["preset"], run["encoding"], run["device"], run["seed"]) == (
         "ball", "draft", "lattice", "cpu", 0,
     )  # fmt: skip

@@ -95,20 +95,20 @@ def test_report_of_the_processor() -> None:
 def test_a_gpu_without_triton_says_so_once(
     fresh_choice: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delitem(sys.modules, "svv.kernels.fused", raising=False)
+    monkeypatch.delitem(sys.modules, "svv.kernels.triton_kernels", raising=False)
     monkeypatch.setitem(sys.modules, "triton", None)  # an import of it fails from here on
-    monkeypatch.delitem(sys.modules, "svv.kernels.fused_rays", raising=False)
-    monkeypatch.delitem(sys.modules, "svv.kernels.fused_tables", raising=False)
-    assert [kernels_of("cuda").NAME, kernels_of("cuda").NAME] == ["torch", "torch"]
+    monkeypatch.delitem(sys.modules, "svv.kernels.triton_rays", raising=False)
+    monkeypatch.delitem(sys.modules, "svv.kernels.triton_tables", raising=False)
+    assert [kernels_of("cuda").NAME, kernels_of("cuda").NAME] == ["reference", "reference"]
     assert capsys.readouterr().err.count("\n") == 1
     assert kernels_of("cpu").NAME == "numba"
 
 
-def test_the_plain_reference_can_be_asked_for(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_reference_can_be_asked_for(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:
     scene, camera = small_scene(), sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 24)[0]
     fast = scene.render(camera).rgba
     away = replace(camera, camera_to_world=camera.camera_to_world @ np.diag([-1.0, 1.0, -1.0, 1.0]))
-    for value, name in (("torch", "torch"), ("", "numba")):
+    for value, name in (("reference", "reference"), ("torch", "reference"), ("", "numba")):
         monkeypatch.setenv(dispatch.KERNELS, value)
         kernels_of.cache_clear()
         assert kernels_of("cpu").NAME == name
@@ -116,7 +116,7 @@ def test_the_plain_reference_can_be_asked_for(fresh_choice: None, monkeypatch: p
         assert not scene.render(away).rgba.any()  # no ray of it meets the box
     monkeypatch.setenv(dispatch.KERNELS, "numba")
     kernels_of.cache_clear()
-    with pytest.raises(BadInput, match="can be 'torch'"):
+    with pytest.raises(BadInput, match="can be 'reference'"):
         kernels_of("cpu")
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from svv.errors import BadInput, silent
-from svv.kernels.inking import flat_distance
+from svv.kernels.numba_inking import flat_distance
 from svv.styles.gallery import open_style
 from svv.train.form import form_of_opacity
 from svv.train.ink import (

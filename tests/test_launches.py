@@ -36,7 +36,7 @@ if not GPU:
     # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
     assert "triton" not in sys.modules or os.environ.get("TRITON_INTERPRET") == "1"
     os.environ["TRITON_INTERPRET"] = "1"
-from svv.kernels import fused  # noqa: E402
+from svv.kernels import triton_kernels  # noqa: E402
 
 pytestmark = pytest.mark.skipif(GPU, reason="counted in the interpreter; on a GPU a profiler counts better")
 
@@ -81,7 +81,7 @@ def count(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], l
     """Names of the operations that a function starts."""
     from triton.runtime.interpreter import GridExecutor
 
-    monkeypatch.setattr(dispatch, "kernels_of", lambda kind: fused)
+    monkeypatch.setattr(dispatch, "kernels_of", lambda kind: triton_kernels)
     counter, launch, step = Counter(), GridExecutor.__call__, torch.optim.Adam.step
 
     def counted_launch(self: Any, *args: Any, **kwargs: Any) -> Any:

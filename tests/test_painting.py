@@ -15,7 +15,7 @@ from svv.errors import silent
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
-from svv.kernels.quilting import mirrored, misfits, places
+from svv.kernels.numba_quilting import mirrored, misfits, places
 from svv.styles.features import PatchFeatures
 from svv.train.distil import paint_pixel
 from svv.train.form import Form, form_of_opacity, tangents

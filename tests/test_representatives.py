@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from svv.fields.rendering import composite, representatives
-from svv.kernels import compiled, plain
+from svv.kernels import numba_kernels, reference
 from svv.kernels.types import Samples
 
 STEP = 0.1
@@ -52,8 +52,8 @@ def test_each_sample_is_stood_for_on_its_own_ray(counts: list[int], seed: int, t
 def test_the_kernel_chooses_as_the_reference(counts: list[int], seed: int, thick: float, every: float) -> None:
     samples = samples_of(counts, seed, thick)
     shift = torch.rand(len(counts), generator=torch.Generator().manual_seed(seed))
-    expected = plain.representatives(samples, every, shift)
-    for got, right in zip(compiled.representatives(samples, every, shift), expected, strict=True):
+    expected = reference.representatives(samples, every, shift)
+    for got, right in zip(numba_kernels.representatives(samples, every, shift), expected, strict=True):
         assert torch.equal(got, right)
 
 

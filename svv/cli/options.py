@@ -38,11 +38,11 @@ class Lighting(str, Enum):
     phong = "phong"
 
 
-class KernelFamily(str, Enum):
-    """What a measured run calculates with."""
+class KernelChoice(str, Enum):
+    """The kernels of a measured run: those that its device has by default, or the reference."""
 
-    fast = "fast"
-    torch = "torch"
+    auto = "auto"
+    reference = "reference"
 
 
 class Processor(str, Enum):

@@ -51,7 +51,7 @@ def march(
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
     """Sample rays at a fixed step where cells are occupied; keep the samples that matter.
 
-    What is kept, joined and skipped is told in :func:`svv.kernels.marching.march`.
+    What is kept, joined and skipped is told in :func:`svv.kernels.numba_marching.march`.
 
     Args:
         origins: Where R rays begin. (R, 3)

@@ -21,7 +21,7 @@ from svv.fields.paint_light import lights_of
 from svv.fields.phong import SCALE, SOFT, Beams, PhongLight
 from svv.fields.rendering import Rays
 from svv.fields.stroke_opacity import followed
-from svv.kernels import image as kernels
+from svv.kernels import numba_image as kernels
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Samples
 

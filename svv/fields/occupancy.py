@@ -15,7 +15,7 @@ from svv.core.cameras import Camera
 from svv.core.cells import widened
 from svv.errors import BadInput
 from svv.kernels.dispatch import kernels_of
-from svv.kernels.hull import visual_hull
+from svv.kernels.numba_hull import visual_hull
 
 MASK_SIZE = 256
 """Longest side of the masks the hull is carved from, in pixels: finer masks cost time and carve nothing more."""

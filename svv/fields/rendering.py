@@ -18,7 +18,7 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
-from svv.kernels import beams, compiled
+from svv.kernels import numba_beams, numba_kernels
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Limits, Samples
 
@@ -62,16 +62,16 @@ class RayCaster:
         rays takes as long as to march those that meet something; a GPU marches all at once.
         """
         everything = torch.arange(self.width * self.height, device=self.device)
-        if kernels_for(self._focal).NAME != compiled.NAME:
+        if kernels_for(self._focal).NAME != numba_kernels.NAME:
             return everything
-        seen = np.zeros((-(-self.height // beams.TILE), -(-self.width // beams.TILE)), np.uint8)
+        seen = np.zeros((-(-self.height // numba_beams.TILE), -(-self.width // numba_beams.TILE)), np.uint8)
         camera = (a[0].numpy().astype(np.float64) for a in (self._rotations, self._positions))
         distance = occupancy.distance_on(self.device).numpy()
-        beams.tiles_in_sight(
+        numba_beams.tiles_in_sight(
             *camera, float(self._focal[0]), self.width, self.height, distance, float(occupancy.cells),
             np.asarray(occupancy.box.extent, np.float64), seen,
         )  # fmt: skip
-        return everything if seen.all() else torch.from_numpy(beams.pixels_of(seen, self.width, self.height))
+        return everything if seen.all() else torch.from_numpy(numba_beams.pixels_of(seen, self.width, self.height))
 
     def axes(self, pixels: Tensor) -> Tensor:
         """Unit vectors along the camera's axis, backwards, for flat pixel indices as :meth:`rays` takes them. (R, 3)"""

@@ -17,7 +17,9 @@ from svv.kernels.types import Kernels
 CPU = torch.device("cpu")
 
 KERNELS = "SVV_KERNELS"
-"""Variable of the environment that says ``torch`` where our kernels are to be compared with the plain reference."""
+"""Environment variable that, set to ``reference``, has the plain torch reference run instead of faster kernels.
+
+``torch`` means the same: the reference was called so before."""
 
 
 @cache
@@ -25,17 +27,17 @@ def kernels_of(kind: str) -> Kernels:
     """The kernels for a kind of device, ``cpu`` or ``cuda``.
 
     Raises:
-        BadInput: the environment's ``SVV_KERNELS`` is neither ``torch``, for the plain reference, nor empty.
+        BadInput: the environment's ``SVV_KERNELS`` is neither ``reference`` (or ``torch``, its former name) nor empty.
     """
     wanted = os.environ.get(KERNELS, "")
-    if wanted not in ("", "torch"):
-        raise BadInput(f"{KERNELS} can be 'torch', for the plain reference, or unset, not '{wanted}'.")
-    name = "plain" if wanted else "compiled" if kind == "cpu" else "fused"
+    if wanted not in ("", "reference", "torch"):
+        raise BadInput(f"{KERNELS} can be 'reference', for plain torch, or unset, not '{wanted}'.")
+    name = "reference" if wanted else "numba_kernels" if kind == "cpu" else "triton_kernels"
     try:
         kernels: Any = import_module(f"svv.kernels.{name}")
     except ImportError as error:
         print(f"The GPU runs plain torch, which is slower, because Triton is missing ({error}).", file=sys.stderr)
-        kernels = import_module("svv.kernels.plain")
+        kernels = import_module("svv.kernels.reference")
     return cast(Kernels, kernels)
 
 

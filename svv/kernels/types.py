@@ -64,6 +64,7 @@ class Kernels(Protocol):
     """
 
     NAME: str
+    """``reference``, ``numba`` or ``triton``, for reports; what a set can do is never asked by its name."""
     RAYS: int
     """Rays of an image that are rendered at a time."""
     SAMPLES: int
@@ -98,14 +99,14 @@ class Kernels(Protocol):
     ) -> tuple[Tensor, Tensor]:
         """Origins and unit directions (R, 3) of rays through flat pixel indices (R,) int64.
 
-        ``cameras``: rotations (N, 3, 3), positions (N, 3) and focal lengths (N,), see :mod:`svv.kernels.rays`.
+        ``cameras``: rotations (N, 3, 3), positions (N, 3) and focal lengths (N,), see :mod:`svv.kernels.numba_rays`.
         """
 
     def march(
         self, origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
         lattice: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
     ) -> tuple[Samples, int]:  # fmt: skip
-        """March rays through the occupied cells and keep the samples that matter; see :mod:`svv.kernels.marching`.
+        """March rays through the occupied cells and keep the samples that matter (:mod:`svv.kernels.numba_marching`).
 
         ``distance`` (X, Y, Z) uint8: how far a ray may leap; ``extent``: sides of the box; ``table`` (V, 1);
         ``room``: samples a ray for which there is room, to begin with; the number returned is what sufficed.

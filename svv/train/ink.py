@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.images import DRAWN
-from svv.kernels import inking
+from svv.kernels import numba_inking
 from svv.styles.gallery import open_style
 from svv.train.form import Floats, Form
 from svv.train.quilt import LIGHT
@@ -196,7 +196,7 @@ class Sheet:
         normals, tangents, _ = form.frames(points)
         tone = tones(form, points, normals)
         out = np.empty((len(points), 10))
-        inking.settle(side, slot, points, normals, tangents, tone, out)
+        numba_inking.settle(side, slot, points, normals, tangents, tone, out)
         _, kept, slot = _in_cubes(out[:, :3].astype(np.float32), side)
         out = out[kept]
         rank = np.argsort(np.argsort(out[:, 9])) / max(len(out) - 1, 1)
@@ -257,13 +257,16 @@ def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
     size = 1.5 * float(distance.max(initial=unit))
     head, following = _bins(size, len(place))
     kept = np.empty(len(place), np.int64)
-    count = inking.scatter(place, normal, distance, THIN * cell, size, head, following, kept)
+    count = numba_inking.scatter(place, normal, distance, THIN * cell, size, head, following, kept)
     own = kept[:count]
     return Strokes(place[own], normal[own], radius[own].astype(np.float32), np.arange(count), np.zeros(count, np.int64))
 
 
 class Family:
-    """Lines that share a direction, as the kernels fill them in; ``start`` as of :func:`svv.kernels.inking.draw`."""
+    """Lines that share a direction, as the kernels fill them in.
+
+    ``start`` is as of :func:`svv.kernels.numba_inking.draw`.
+    """
 
     def __init__(self, sheet: Sheet, angle: float, side: float, most: int) -> None:
         """Room for as many points of lines as ``most``, in bins of a side, on a sheet whose tangents are turned."""
@@ -280,7 +283,7 @@ class Family:
         least = layer.tone + generator.uniform(-0.05, 0.05, 997)
         longest = (generator.uniform(*LENGTHS, 991) / STEP).astype(np.int64)
         apart = layer.apart * unit * (SQUEEZED if layer.between else 1.0)
-        self.count = inking.draw(
+        self.count = numba_inking.draw(
             order, least, longest, apart, NEAREST * apart, thin, STEP * unit, int(SHORTEST / STEP),
             *self.sheet.looked_up, self.side, self.head, self.following, self.where, self.normal, self.tangent,
             self.tone, self.start, self.count,
@@ -350,13 +353,13 @@ class Drawing:
         radius = float(self.strokes.radius.max(initial=0.0)) + SOFT * cell
         self._side = float(np.hypot(self.depth, radius))
         self._head, self._following = _bins(self._side, len(self.strokes.where))
-        inking.put_all(self.strokes.where, self._side, self._head, self._following)
+        numba_inking.put_all(self.strokes.where, self._side, self._head, self._following)
 
     def covered(self, position: Floats) -> Floats:
         """How much of box coordinates (V, 3) is ink, in [0, 1]. (V,)"""
         out = np.empty(len(position), np.float32)
         normal = self.form.frames(position)[0]
-        inking.cover(
+        numba_inking.cover(
             np.ascontiguousarray(position, np.float32), normal, self.depth, self.thin, SOFT * self.cell, self._side,
             self._head, self._following, self.strokes.where, self.strokes.normal, self.strokes.radius, out,
         )  # fmt: skip

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from svv.errors import Progress
-from svv.kernels.quilting import misfits, paint, places
+from svv.kernels.numba_quilting import misfits, paint, places
 from svv.train.form import Floats, Form, tangents
 
 RADIUS = 30.0

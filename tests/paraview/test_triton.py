@@ -110,7 +110,7 @@ def render():
     shown()
     Render()
 def compile():
-    import shutil, test_fused_compiles as tests
+    import shutil, test_triton_compiles as tests
     shutil.rmtree(os.environ["TRITON_CACHE_DIR"], ignore_errors=True)
     tests.KERNELS, tests.NETWORKS = [k for k in tests.KERNELS if k[0] == "harmonics"], []
     tests.compile_all()

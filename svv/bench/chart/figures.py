@@ -24,10 +24,10 @@ COLOURS = {
     "hash": "#c2571a",
     "lattice, phong": "#2f7d3b",
     "lattice, auto": "#7a4a9e",
-    "lattice, plain torch": "#7ab6dc",
-    "hash, plain torch": "#eaa77f",
-    "lattice, phong, plain torch": "#93c99b",
-    "lattice, auto, plain torch": "#c3a5dc",
+    "lattice, reference kernels": "#7ab6dc",
+    "hash, reference kernels": "#eaa77f",
+    "lattice, phong, reference kernels": "#93c99b",
+    "lattice, auto, reference kernels": "#c3a5dc",
 }
 MARKERS = {"draft": "o", "fast": "s", "balanced": "D", "paper": "^"}
 DASHES: dict[str, Any] = {

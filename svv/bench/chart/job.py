@@ -115,7 +115,7 @@ class Chart:
                 "device": run.device,
                 "volume": scene.as_task(),
             }
-        run_apart(task, progress, {KERNELS: "torch" if run.kernels == "torch" else ""})
+        run_apart(task, progress, {KERNELS: "reference" if run.kernels == "reference" else ""})
 
     def rows(self) -> list[Row]:
         """One row for each run of this command and rendered size that is done, in the command's order."""

@@ -17,8 +17,8 @@ SECONDS = {"draft": 40.0, "fast": 120.0, "balanced": 250.0, "paper": 9000.0}
 HASH_TAKES = 4.0
 """Rough factor on them with a hash grid."""
 
-TORCH_TAKES = 8.0
-"""Rough factor on them with plain torch."""
+REFERENCE_TAKES = 8.0
+"""Rough factor on them with the reference kernels."""
 
 LEAST_VIEWS = 5
 """Timed views of a run at least: a median of fewer says little."""
@@ -37,8 +37,8 @@ class Grid:
     render_sizes: tuple[int | None, ...] = (None,)
     """Width of the rendered views in pixels; None for that of the training views."""
     devices: tuple[str, ...] = ("cpu",)
-    kernels: tuple[str, ...] = ("fast",)
-    """``fast``: numba on the CPU, Triton on a GPU. ``torch``: the plain reference."""
+    kernels: tuple[str, ...] = ("auto",)
+    """``auto``: numba on the CPU, Triton on a GPU. ``reference``: plain torch."""
     seeds: tuple[int, ...] = (0,)
     lightings: tuple[str, ...] = ("network",)
     """What scenes that show light are lit by: network, phong or auto."""
@@ -73,7 +73,7 @@ class Training:
     limit: float | None
     device: str
     seed: int
-    kernels: str = "fast"
+    kernels: str = "auto"
     lighting: str = "network"
 
     @property
@@ -87,7 +87,7 @@ class Training:
         chosen = lit_by(preset(self.preset, self.encoding), self.lighting)
         key = digest({"run": asdict(self), "preset": asdict(chosen)})
         limit = "full" if self.limit is None else f"{self.limit:g}s"
-        where = self.device if self.kernels == "fast" else f"{self.device}-{self.kernels}"
+        where = self.device if self.kernels == "auto" else f"{self.device}-{self.kernels}"
         table = self.encoding if self.lighting == "network" else f"{self.encoding}-{self.lighting}"
         return "-".join((self.scene, self.preset, table, f"{self.size}px", limit, where, f"seed{self.seed}", key))
 
@@ -95,7 +95,7 @@ class Training:
     def expected(self) -> float:
         """Rough seconds that it takes."""
         whole = SECONDS[self.preset] * (HASH_TAKES if self.encoding == "hash" else 1.0)
-        whole *= TORCH_TAKES if self.kernels == "torch" else 1.0
+        whole *= REFERENCE_TAKES if self.kernels == "reference" else 1.0
         return 15.0 + (whole if self.limit is None else min(whole, self.limit))
 
 

@@ -92,9 +92,9 @@ class Row:
 
     @property
     def kind(self) -> str:
-        """Its encoding, its light where that is not the network's, its kernels where they are the plain reference."""
+        """Its encoding, its light where that is not the network's, its kernels where they are the reference."""
         light = "" if self.lighting == "network" else f", {self.lighting}"
-        return f"{self.encoding}{light}" + ", plain torch" * (self.kernels == "torch")
+        return f"{self.encoding}{light}" + ", reference kernels" * (self.kernels == "reference")
 
     @property
     def limit(self) -> str:

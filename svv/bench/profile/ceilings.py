@@ -12,7 +12,7 @@ import torch
 from numba import njit, prange
 
 from svv.bench.profile.work import Work
-from svv.kernels.products import processor_has_half
+from svv.kernels.bfloat16 import cpu_has_bfloat16
 
 STREAM = 1 << 25
 """Numbers that are copied from one place to another: 128 MB, more than a cache of one's own."""
@@ -66,7 +66,7 @@ def measure_ceilings() -> Ceilings:
     stream = 8 * STREAM / _best(partial(a.copy_, b))
     rate = {}
     for kind in (torch.float32, torch.bfloat16):
-        if kind == torch.float32 or processor_has_half():
+        if kind == torch.float32 or cpu_has_bfloat16():
             x, y = torch.ones(SIDE, SIDE, dtype=kind), torch.ones(SIDE, SIDE, dtype=kind)
             rate[kind] = 2 * SIDE**3 / _best(partial(torch.matmul, x, y))
     rows = np.random.default_rng(0).integers(0, FAR, READS, dtype=np.int64)

@@ -20,8 +20,8 @@ from svv.fields.region import Region
 from svv.fields.rendering import Marching
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
+from svv.kernels.bfloat16 import cpu_has_bfloat16
 from svv.kernels.dispatch import CPU, kernels_of
-from svv.kernels.products import processor_has_half
 from svv.train.batches import RayPool
 from svv.train.config import Preset, fitted_field, preset
 from svv.train.lighting import shows_light
@@ -71,7 +71,7 @@ def profile_views(
     progress(1.0, "an image")
     return {
         "profiles": work.profiles, "ceilings": work.ceilings, "threads": torch.get_num_threads(),
-        "half": processor_has_half(), "preset": chosen.name, "views": len(views.cameras),
+        "half": cpu_has_bfloat16(), "preset": chosen.name, "views": len(views.cameras),
         "size": [camera.width, camera.height],
     }  # fmt: skip
 

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-import svv.kernels.image
+import svv.kernels.numba_image
 import svv.train.reconstruct
 from svv.core.encodings import lattice_corners
 from svv.kernels.types import Kernels, Lattice
@@ -72,7 +72,7 @@ class Watched:
 
 def watched(kernels: Kernels) -> list[Watched]:
     """What is looked at: the kernels that run, and the functions of the training that do work of their own."""
-    march, image = kernels.march, svv.kernels.image
+    march, image = kernels.march, svv.kernels.numba_image
     return [
         Watched(RayPool, "batch", "draw pixels", lambda a: Work(a[2], 40 * a[2], 0, a[2])),
         Watched(kernels, "pixel_rays", "rays", lambda a: Work(len(a[0]), 32 * len(a[0]), 40 * len(a[0]))),

@@ -10,7 +10,7 @@ import typer
 
 from svv.cli.options import (
     Encoding,
-    KernelFamily,
+    KernelChoice,
     Lighting,
     Mapper,
     MapperOption,
@@ -64,9 +64,9 @@ def chart(
     kernels: Annotated[
         str,
         typer.Option(
-            metavar="A,B", help="Kernels, of fast (numba on a CPU, Triton on a GPU) and torch (the plain reference)."
+            metavar="A,B", help="Kernels, of auto (numba on a CPU, Triton on a GPU) and reference (plain torch)."
         ),
-    ] = "fast",
+    ] = "auto",
     seeds: Annotated[str, typer.Option(metavar="N,...", help="Seeds, one run for each.")] = "0",
     lighting: Annotated[
         str, typer.Option(metavar="A,B", help="Lights, of network, phong (needs the lattice) and auto; see svv train.")
@@ -93,7 +93,7 @@ def chart(
         (None,) if sizes is None else parse_whole(sizes, "--sizes", 16),
         (None,) if render_sizes is None else parse_whole(render_sizes, "--render-sizes", 16),
         parse_choices(devices, "--devices", Processor),
-        parse_choices(kernels, "--kernels", KernelFamily),
+        parse_choices(kernels, "--kernels", KernelChoice),
         parse_whole(seeds, "--seeds"),
         parse_choices(lighting, "--lighting", Lighting),
     )

@@ -1,6 +1,6 @@
 """Cells, directions and representatives: the Triton kernels against their references.
 
-Where there is a GPU they run on it; elsewhere in Triton's interpreter. See ``tests/test_fused.py``.
+Where there is a GPU they run on it; elsewhere in Triton's interpreter. See ``tests/test_triton_kernels.py``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from svv.core.cells import leaps, widened
 from svv.core.encodings import directions_of_samples
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
-from svv.kernels import plain
+from svv.kernels import reference
 from svv.kernels.types import Samples
 
 GPU = torch.cuda.is_available()
@@ -28,7 +28,7 @@ if not GPU:
     # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
     assert "triton" not in sys.modules or os.environ.get("TRITON_INTERPRET") == "1"
     os.environ["TRITON_INTERPRET"] = "1"
-from svv.kernels import fused  # noqa: E402
+from svv.kernels import triton_kernels  # noqa: E402
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
 SHAPES = st.tuples(*[st.integers(1, 7)] * 3)
@@ -52,14 +52,14 @@ def test_leaps_end_at_the_nearest_occupied_cell(shape: tuple[int, int, int], sha
     expected = nearest(occupied.numpy())
     assert leaps(occupied).dtype == torch.uint8
     np.testing.assert_array_equal(leaps(occupied), expected)
-    np.testing.assert_array_equal(plain.leaps(occupied), expected)
-    np.testing.assert_array_equal(fused.leaps(occupied.to(DEVICE)).cpu(), expected)
+    np.testing.assert_array_equal(reference.leaps(occupied), expected)
+    np.testing.assert_array_equal(triton_kernels.leaps(occupied.to(DEVICE)).cpu(), expected)
 
 
 def test_no_leap_is_longer_than_a_byte() -> None:
     occupied = torch.zeros(1, 1, 300, dtype=torch.uint8)
     occupied[0, 0, 0] = 1
-    for found in (leaps(occupied), fused.leaps(occupied.to(DEVICE)).cpu()):
+    for found in (leaps(occupied), triton_kernels.leaps(occupied.to(DEVICE)).cpu()):
         assert found.flatten().tolist() == [min(k, 255) for k in range(300)]
 
 
@@ -97,7 +97,7 @@ def test_directions_are_the_reference(rays: int, count: int, seed: int) -> None:
     directions = torch.nn.functional.normalize(torch.randn(rays, 3, generator=generator), dim=1)
     ray = torch.randint(rays, (count,), generator=generator, dtype=torch.int32)
     expected = directions_of_samples(directions, ray)
-    got = fused.directions_of_samples(directions.to(DEVICE), ray.to(DEVICE))
+    got = triton_kernels.directions_of_samples(directions.to(DEVICE), ray.to(DEVICE))
     torch.testing.assert_close(got.cpu(), expected, atol=1e-6, rtol=1e-6)
 
 
@@ -119,12 +119,12 @@ def test_representatives_are_the_reference(counts: list[int], seed: int, every: 
     samples = samples_of(counts, seed)
     shift = torch.rand(len(counts), generator=torch.Generator().manual_seed(seed))
     moved = Samples(**{n: t.to(DEVICE) if torch.is_tensor(t) else t for n, t in vars(samples).items()})
-    rows, place = fused.representatives(moved, every, shift.to(DEVICE))
+    rows, place = triton_kernels.representatives(moved, every, shift.to(DEVICE))
     assert rows.dtype == place.dtype == torch.int64
     if sum(counts) == 0:
         assert len(rows) == len(place) == 0
         return
-    expected_rows, expected_place = plain.representatives(samples, every, shift)
+    expected_rows, expected_place = reference.representatives(samples, every, shift)
     # A cut within a rounding error of a sample's end may fall to its neighbour: then that ray differs.
     mine = samples_by_ray(samples, rows.cpu(), place.cpu())
     theirs = samples_by_ray(samples, expected_rows, expected_place)

@@ -60,11 +60,11 @@ def compile_all() -> None:
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
 
-    from svv.kernels import fused_networks, fused_rays, fused_tables
+    from svv.kernels import triton_networks, triton_rays, triton_tables
 
-    blocks = {"network": fused_networks.FORWARD.block, "network_backward": fused_networks.BACKWARD.block}
+    blocks = {"network": triton_networks.FORWARD.block, "network_backward": triton_networks.BACKWARD.block}
     for name, values in [*KERNELS, *NETWORKS]:
-        kernel = next(getattr(m, name) for m in (fused_tables, fused_rays, fused_networks) if hasattr(m, name))
+        kernel = next(getattr(m, name) for m in (triton_tables, triton_rays, triton_networks) if hasattr(m, name))
         constants = values if name not in blocks else {**values, "BLOCK": blocks[name]}
         signature = {k: "constexpr" if k in constants else TYPE_OF[k] for k in kernel.arg_names}
         source = ASTSource(kernel, signature, constants)

@@ -21,7 +21,7 @@ which takes longer than the product itself."""
 
 
 @cache
-def processor_has_half() -> bool:
+def cpu_has_bfloat16() -> bool:
     """Whether this CPU multiplies bfloat16 matrices in hardware of its own, and torch can make use of it."""
     ask = getattr(torch.cpu, "get_capabilities", None)  # torch before 2.7 has no such question
     if ask is None or not ask().get("amx_bf16") or not hasattr(torch.ops.mkldnn, "_linear_pointwise"):

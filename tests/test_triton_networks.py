@@ -1,6 +1,6 @@
 """Small networks on tensor cores against plain torch, in value and gradient.
 
-Where there is a GPU the kernels run on it; elsewhere in Triton's interpreter. See ``tests/test_fused.py``.
+Where there is a GPU the kernels run on it; elsewhere in Triton's interpreter. See ``tests/test_triton_kernels.py``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if not GPU:
     # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
     assert "triton" not in sys.modules or os.environ.get("TRITON_INTERPRET") == "1"
     os.environ["TRITON_INTERPRET"] = "1"
-from svv.kernels import fused, fused_networks  # noqa: E402
+from svv.kernels import triton_kernels, triton_networks  # noqa: E402
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
 FEW = settings(deadline=None, max_examples=12)
@@ -87,7 +87,7 @@ def programs(request, monkeypatch: pytest.MonkeyPatch) -> None:
     """With as many programs as there are blocks, and with two that go over many small ones."""
     if request.param:
         for name in ("FORWARD", "BACKWARD"):
-            monkeypatch.setattr(fused_networks, name, fused_networks.Launch(16, request.param))
+            monkeypatch.setattr(triton_networks, name, triton_networks.Launch(16, request.param))
 
 
 @pytest.mark.usefixtures("programs")
@@ -99,7 +99,7 @@ def test_values_and_gradients_are_those_of_plain_torch(
     generator = torch.Generator().manual_seed(seed)
     x, weights = torch.randn(count, shape[0], generator=generator), weights_for(shape, seed)
     g = 2.0**exponent * torch.randn(count, shape[-1], generator=generator)
-    got = results(fused_networks.run, x, weights, g, DEVICE)
+    got = results(triton_networks.run, x, weights, g, DEVICE)
     exact = results(relu_layers, x, weights, g, CPU)
     rounded = results(rounded_layers, x, weights, g, CPU)
     assert [t.shape for t in got] == [t.shape for t in exact]
@@ -114,9 +114,9 @@ def test_gradients_neither_fade_nor_overflow(shape: tuple[int, int, int, int]) -
     generator = torch.Generator().manual_seed(1)
     x, weights = torch.randn(70, shape[0], generator=generator), weights_for(shape, 2)
     g = torch.randn(70, shape[-1], generator=generator)
-    expected = results(fused_networks.run, x, weights, g, DEVICE)[1:]
+    expected = results(triton_networks.run, x, weights, g, DEVICE)[1:]
     for factor in (2.0**-60, 2.0**40):
-        got = results(fused_networks.run, x, weights, factor * g, DEVICE)[1:]
+        got = results(triton_networks.run, x, weights, factor * g, DEVICE)[1:]
         assert all(torch.equal(mine, factor * theirs) for mine, theirs in zip(got, expected, strict=True))
     assert all(t.abs().max() > 0.1 for t in expected)
 
@@ -128,7 +128,7 @@ def test_gradients_of_faint_samples_beside_strong_ones() -> None:
     x, weights = torch.randn(64, shape[0], generator=generator), weights_for(shape, 2)
     g = 1e-3 * torch.randn(64, shape[-1], generator=generator)
     g[1::2] *= 1e-6
-    got = results(fused_networks.run, x, weights, g, DEVICE)[1]
+    got = results(triton_networks.run, x, weights, g, DEVICE)[1]
     expected = results(rounded_layers, x, weights, g, CPU)[1]
     assert off(got[1::2], expected[1::2]) < NETWORKS[torch.float16]
 
@@ -136,7 +136,7 @@ def test_gradients_of_faint_samples_beside_strong_ones() -> None:
 def test_what_is_too_large_for_half_precision_stays_finite() -> None:
     weights = weights_for(SHAPES[0], 0, 30.0)
     x = 1e5 * torch.randn(40, 32, generator=torch.Generator().manual_seed(0))
-    for t in results(fused_networks.run, x, weights, torch.ones(40, 3), DEVICE):
+    for t in results(triton_networks.run, x, weights, torch.ones(40, 3), DEVICE):
         assert t.isfinite().all()
 
 
@@ -144,25 +144,25 @@ def test_what_is_no_number_shows() -> None:
     """A training that has gone astray must not look like one that has not."""
     x, weights = torch.zeros(40, 32), weights_for(SHAPES[0], 0)
     x[7, 3] = torch.nan
-    out, _, *rest = results(fused_networks.run, x, weights, torch.ones(40, 3), DEVICE)
+    out, _, *rest = results(triton_networks.run, x, weights, torch.ones(40, 3), DEVICE)
     assert out.isnan().any(dim=1).nonzero().flatten().tolist() == [7]
     assert rest[0].isnan().any()
     g = torch.ones(40, 3)
     g[2, 1] = torch.nan
-    assert all(t.isnan().any() for t in results(fused_networks.run, torch.ones(40, 32), weights, g, DEVICE)[1:])
+    assert all(t.isnan().any() for t in results(triton_networks.run, torch.ones(40, 32), weights, g, DEVICE)[1:])
 
 
 def test_the_same_inputs_give_the_same_bits() -> None:
     """However the GPU's programs race: every part of a sum has its place in it."""
     generator = torch.Generator().manual_seed(1)
     x, g = torch.randn(1500, 32, generator=generator), torch.randn(1500, 3, generator=generator)
-    first, second = (results(fused_networks.run, x, weights_for(SHAPES[0], 2), g, DEVICE) for _ in range(2))
+    first, second = (results(triton_networks.run, x, weights_for(SHAPES[0], 2), g, DEVICE) for _ in range(2))
     assert all(map(torch.equal, first, second))
 
 
 def test_no_samples() -> None:
     weights = weights_for(SHAPES[0], 0)
-    out, g_x, *rest = results(fused_networks.run, torch.zeros(0, 32), weights, torch.zeros(0, 3), DEVICE)
+    out, g_x, *rest = results(triton_networks.run, torch.zeros(0, 32), weights, torch.zeros(0, 3), DEVICE)
     assert (out.shape, g_x.shape) == ((0, 3), (0, 32))
     assert all(torch.equal(g, torch.zeros_like(w)) for g, w in zip(rest, weights, strict=True))
 
@@ -173,9 +173,9 @@ def test_inputs_that_learn_nothing() -> None:
     x = torch.randn(50, 36, generator=torch.Generator().manual_seed(0)).to(DEVICE)
     ends = []
     for leaf in (x, x.clone().requires_grad_()):
-        ends.append(torch.autograd.grad(fused.network(leaf, weights, True).square().sum(), weights))
+        ends.append(torch.autograd.grad(triton_kernels.network(leaf, weights, True).square().sum(), weights))
     assert all(map(torch.equal, *ends))
-    assert not fused.network(x, [w.detach() for w in weights], True).requires_grad
+    assert not triton_kernels.network(x, [w.detach() for w in weights], True).requires_grad
 
 
 @pytest.mark.parametrize("sizes", [(8, 4), (8, 32, 16, 4), (8, 128, 4), (200, 64, 4), (8, 16, 16, 16, 4)])
@@ -183,19 +183,19 @@ def test_other_networks_run_in_plain_torch(sizes: tuple[int, ...]) -> None:
     generator = torch.Generator().manual_seed(0)
     weights = [torch.randn(to, source, generator=generator).to(DEVICE) for source, to in pairwise(sizes)]
     x = torch.randn(20, sizes[0], generator=generator).to(DEVICE)
-    assert torch.equal(fused.network(x, weights, True), relu_layers(x, weights))
+    assert torch.equal(triton_kernels.network(x, weights, True), relu_layers(x, weights))
 
 
 def test_gpus_without_tensor_cores_for_triton_run_plain_torch(monkeypatch: pytest.MonkeyPatch) -> None:
     x, weights = torch.randn(20, 32, device=DEVICE), [w.to(DEVICE) for w in weights_for(SHAPES[0], 0)]
-    monkeypatch.setattr(fused_networks, "_has_tensor_cores", lambda device: False)
-    assert torch.equal(fused.network(x, weights, True), relu_layers(x, weights))
+    monkeypatch.setattr(triton_networks, "_has_tensor_cores", lambda device: False)
+    assert torch.equal(triton_kernels.network(x, weights, True), relu_layers(x, weights))
     monkeypatch.undo()
-    assert not torch.equal(fused.network(x, weights, True), relu_layers(x, weights))
+    assert not torch.equal(triton_kernels.network(x, weights, True), relu_layers(x, weights))
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda device: (7, 5))
-    fused_networks._has_tensor_cores.cache_clear()
-    assert not fused_networks._has_tensor_cores(torch.device("cuda", 7))
-    fused_networks._has_tensor_cores.cache_clear()
+    triton_networks._has_tensor_cores.cache_clear()
+    assert not triton_networks._has_tensor_cores(torch.device("cuda", 7))
+    triton_networks._has_tensor_cores.cache_clear()
 
 
 def test_the_processors_networks_are_torchs_to_the_last_bit() -> None:

@@ -13,11 +13,11 @@ from torch import Tensor, nn
 from svv.core.box import Box
 from svv.fields.networks import BaseField, FieldSettings, Layers, mlp
 from svv.fields.occupancy import Occupancy
-from svv.kernels import products
-from svv.kernels.products import LEAST, WHOLE, HalfNetwork, processor_has_half
+from svv.kernels import bfloat16
+from svv.kernels.bfloat16 import LEAST, WHOLE, HalfNetwork, cpu_has_bfloat16
 from tests.tolerances import NETWORKS
 
-HALF = pytest.mark.skipif(not processor_has_half(), reason="this processor multiplies no bfloat16 matrices")
+HALF = pytest.mark.skipif(not cpu_has_bfloat16(), reason="this CPU multiplies no bfloat16 matrices")
 DIGITS = NETWORKS[torch.bfloat16]
 
 
@@ -89,7 +89,7 @@ def test_large_batches_of_rough_networks_are_in_half_and_others_are_not() -> Non
 
 
 def test_a_processor_without_it_takes_float32(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(products, "processor_has_half", lambda: False)
+    monkeypatch.setattr(bfloat16, "cpu_has_bfloat16", lambda: False)
     network, x = colour_network(), inputs(LEAST + 7)
     with torch.no_grad():
         assert torch.equal(network(x), nn.Sequential.forward(network, x))
@@ -99,7 +99,7 @@ def test_a_processor_that_is_held_back_takes_float32() -> None:
     """The processor has the units, but torch's library is told to use none newer than SSE 4.1."""
     ask = (
         "import torch; torch.cpu.get_capabilities = lambda: {'amx_bf16': True}; "
-        "from svv.kernels.products import processor_has_half; print(processor_has_half())"
+        "from svv.kernels.bfloat16 import cpu_has_bfloat16; print(cpu_has_bfloat16())"
     )
     environment = os.environ | {"ONEDNN_MAX_CPU_ISA": "SSE41"}
     found = subprocess.run([sys.executable, "-c", ask], env=environment, capture_output=True, text=True, check=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.trilinear import NEXT, ONE, cell_at, mean_of, weights_of
+from svv.kernels.numba_trilinear import NEXT, ONE, cell_at, mean_of, weights_of
 
 
 @njit(parallel=True, fastmath=True, cache=True)

@@ -1,4 +1,4 @@
-"""The kernels in torch alone, on any device. See :class:`svv.kernels.types.Kernels`."""
+"""The reference: the kernels in plain torch, on any device. See :class:`svv.kernels.types.Kernels`."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from svv.core import cells, encodings, marching
 from svv.core.compositing import composite_samples
 from svv.core.encodings import hash_corners, hash_features, lattice_corners, lattice_features
 from svv.core.networks import relu_layers
-from svv.core.representatives import representatives as reference
+from svv.core.representatives import representatives as chosen
 from svv.kernels.types import Lattice, Limits, Samples
 
-NAME = "torch"
+NAME = "reference"
 RAYS = 1 << 16
 SAMPLES = 1 << 16
 
@@ -103,7 +103,7 @@ def march(
 
 def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
     own = samples.sigma * samples.step
-    return reference(own, samples.skipped, samples.ray, samples.start, samples.count, every, shift)
+    return chosen(own, samples.skipped, samples.ray, samples.start, samples.count, every, shift)
 
 
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:

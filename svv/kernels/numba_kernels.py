@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.kernels import hashing, lattice, marching, plain, products, rays
+from svv.kernels import bfloat16, numba_hashing, numba_lattice, numba_marching, numba_rays, reference
 from svv.kernels.types import Lattice, Limits, Samples
 
 NAME = "numba"
@@ -23,23 +23,25 @@ SAMPLES = 1 << 14
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
     out = _empty(len(x), len(where.scales) * table.shape[1])
-    lattice.encode(x.numpy(), *_layout(where), table.detach().numpy(), (0.0,) * table.shape[1], out.numpy())
+    numba_lattice.encode(x.numpy(), *_layout(where), table.detach().numpy(), (0.0,) * table.shape[1], out.numpy())
     return out
 
 
 def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
     width = (0.0,) * gradient.shape[1]
-    lattice.encode_backward(x.numpy(), g.numpy(), *_layout(where), width, gradient.numpy(), used.numpy())
+    numba_lattice.encode_backward(x.numpy(), g.numpy(), *_layout(where), width, gradient.numpy(), used.numpy())
 
 
 def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
     out = _empty(len(x), len(resolutions) * table.shape[1])
-    hashing.encode(x.numpy(), resolutions.numpy(), offsets.numpy(), table.detach().numpy(), out.numpy())
+    numba_hashing.encode(x.numpy(), resolutions.numpy(), offsets.numpy(), table.detach().numpy(), out.numpy())
     return out
 
 
 def hash_backward(x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor) -> None:
-    hashing.encode_backward(x.numpy(), g.numpy(), resolutions.numpy(), offsets.numpy(), gradient.numpy(), used.numpy())
+    numba_hashing.encode_backward(
+        x.numpy(), g.numpy(), resolutions.numpy(), offsets.numpy(), gradient.numpy(), used.numpy()
+    )
 
 
 def adam(
@@ -48,7 +50,7 @@ def adam(
 ) -> None:  # fmt: skip
     first, second = moments.numpy()
     numbers = (np.float32(v) for v in (rate, *constants, pull))
-    lattice.adam(
+    numba_lattice.adam(
         table.detach().numpy(), gradient.numpy(), used.numpy(), first, second, age.numpy(), *numbers,
         _bias_corrections(*constants[:2]), finer,
     )  # fmt: skip
@@ -59,7 +61,7 @@ def pixel_rays(
 ) -> tuple[Tensor, Tensor]:
     origins, directions = _empty(len(pixels), 3), _empty(len(pixels), 3)
     arrays = (camera.numpy() for camera in cameras)
-    rays.pixel_rays(pixels.numpy(), *arrays, width, height, origins.numpy(), directions.numpy())
+    numba_rays.pixel_rays(pixels.numpy(), *arrays, width, height, origins.numpy(), directions.numpy())
     return origins, directions
 
 
@@ -68,14 +70,14 @@ def march(
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
 ) -> tuple[Samples, int]:  # fmt: skip
     """Every block of rays writes into a part of its own, which is then moved together."""
-    count, blocks = len(origins), -(-len(origins) // marching.BLOCK)
+    count, blocks = len(origins), -(-len(origins) // numba_marching.BLOCK)
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
     while True:
         # Room for the longest possible ray would be hundreds of times what is needed, so it is found by trying.
-        buffers = _sample_buffers(blocks * marching.BLOCK * room)
+        buffers = _sample_buffers(blocks * numba_marching.BLOCK * room)
         full = np.zeros(blocks, np.uint8)
-        marching.march(
+        numba_marching.march(
             origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
             np.float32(limits.step), seed, *_layout(where), table.detach().numpy()[:, 0], np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
@@ -85,7 +87,7 @@ def march(
             break
         room *= 2
     packed = _sample_buffers(int(number.sum()))
-    marching.gather(start, number, np.cumsum(number) - number, *buffers, *packed)
+    numba_marching.gather(start, number, np.cumsum(number) - number, *buffers, *packed)
     position, skipped, sigma, ray = packed
     found = (torch.from_numpy(a) for a in (position, sigma, skipped, ray, start, number, tail))
     return Samples(*found, limits.step), room  # type: ignore[arg-type, call-arg]
@@ -94,16 +96,16 @@ def march(
 def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
     own, start, count = (samples.sigma * samples.step).numpy(), samples.start.numpy(), samples.count.numpy()
     begin, end, taken = np.empty_like(own), np.empty_like(own), np.empty_like(count)
-    marching.cut(samples.skipped.numpy(), own, start, count, np.float32(every), shift.numpy(), begin, end, taken)
+    numba_marching.cut(samples.skipped.numpy(), own, start, count, np.float32(every), shift.numpy(), begin, end, taken)
     rows, place = np.empty(int(taken.sum()), np.int64), np.empty(len(own), np.int64)
-    marching.choose(start, count, begin, end, np.cumsum(taken) - taken, rows, place)
+    numba_marching.choose(start, count, begin, end, np.cumsum(taken) - taken, rows, place)
     return torch.from_numpy(rows), torch.from_numpy(place)
 
 
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
     rays, channels = len(samples.start), values.shape[1]
     out, transmittance, weights = _empty(rays, channels), _empty(rays), _empty(len(sigma))
-    marching.composite(
+    numba_marching.composite(
         sigma.numpy(), samples.skipped.numpy(), values.numpy(), samples.start.numpy(), samples.count.numpy(),
         samples.tail.numpy(), np.float32(samples.step), out.numpy(), transmittance.numpy(), weights.numpy(),
     )  # fmt: skip
@@ -115,7 +117,7 @@ def composite_backward(
     g_out: Tensor, g_transmittance: Tensor,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
     g_sigma, g_values = _empty(len(sigma)), _empty(*values.shape)
-    marching.composite_backward(
+    numba_marching.composite_backward(
         sigma.numpy(), samples.skipped.numpy(), values.numpy(), weights.numpy(), samples.start.numpy(),
         samples.count.numpy(), np.float32(samples.step), out.numpy(), transmittance.numpy(), g_out.numpy(),
         g_transmittance.numpy(), g_sigma.numpy(), g_values.numpy(),
@@ -124,22 +126,22 @@ def composite_backward(
 
 
 def leaps(occupied: Tensor) -> Tensor:
-    return plain.leaps(occupied)
+    return reference.leaps(occupied)
 
 
 def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
-    return plain.directions_of_samples(directions, ray)
+    return reference.directions_of_samples(directions, ray)
 
 
 def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
-    if rough and len(x) >= products.LEAST and products.processor_has_half():
-        return products.HalfNetwork.apply(x, *weights)
-    return plain.network(x, weights, rough)
+    if rough and len(x) >= bfloat16.LEAST and bfloat16.cpu_has_bfloat16():
+        return bfloat16.HalfNetwork.apply(x, *weights)
+    return reference.network(x, weights, rough)
 
 
 @cache
 def _bias_corrections(beta1: float, beta2: float) -> NDArray[np.float32]:
-    return lattice.bias_corrections(np.float32(beta1), np.float32(beta2))
+    return numba_lattice.bias_corrections(np.float32(beta1), np.float32(beta2))
 
 
 def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:

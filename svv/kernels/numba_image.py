@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.light import GRAZING, RIM
-from svv.kernels.marching import BLOCK
-from svv.kernels.trilinear import ONE, cell_at, mean_of, weights_of
+from svv.kernels.numba_marching import BLOCK
+from svv.kernels.numba_trilinear import ONE, cell_at, mean_of, weights_of
 
 SLACK, SMALLEST = np.float32(RIM), np.float32(GRAZING)
 """Of :mod:`svv.core.light`, in single precision: a float beside would make numba calculate in double."""
@@ -30,7 +30,7 @@ def features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit
     """Inputs of the lighting MLP, ``lit`` (S, L F + H), and of the palette MLP, ``plain`` (S, L F).
 
     ``tables`` (V, 2 F) holds the geometry's features and the material's, so each vertex is fetched once. ``width``: see
-    :func:`svv.kernels.lattice.encode`.
+    :func:`svv.kernels.numba_lattice.encode`.
     """
     levels, own, count = shapes.shape[0], len(width), harmonics.shape[1]
     for i in prange(x.shape[0]):

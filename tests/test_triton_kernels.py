@@ -1,4 +1,4 @@
-"""The Triton kernels and the plain ones against numba and the references, in value and gradient.
+"""The Triton kernels and the reference against numba and `svv.core`, in value and gradient.
 
 Where there is a GPU the Triton kernels run on it; elsewhere in Triton's interpreter, with small inputs, as each
 operation there costs about a millisecond.
@@ -28,9 +28,9 @@ from svv.fields.region import Region
 from svv.fields.rendering import Marching, RayCaster
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.kernels import compiled, dispatch, plain
+from svv.kernels import dispatch, numba_kernels, reference
 from svv.kernels.dispatch import CPU
-from svv.kernels.marching import uniform as compiled_uniform
+from svv.kernels.numba_marching import uniform as numba_uniform
 from svv.kernels.types import Kernels, Limits, Samples
 from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.recolour import recolour
@@ -42,10 +42,10 @@ if not GPU:
     # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
     assert "triton" not in sys.modules
     os.environ["TRITON_INTERPRET"] = "1"
-from svv.kernels import fused  # noqa: E402
+from svv.kernels import triton_kernels  # noqa: E402
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
-OTHERS = [plain, fused]
+OTHERS = [reference, triton_kernels]
 TOLERANCE = {"loss": 1e-4, "share": 0.01, "picture": 2e-3}
 """Of a short training: ``loss`` absolute; ``share``: half precision puts a few samples between two regions into the
 other; ``picture`` the mean error in [0, 1]."""
@@ -57,12 +57,12 @@ FEW = settings(deadline=None, max_examples=3)
 def large_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """The interpreter pays by the operation, not by the element."""
     if not GPU:
-        monkeypatch.setattr(fused, "RAY_BLOCK", 64)
+        monkeypatch.setattr(triton_kernels, "RAY_BLOCK", 64)
 
 
 def there(kernels: object) -> torch.device:
     """Where kernels can be tried on this machine."""
-    return DEVICE if kernels is fused else CPU
+    return DEVICE if kernels is triton_kernels else CPU
 
 
 def lattice_of(seed: int, features: int, resolutions: tuple[int, ...] = (2, 4, 8)) -> tuple[SparseLattice, np.ndarray]:
@@ -93,7 +93,7 @@ def test_lattice_is_the_reference_in_value_and_gradient(kernels: Kernels, seed: 
     upstream = torch.randn(expected.shape, generator=torch.Generator().manual_seed(seed))
     expected.backward(upstream)
     marks = torch.zeros(len(table), dtype=torch.uint8)
-    compiled.lattice_backward(x, upstream, where, torch.zeros_like(table, requires_grad=False), marks)
+    numba_kernels.lattice_backward(x, upstream, where, torch.zeros_like(table, requires_grad=False), marks)
 
     device = there(kernels)
     moved = lattice.to(device)
@@ -122,7 +122,7 @@ def test_hash_grid_is_the_reference_in_value_and_gradient(
     expected.backward(upstream)
     marks = torch.zeros(len(table), dtype=torch.uint8)
     where = grid.resolutions, grid.offsets
-    compiled.hash_backward(x, upstream, *where, torch.zeros_like(table, requires_grad=False), marks)
+    numba_kernels.hash_backward(x, upstream, *where, torch.zeros_like(table, requires_grad=False), marks)
 
     device = there(kernels)
     grid.to(device)
@@ -140,7 +140,7 @@ def test_hash_grid_is_the_reference_in_value_and_gradient(
 def test_adam_is_that_of_the_processor(kernels: Kernels, seed: int, features: int, rows: int, pull: float) -> None:
     """Rows join and leave from step to step; what is not marked stays as it is."""
     ends = []
-    for k in (compiled, kernels):
+    for k in (numba_kernels, kernels):
         device, generator = there(k), torch.Generator().manual_seed(seed)
         table = torch.randn(rows, features, generator=generator).to(device)
         moments = torch.zeros(2, rows, features, device=device)
@@ -180,7 +180,7 @@ def test_pixel_rays_are_those_of_the_cameras(kernels: Kernels, monkeypatch: pyte
 def test_random_numbers_are_the_same_everywhere(seed: int, a: int, b: int) -> None:
     got = reference_uniform(seed, torch.tensor(a), torch.tensor(b))
     assert 0.0 <= float(got) < 1.0
-    assert float(got) == compiled_uniform.py_func(np.uint64(seed), np.uint64(a), np.uint64(b))
+    assert float(got) == numba_uniform.py_func(np.uint64(seed), np.uint64(a), np.uint64(b))
 
 
 HOW = [
@@ -221,7 +221,7 @@ def marched(kernels: Kernels, how: Limits, jitter: int, seed: int, count: int = 
 @pytest.mark.parametrize(("how", "jitter"), HOW)
 @pytest.mark.parametrize("kernels", OTHERS)
 def test_marches_find_the_same_samples(kernels: Kernels, how: Limits, jitter: int) -> None:
-    expected, got = marched(compiled, how, jitter, 5), marched(kernels, how, jitter, 5)
+    expected, got = marched(numba_kernels, how, jitter, 5), marched(kernels, how, jitter, 5)
     assert len(expected) > 20
     # A sample that rounding puts into the neighbouring cell may be kept or not: such rays are few.
     same = got.count.cpu() == expected.count
@@ -240,7 +240,7 @@ def test_marches_find_the_same_samples(kernels: Kernels, how: Limits, jitter: in
 @given(st.integers(0, 10**6), st.integers(0, 100), st.sampled_from(HOW[:2]))
 def test_plain_march_of_any_scene(seed: int, jitter: int, how: tuple[Limits, int]) -> None:
     """As above, for scenes and rays that were not chosen."""
-    expected, got = (marched(k, how[0], jitter, seed, 20) for k in (compiled, plain))
+    expected, got = (marched(k, how[0], jitter, seed, 20) for k in (numba_kernels, reference))
     same = got.count == expected.count
     assert int((~same).sum()) <= 2
     torch.testing.assert_close(got.tail[same], expected.tail[same], atol=1e-4, rtol=1e-4)
@@ -284,7 +284,7 @@ def test_compositing_is_that_of_the_processor(kernels: Kernels, seed: int, count
     sigma, values = 20.0 * random(total), random(total, channels)
     g_out, g_transmittance = random(len(counts), channels) - 0.5, random(len(counts)) - 0.5
     ends = []
-    for k in (compiled, kernels):
+    for k in (numba_kernels, kernels):
         device = there(k)
         s, v, a, b = (t.to(device) for t in (sigma, values, g_out, g_transmittance))
         moved = Samples(**{n: t.to(device) if torch.is_tensor(t) else t for n, t in vars(samples).items()})
@@ -345,9 +345,9 @@ def history(
     return [*losses, *network.colours.flatten().tolist()], shares, shown.rgba
 
 
-@pytest.mark.parametrize("kernels", OTHERS if GPU else [plain])
+@pytest.mark.parametrize("kernels", OTHERS if GPU else [reference])
 def test_training_takes_the_same_way_on_every_kernel(kernels: Kernels, monkeypatch: pytest.MonkeyPatch) -> None:
-    expected, parts, picture = history(compiled, monkeypatch)
+    expected, parts, picture = history(numba_kernels, monkeypatch)
     losses, shares, shown = history(kernels, monkeypatch)
     np.testing.assert_allclose(losses, expected, atol=TOLERANCE["loss"], rtol=0)
     np.testing.assert_allclose(shares, parts, atol=TOLERANCE["share"], rtol=0)
@@ -358,7 +358,7 @@ def test_training_takes_the_same_way_on_every_kernel(kernels: Kernels, monkeypat
 def test_training_begins_the_same_way_in_the_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
     """One step on the Triton kernels, forward, backward and Adam, and the loss after it; the interpreter is slow."""
     ends = []
-    for kernels in (compiled, fused):
+    for kernels in (numba_kernels, triton_kernels):
         work = reconstruction(kernels, 16, monkeypatch)
         losses = [float(work.step(k, 0.0)) for k in range(2)]
         density = work.field.density

@@ -1,8 +1,8 @@
 """Look-ups in tables of features and their optimiser, in Triton.
 
 Letters: S samples, L levels, F features a level, V rows of a table. ``WIDE`` is F, rounded up to a power of two, and
-``BLOCK`` the samples or rows of one program. What each function calculates is told in :mod:`svv.kernels.lattice` and
-:mod:`svv.kernels.hashing`.
+``BLOCK`` the samples or rows of one program. What each function calculates is told in
+:mod:`svv.kernels.numba_lattice` and :mod:`svv.kernels.numba_hashing`.
 """
 
 from __future__ import annotations

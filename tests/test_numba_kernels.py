@@ -1,4 +1,4 @@
-"""The compiled kernels against the plain references, in value and gradient."""
+"""The numba kernels against the plain references, in value and gradient."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from svv.fields.networks import BaseField, FieldSettings
 from svv.fields.occupancy import Occupancy
 from svv.fields.phong import gradient_of
 from svv.fields.rendering import Extinction, Marching, Rays, composite, march
-from svv.kernels import compiled, plain
-from svv.kernels import lattice as lattice_kernels
+from svv.kernels import numba_kernels, numba_lattice, reference
 from svv.train.reconstruct import largest_extinction
 from tests.tolerances import KERNELS
 
@@ -168,20 +167,20 @@ def test_lattice_adam_is_adam_on_the_rows_it_uses(pull: float) -> None:
 
 
 def test_bias_corrections_are_those_of_every_age() -> None:
-    age = np.arange(1, lattice_kernels.OLDEST + 1)
-    made = lattice_kernels.bias_corrections(np.float32(0.9), np.float32(0.99))[1:]
+    age = np.arange(1, numba_lattice.OLDEST + 1)
+    made = numba_lattice.bias_corrections(np.float32(0.9), np.float32(0.99))[1:]
     np.testing.assert_allclose(made, np.stack([1 - 0.9**age, 1 / (1 - 0.99**age)], axis=1), rtol=3e-5)
 
 
 @given(st.integers(0, 10**6), st.sampled_from([(0.9, 0.99), (0.5, 0.999)]))
 def test_adam_is_its_plain_reference_at_any_age(seed: int, betas: tuple[float, float]) -> None:
     random = torch.Generator().manual_seed(seed)
-    age = torch.randint(0, 3 * lattice_kernels.OLDEST, (40,), generator=random, dtype=torch.int32)
+    age = torch.randint(0, 3 * numba_lattice.OLDEST, (40,), generator=random, dtype=torch.int32)
     age[:5] = torch.arange(5)
     table, gradient, first = torch.randn(3, 40, 2, generator=random)
     used = (torch.rand(40, generator=random) < 0.7).byte()
     results = []
-    for kernels in (compiled, plain):
+    for kernels in (numba_kernels, reference):
         moments = torch.stack([0.1 * first, first.square()])
         state = table.clone(), gradient.clone(), used.clone(), moments, age.clone()
         kernels.adam(*state, 0.01, (*betas, 1e-12), 0.1, 20)

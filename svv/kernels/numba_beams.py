@@ -37,7 +37,7 @@ def tiles_in_sight(rotation, position, focal, width, height, distance, cells, ex
     maximum norm). No tile is left out through whose pixels' centres a ray meets an occupied cell.
 
     Args:
-        rotation: Camera-to-box rotation, as in :mod:`svv.kernels.rays`. (3, 3)
+        rotation: Camera-to-box rotation, as in :mod:`svv.kernels.numba_rays`. (3, 3)
         position: The camera's, in box coordinates. (3,)
         focal: Focal length in pixels.
         width: Of the image in pixels.

@@ -9,7 +9,7 @@ import triton
 from torch import Tensor
 
 from svv.core.networks import relu_layers
-from svv.kernels import fused_networks, fused_rays, fused_tables
+from svv.kernels import triton_networks, triton_rays, triton_tables
 from svv.kernels.types import Lattice, Limits, Samples
 
 NAME = "triton"
@@ -27,7 +27,7 @@ def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
     levels, features = len(where.scales), table.shape[1]
     out = torch.empty(len(x), levels * features, device=x.device)
     if len(x):
-        fused_tables.lattice_encode[triton.cdiv(len(x), TABLE_BLOCK), levels](
+        triton_tables.lattice_encode[triton.cdiv(len(x), TABLE_BLOCK), levels](
             x.contiguous(), where.shapes, where.scales, where.bases, where.index, table.detach(), out, len(x),
             levels, features, triton.next_power_of_2(features), TABLE_BLOCK,
         )  # fmt: skip
@@ -37,7 +37,7 @@ def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
 def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
     levels, features = len(where.scales), gradient.shape[1]
     if len(x):
-        fused_tables.lattice_backward[triton.cdiv(len(x), TABLE_BLOCK), levels](
+        triton_tables.lattice_backward[triton.cdiv(len(x), TABLE_BLOCK), levels](
             x.contiguous(), g, where.shapes, where.scales, where.bases, where.index, gradient, used, len(x),
             levels, features, triton.next_power_of_2(features), TABLE_BLOCK,
         )  # fmt: skip
@@ -47,7 +47,7 @@ def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) 
     levels, features = len(resolutions), table.shape[1]
     out = torch.empty(len(x), levels * features, device=x.device)
     if len(x):
-        fused_tables.hash_encode[triton.cdiv(len(x), TABLE_BLOCK), levels](
+        triton_tables.hash_encode[triton.cdiv(len(x), TABLE_BLOCK), levels](
             x.contiguous(), resolutions, offsets, table.detach(), out, len(x),
             levels, features, triton.next_power_of_2(features), TABLE_BLOCK,
         )  # fmt: skip
@@ -57,7 +57,7 @@ def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) 
 def hash_backward(x: Tensor, g: Tensor, resolutions: Tensor, offsets: Tensor, gradient: Tensor, used: Tensor) -> None:
     levels, features = len(resolutions), gradient.shape[1]
     if len(x):
-        fused_tables.hash_backward[triton.cdiv(len(x), TABLE_BLOCK), levels](
+        triton_tables.hash_backward[triton.cdiv(len(x), TABLE_BLOCK), levels](
             x.contiguous(), g, resolutions, offsets, gradient, used, len(x),
             levels, features, triton.next_power_of_2(features), TABLE_BLOCK,
         )  # fmt: skip
@@ -68,7 +68,7 @@ def adam(
     constants: tuple[float, float, float], pull: float, finer: int,
 ) -> None:  # fmt: skip
     rows, features = table.shape
-    fused_tables.adam[(triton.cdiv(rows, TABLE_BLOCK),)](
+    triton_tables.adam[(triton.cdiv(rows, TABLE_BLOCK),)](
         table.detach(), gradient, used, moments[0], moments[1], age, rate, *constants, pull, finer, rows,
         features, triton.next_power_of_2(features), TABLE_BLOCK,
     )  # fmt: skip
@@ -79,7 +79,7 @@ def pixel_rays(
 ) -> tuple[Tensor, Tensor]:
     origins, directions = torch.empty(2, len(pixels), 3, device=pixels.device)
     if len(pixels):
-        fused_rays.pixel_rays[(triton.cdiv(len(pixels), TABLE_BLOCK),)](
+        triton_rays.pixel_rays[(triton.cdiv(len(pixels), TABLE_BLOCK),)](
             pixels, *cameras, width, height, origins, directions, len(pixels), TABLE_BLOCK
         )
     return origins, directions
@@ -96,7 +96,7 @@ def march(
     ray, start = torch.empty(0, dtype=torch.int32, device=device), torch.zeros_like(count)
 
     def pass_over(writes: bool) -> None:
-        fused_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
+        triton_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
             origins, directions, distance, *distance.shape, float(cells), *extent, limits.step, seed,
             where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
             limits.least_weight, limits.keep, limits.stop, limits.fade, rays,
@@ -122,13 +122,13 @@ def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tens
     place, taken = (torch.empty(n, dtype=torch.int64, device=device) for n in (len(samples), rays))
     if not len(samples):
         return place, place
-    fused_rays.cuts_of_rays[grid](
+    triton_rays.cuts_of_rays[grid](
         samples.sigma, samples.skipped, samples.start, samples.count, samples.step, 1.0 / every, shift,
         begin, end, taken, rays, RAY_BLOCK, num_warps=1,
     )  # fmt: skip
     behind = taken.cumsum(0)
     rows = torch.empty(int(behind[-1]), dtype=torch.int64, device=device)
-    fused_rays.representatives[grid](
+    triton_rays.representatives[grid](
         begin, end, samples.start, samples.count, behind - taken, rows, place, passed, rays, RAY_BLOCK, num_warps=1
     )
     return rows, place
@@ -139,7 +139,7 @@ def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, 
     out, transmittance = torch.empty(rays, channels, device=device), torch.empty(rays, device=device)
     weights = torch.empty(len(sigma), device=device)
     if rays:
-        fused_rays.composite[(triton.cdiv(rays, RAY_BLOCK),)](
+        triton_rays.composite[(triton.cdiv(rays, RAY_BLOCK),)](
             sigma, samples.skipped, values, samples.start, samples.count, samples.tail, samples.step, out,
             transmittance, weights, rays, channels, triton.next_power_of_2(channels), RAY_BLOCK, num_warps=1,
         )  # fmt: skip
@@ -153,7 +153,7 @@ def composite_backward(
     rays, channels = len(samples.start), values.shape[1]
     g_sigma, g_values = torch.empty_like(sigma), torch.empty_like(values)
     if rays:
-        fused_rays.composite_backward[(triton.cdiv(rays, RAY_BLOCK),)](
+        triton_rays.composite_backward[(triton.cdiv(rays, RAY_BLOCK),)](
             sigma, samples.skipped, values, weights, samples.start, samples.count, samples.step, out, transmittance,
             g_out, g_transmittance, g_sigma, g_values, rays, channels, triton.next_power_of_2(channels), RAY_BLOCK,
             num_warps=1,
@@ -166,7 +166,7 @@ def leaps(occupied: Tensor) -> Tensor:
     nearest = torch.where(occupied > 0, 0, 255).to(torch.uint8)
     for axis, length in enumerate(occupied.shape):
         known, nearest = nearest, torch.empty_like(nearest)
-        fused_rays.nearest_along[(triton.cdiv(nearest.numel(), TABLE_BLOCK),)](
+        triton_rays.nearest_along[(triton.cdiv(nearest.numel(), TABLE_BLOCK),)](
             known, nearest, nearest.numel(), known.stride(axis), length, TABLE_BLOCK
         )
     return nearest
@@ -175,9 +175,9 @@ def leaps(occupied: Tensor) -> Tensor:
 def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
     out = torch.empty(len(ray), 16, device=ray.device)
     if len(ray):
-        fused_rays.harmonics[(triton.cdiv(len(ray), TABLE_BLOCK),)](directions, ray, out, len(ray), TABLE_BLOCK)
+        triton_rays.harmonics[(triton.cdiv(len(ray), TABLE_BLOCK),)](directions, ray, out, len(ray), TABLE_BLOCK)
     return out
 
 
 def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
-    return fused_networks.run(x, weights) if rough else relu_layers(x, weights)
+    return triton_networks.run(x, weights) if rough else relu_layers(x, weights)

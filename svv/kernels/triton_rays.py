@@ -1,8 +1,8 @@
 """Rays, marching and compositing in Triton: one thread a ray.
 
 Letters: R rays, S samples, C channels, L levels of the density lattice. ``WIDE`` is C, rounded up to a power of two,
-and ``BLOCK`` the rays of one program. What each function calculates is told in :mod:`svv.kernels.rays` and
-:mod:`svv.kernels.marching`.
+and ``BLOCK`` the rays of one program. What each function calculates is told in :mod:`svv.kernels.numba_rays` and
+:mod:`svv.kernels.numba_marching`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.trilinear import NEXT, ONE, cell_at
+from svv.kernels.numba_trilinear import NEXT, ONE, cell_at
 
 BLOCK = 64
 """Rays that one thread marches in a row; a block's samples are written contiguously."""

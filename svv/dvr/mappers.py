@@ -34,7 +34,7 @@ from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper, vtkG
 from svv.core.cameras import Camera
 from svv.dvr.grids import to_array
 from svv.dvr.stage import Stage, visible_cells
-from svv.dvr.volumes import vtk_messages
+from svv.dvr.vtk_readers import vtk_messages
 from svv.errors import BadInput
 
 Pixels = NDArray[np.uint8]

@@ -96,7 +96,7 @@ def make_views(
     """The views that a scene is trained on, and those that it is tested on.
 
     Args:
-        volume: A file (see ``read_volume``) or an image.
+        volume: A file (see ``read_volume``) or an image; a ``pyvista.ImageData`` is one.
         tf: A transfer function, or its JSON file; by default two ranges of the histogram.
         n: Training views on a sphere around the volume, >= 3 (see ``geodesic_directions``).
         size: Width and height of the images, pixels.

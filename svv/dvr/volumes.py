@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +12,14 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from PIL import Image, ImageSequence
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkImageData
-from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOImage import vtkMetaImageReader, vtkNIFTIImageReader, vtkNrrdReader, vtkSLCReader
 from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from svv.dvr.grids import Triple, as_volume, from_array, put_scalars, set_geometry
+from svv.dvr.other_formats import reader_of
+from svv.dvr.vtk_readers import damaged, run, vtk_messages
 from svv.errors import BadInput
 
 SUPPORTED = ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .slc .npy .raw .tif (or a folder of .tif)"
@@ -44,10 +42,11 @@ def read_volume(
     origin: Triple | None = None,
     array: str | None = None,
 ) -> vtkImageData:
-    """Read a volume from a file, or from a folder of TIFF slices.
+    """Read a volume from a file, or from a folder of TIFF or DICOM slices.
 
     Args:
-        path: A file of one of the kinds in ``SUPPORTED``.
+        path: A file of one of the kinds in ``SUPPORTED``; outside ParaView, with PyVista installed, also of any kind
+            that PyVista has a reader for (.vtr, .pvti, .dcm ...).
         dims: Points along x, y, z; for raw files only. Taken from the name where it says so
             (``foo_128x128x256_uint16.raw``).
         dtype: NumPy type of a raw file, ``>u2`` for big-endian shorts; also taken from the name.
@@ -88,70 +87,15 @@ def _read(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -> vt
             return read(file)
     if dims is not None or dtype is not None or name.endswith((".raw", ".bin", ".dat")):
         return _read_raw(file, dims, dtype)
+    if reader := reader_of(file):
+        return run(reader, file)
     raise BadInput(
         f"{file} is of no kind that is known here ({SUPPORTED}); give dimensions and type if it is raw data."
     )
 
 
-@contextmanager
-def vtk_messages() -> Iterator[Callable[[], str]]:
-    """Collect what VTK has to say; the function that it gives returns the text so far.
-
-    VTK's logger, and the libraries below it (MetaIO, libtiff), also write to the process's standard error without
-    asking; that goes nowhere meanwhile.
-    """
-    before, window = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
-    vtkOutputWindow.SetInstance(window)
-    kept = os.dup(2)
-    with open(os.devnull, "wb") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-    try:
-        yield window.GetOutput
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        vtkOutputWindow.SetInstance(before)
-
-
-def _run(reader: Any, file: Path) -> vtkImageData:
-    """Run a VTK reader; what it complains about becomes one sentence."""
-    with vtk_messages() as messages:
-        reader.SetFileName(str(file))
-        _check_size(reader, file)
-        reader.Update()
-        output = reader.GetOutput()
-        said = messages()
-    # Some readers only warn about missing data and leave the rest of the memory as it was.
-    if output is None or reader.GetErrorCode() or re.search("error|fail", said, re.IGNORECASE):
-        raise _damaged(file)
-    if not output.IsA("vtkImageData"):
-        raise BadInput(f"{file} holds a {output.GetClassName()}, not a regular volume (image data).")
-    return output
-
-
-def _check_size(reader: Any, file: Path) -> None:
-    """Refuse a header that asks for more than there is, which VTK would answer by ending the process."""
-    reader.UpdateInformation()
-    about = reader.GetOutputInformation(0)
-    key = vtkStreamingDemandDrivenPipeline.WHOLE_EXTENT()
-    if not about.Has(key):
-        return
-    extent = [about.Get(key, i) for i in range(6)]
-    size = [extent[2 * i + 1] - extent[2 * i] + 1 for i in range(3)]
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
-    if min(size) < 1:
-        raise _damaged(file)
-    if size[0] * size[1] * size[2] > memory:
-        shape = " x ".join(str(d) for d in size)
-        raise BadInput(f"{file} says that it holds {shape} voxels, more than this computer's memory can hold.")
-
-
-def _damaged(file: Path) -> BadInput:
-    return BadInput(f"Cannot read {file}: it is damaged, incomplete, or not what its name says.")
-
-
 def _read_nrrd(file: Path) -> vtkImageData:
-    image = _run(vtkNrrdReader(), file)
+    image = run(vtkNrrdReader(), file)
     with file.open("rb") as opened:
         header = re.split(rb"\r?\n\r?\n", opened.read(65536))[0].decode("latin-1")
     fields = dict(re.findall(r"^([a-z ]+): *(.*?)\r?$", header, re.MULTILINE))
@@ -171,7 +115,7 @@ def _read_nrrd(file: Path) -> vtkImageData:
         image = from_array(data, name="NRRD")
         set_geometry(image, axes, origin)
     except (KeyError, ValueError) as error:
-        raise _damaged(file) from error
+        raise damaged(file) from error
     return image
 
 
@@ -185,7 +129,7 @@ def _vector(text: str) -> list[float]:
 
 def _read_nifti(file: Path) -> vtkImageData:
     reader = vtkNIFTIImageReader()
-    image = _run(reader, file)
+    image = run(reader, file)
     placed = reader.GetSFormMatrix() or reader.GetQFormMatrix()
     if placed:
         matrix = np.array([[placed.GetElement(i, j) for j in range(4)] for i in range(4)])
@@ -201,7 +145,7 @@ def _read_npy(file: Path) -> vtkImageData:
     try:
         values = np.load(file, allow_pickle=False)
     except (ValueError, OSError, EOFError, MemoryError) as error:
-        raise _damaged(file) from error
+        raise damaged(file) from error
     return from_array(values, name=file.stem)
 
 
@@ -211,6 +155,8 @@ def _read_tiff(file: Path) -> vtkImageData:
 
 def _read_folder(folder: Path) -> vtkImageData:
     files = [f for f in folder.iterdir() if f.suffix.lower() in (".tif", ".tiff")]
+    if not files and (reader := reader_of(folder)):
+        return run(reader, folder)
     if not files:
         raise BadInput(f"The folder {folder} holds no .tif slices; a volume is one file or a folder of slices.")
     # slice_2 before slice_10, whether or not the numbers are padded
@@ -243,11 +189,11 @@ def _tiff_pages(file: Path) -> NDArray[Any]:
         with vtk_messages(), tifffile.TiffFile(file) as opened:
             pages = list(opened.pages)  # where the file is cut off, they end with no more than a complaint
             if any("invalid page offset" in record.getMessage() for record in listener.records):
-                raise _damaged(file)
+                raise damaged(file)
             if len({(page.shape, page.dtype) for page in pages}) != 1 or len(pages[0].shape) != 2:
                 raise BadInput(f"{file} is no volume: a TIFF stack needs grey pages of one size.")
             if file.stat().st_size < max(max(a + b for a, b in zip(p.dataoffsets, p.databytecounts)) for p in pages):
-                raise _damaged(file)
+                raise damaged(file)
             if int(pages[0].compression) in TIFFFILE_DECODES:
                 return np.stack([page.asarray() for page in pages])
         # Pillow carries libtiff, and so the compressions (LZW ...) that tifffile needs a further package for.
@@ -256,7 +202,7 @@ def _tiff_pages(file: Path) -> NDArray[Any]:
     except BadInput:
         raise
     except Exception as error:  # damaged files make the decoders stumble in every way there is
-        raise _damaged(file) from error
+        raise damaged(file) from error
     finally:
         tifffile.logger().removeHandler(listener)
 
@@ -284,11 +230,11 @@ def _read_raw(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -
 
 
 _READERS: dict[str, Callable[[Path], vtkImageData]] = {
-    ".vti": lambda file: _run(vtkXMLImageDataReader(), file),
-    ".vtk": lambda file: _run(vtkGenericDataObjectReader(), file),
-    ".mha": lambda file: _run(vtkMetaImageReader(), file),
-    ".mhd": lambda file: _run(vtkMetaImageReader(), file),
-    ".slc": lambda file: _run(vtkSLCReader(), file),
+    ".vti": lambda file: run(vtkXMLImageDataReader(), file),
+    ".vtk": lambda file: run(vtkGenericDataObjectReader(), file),
+    ".mha": lambda file: run(vtkMetaImageReader(), file),
+    ".mhd": lambda file: run(vtkMetaImageReader(), file),
+    ".slc": lambda file: run(vtkSLCReader(), file),
     ".nrrd": _read_nrrd,
     ".nhdr": _read_nrrd,
     ".nii": _read_nifti,

@@ -1,0 +1,121 @@
+"""Volumes that PyVista's readers know: in the standalone installation alone, under the same checks as ours."""
+
+from __future__ import annotations
+
+import struct
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+pyvista = pytest.importorskip("pyvista")
+
+from svv.dvr.grids import as_volume, index_to_world, to_array  # noqa: E402
+from svv.dvr.views import make_views  # noqa: E402
+from svv.dvr.volumes import read_volume  # noqa: E402
+from svv.errors import BadInput  # noqa: E402
+
+SHAPE = (4, 5, 6)
+"""z, y, x"""
+
+
+def values() -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 1000, SHAPE).astype(np.int16)
+
+
+def planes(axis: int, start: float, step: float) -> np.ndarray:
+    return start + step * np.arange(SHAPE[::-1][axis])
+
+
+def rectilinear(x: np.ndarray) -> pyvista.RectilinearGrid:
+    grid = pyvista.RectilinearGrid(x, planes(1, 0.0, 2.0), planes(2, 100.0, 0.3))
+    grid["density"] = values().ravel()
+    return grid
+
+
+def dicom_element(group: int, element: int, kind: str, content: bytes) -> bytes:
+    """One data element, explicit little-endian (DICOM PS3.5, 7.1.2)."""
+    content += b" " * (len(content) % 2) if kind != "OW" else b""
+    long = kind in ("OB", "OW")
+    length = struct.pack("<2xI" if long else "<H", len(content))
+    return struct.pack("<HH", group, element) + kind.encode() + length + content
+
+
+def write_dicom(path: Path, pixels: np.ndarray, number: int) -> None:
+    """A CT slice (rows, columns) int16 with spacing 0.5 x 0.25 and 3 between slices, written after the standard."""
+    meta = dicom_element(2, 0x10, "UI", b"1.2.840.10008.1.2.1\0")
+    rows, columns = pixels.shape
+    body = [
+        (0x08, 0x16, "UI", b"1.2.840.10008.5.1.4.1.1.2\0"),
+        (0x18, 0x50, "DS", b"3"),
+        (0x20, 0x0E, "UI", b"1.2.3\0"),
+        (0x20, 0x13, "IS", str(number).encode()),
+        (0x20, 0x32, "DS", f"0\\0\\{3 * number}".encode()),
+        (0x20, 0x37, "DS", b"1\\0\\0\\0\\1\\0"),
+        (0x28, 0x02, "US", struct.pack("<H", 1)),
+        (0x28, 0x10, "US", struct.pack("<H", rows)),
+        (0x28, 0x11, "US", struct.pack("<H", columns)),
+        (0x28, 0x30, "DS", b"0.25\\0.5"),
+        (0x28, 0x100, "US", struct.pack("<H", 16)),
+        (0x28, 0x101, "US", struct.pack("<H", 16)),
+        (0x28, 0x102, "US", struct.pack("<H", 15)),
+        (0x28, 0x103, "US", struct.pack("<H", 1)),
+        (0x7FE0, 0x10, "OW", pixels.astype("<i2").tobytes()),
+    ]
+    head = dicom_element(2, 0, "UL", struct.pack("<I", len(meta))) + meta
+    path.write_bytes(bytes(128) + b"DICM" + head + b"".join(dicom_element(*one) for one in body))
+
+
+def test_an_even_rectilinear_grid_is_a_volume(tmp_path: Path) -> None:
+    rectilinear(planes(0, -1.0, 0.5)).save(tmp_path / "grid.vtr")
+    volume = read_volume(tmp_path / "grid.vtr")
+    np.testing.assert_array_equal(to_array(volume), values())
+    np.testing.assert_allclose(volume.GetSpacing(), (0.5, 2.0, 0.3), rtol=1e-12)
+    np.testing.assert_allclose(volume.GetOrigin(), (-1.0, 0.0, 100.0))
+
+
+@pytest.mark.parametrize("name", ["grid.vtr", "grid.vtk"])
+def test_an_uneven_one_is_refused(tmp_path: Path, name: str) -> None:
+    rectilinear(planes(0, 1.0, 0.5) ** 2).save(tmp_path / name)
+    with pytest.raises(BadInput, match="uneven steps along x; resample"):
+        read_volume(tmp_path / name)
+
+
+def test_a_folder_of_dicom_slices_is_a_volume(tmp_path: Path) -> None:
+    for number, pixels in enumerate(values()):
+        write_dicom(tmp_path / f"slice{number}.dcm", pixels, number)
+    volume = read_volume(tmp_path)
+    np.testing.assert_allclose(volume.GetSpacing(), (0.5, 0.25, 3.0))
+    # VTK turns it by half about x: rows run upwards, and the slices the other way, so that nothing is mirrored.
+    np.testing.assert_array_equal(to_array(volume), values()[::-1, ::-1])
+
+
+def test_what_is_no_regular_grid_is_refused(tmp_path: Path) -> None:
+    pyvista.Sphere().save(tmp_path / "ball.stl")
+    with pytest.raises(BadInput, match="vtkPolyData, not a regular volume"):
+        read_volume(tmp_path / "ball.stl")
+    (tmp_path / "grid.vtr").write_text("nothing of the kind")
+    with pytest.raises(BadInput, match="damaged"):
+        read_volume(tmp_path / "grid.vtr")
+    (tmp_path / "volume.what").write_text("1 2 3")
+    with pytest.raises(BadInput, match="no kind that is known"):
+        read_volume(tmp_path / "volume.what")
+
+
+def test_inside_paraview_pyvista_is_not_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rectilinear(planes(0, -1.0, 0.5)).save(tmp_path / "grid.vtr")
+    monkeypatch.setitem(sys.modules, "paraview", ModuleType("paraview"))
+    with pytest.raises(BadInput, match="no kind that is known"):
+        read_volume(tmp_path / "grid.vtr")
+
+
+def test_an_image_of_pyvista_is_a_volume() -> None:
+    image = pyvista.ImageData(dimensions=SHAPE[::-1], spacing=(0.5, 2.0, 3.0), origin=(1.0, 2.0, 3.0))
+    image["density"] = values().ravel()
+    volume = as_volume(image)
+    np.testing.assert_array_equal(to_array(volume), values())
+    np.testing.assert_allclose(index_to_world(volume), index_to_world(image))
+    train, _ = make_views(image, None, 12, 16, mapper="cpu")
+    assert len(train) == 12

@@ -2,6 +2,7 @@
 #   make demo       the whole job on generated data; the result is demo/report.html
 #   make test       style, types and tests, those in ParaView included
 #   make test-processors   the tests outside ParaView with the arithmetic of other processors
+#   make coverage   the tests outside ParaView, and which lines and branches they leave out, as pages in build/coverage
 #   make docs       the documentation, as pages in build/docs
 #   make paraview   what ParaView needs to run svv; with PARAVIEW=DIR for one that is unpacked in DIR
 # TORCH=cpu|cuda|keep chooses torch's build; else cuda where there is an NVIDIA GPU, cpu elsewhere, and what is there stays.
@@ -22,7 +23,7 @@ PIP       := "$(BIN)/python" -m pip install -qq --disable-pip-version-check --no
 PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-processors check docs tools install paraview clean
+.PHONY: demo test test-processors coverage check docs tools install paraview clean
 
 demo: $(INSTALLED)
 	"$(BIN)/svv" demo --out "$(OUT)"
@@ -38,6 +39,9 @@ test-processors: $(TOOLS)
 	ATEN_CPU_CAPABILITY=avx2 ONEDNN_MAX_CPU_ISA=AVX2 NUMBA_NUM_THREADS=2 OMP_NUM_THREADS=2 \
 		$(PYTEST) --ignore=tests/paraview
 	$(PYTEST) --ignore=tests/paraview -p tests.amx
+
+coverage: $(TOOLS)
+	$(PYTEST) --ignore=tests/paraview --cov --cov-report=html:build/coverage --cov-report=term:skip-covered
 
 check: $(TOOLS)
 	"$(BIN)/ruff" check .
@@ -75,18 +79,18 @@ $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@echo 'Installing into $(VENV): a few minutes, once.'
 	@"$(BIN)/python" -m svv.pv.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
-	@$(PIP) --no-build-isolation -e '.[standalone]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench]'
 	@echo 'Fetching weights for style features and LPIPS, 64 MB, unless they are here or SVV_OFFLINE=1 says no.'
 	@"$(BIN)/svv" features --get --small || echo 'Going on without them: styles are matched by patches of pixels.'
 	@touch "$@"
 
 $(DOCS): $(INSTALLED)
 	@echo 'Installing what the documentation needs.'
-	@$(PIP) --no-build-isolation -e '.[standalone,docs]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,docs]'
 	@touch "$@"
 
 # What only tests need, triton's 0.7 GB above all.
 $(TOOLS): $(INSTALLED)
 	@echo 'Installing what the tests need.'
-	@$(PIP) --no-build-isolation -e '.[standalone,dev]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,dev]'
 	@touch "$@"

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from svv.io.output import write_png as write_png
     from svv.io.viewset import ViewSet as ViewSet
     from svv.render.frames import orbit as orbit
+    from svv.render.show import image_data as image_data
+    from svv.render.show import show as show
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.ink import Ink as Ink
     from svv.train.pipeline import evaluate_scene as evaluate_scene
@@ -41,9 +43,11 @@ PUBLIC = {
     "ViewSet": "svv.io.viewset",
     "correct_palette": "svv.train.correct",
     "evaluate_scene": "svv.train.pipeline",
+    "image_data": "svv.render.show",
     "orbit": "svv.render.frames",
     "read_camera": "svv.io.camera_file",
     "read_style": "svv.io.images",
+    "show": "svv.render.show",
     "stylize_scene": "svv.train.pipeline",
     "train_scene": "svv.train.pipeline",
     "write_png": "svv.io.output",

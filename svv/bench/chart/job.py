@@ -11,7 +11,7 @@ from svv.bench.chart.plan import Grid, Measure, Rendering, Training, check, trai
 from svv.bench.chart.process import run_apart
 from svv.bench.chart.scenes import ChartScene, read_scenes
 from svv.bench.chart.table import Row, read_row
-from svv.errors import BadInput, Progress, part
+from svv.errors import Progress, part
 from svv.io.atomic import make_folder
 from svv.kernels.dispatch import KERNELS
 
@@ -53,7 +53,6 @@ class Chart:
 
     def __init__(self, sources: Sequence[Path], tfs: Sequence[Path], out: Path, grid: Grid, measure: Measure) -> None:
         check(grid, measure)
-        _check_matplotlib()
         self.grid, self.measure, self.out = grid, measure, out
         self.scenes = read_scenes(sources, tfs, measure)
         self.steps = [step for scene in self.scenes for step in self._steps(scene)]
@@ -129,11 +128,3 @@ class Chart:
 
 def _titled(progress: Progress, title: str) -> Progress:
     return lambda fraction, label: progress(fraction, f"{title}: {label}")
-
-
-def _check_matplotlib() -> None:
-    """The base installation has none, since it stands inside ParaView."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise BadInput("Charts need matplotlib; install it with 'pip install svv[standalone]'.") from error

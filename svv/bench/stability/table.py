@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from svv.bench.charts import need_matplotlib
 from svv.bench.stability.cases import CASES, EASIEST
 from svv.bench.stability.measures import (
     FOREGROUND_DROP,
@@ -22,7 +23,6 @@ from svv.bench.stability.measures import (
     failures,
 )
 from svv.bench.stability.runs import Record
-from svv.errors import BadInput
 from svv.io.atomic import atomic_path, write_json
 
 FILES = ("stability.csv", "stability.json", "stability.md", "stability.png")
@@ -196,11 +196,10 @@ def heat_map(path: Path, rows: Sequence[Row]) -> None:
     Raises:
         BadInput: matplotlib is missing, or the file cannot be written.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise BadInput("The heat map needs matplotlib; install it with 'pip install matplotlib'.") from error
+    need_matplotlib()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     presets = list(dict.fromkeys(row.preset for row in rows))
     cases = list(dict.fromkeys(row.case for row in rows))
     found = {(row.case, row.preset): row for row in rows}

@@ -54,6 +54,7 @@ def stability(
     Each run is a file; after Ctrl-C, the same command resumes. The result is a table
     (stability.md, .csv, .json) and a heat map (stability.png).
     """
+    from svv.bench.charts import need_matplotlib
     from svv.bench.stability.cases import CASES, USUAL, BenchSettings
     from svv.bench.stability.runs import Matrix, run_stability
     from svv.bench.stability.table import FILES, write_summary
@@ -62,6 +63,7 @@ def stability(
         wide = max(map(len, CASES))
         print("\n".join(f"{name:<{wide}}  {one.title}" for name, one in CASES.items()))
         return
+    need_matplotlib()
     names = [p.value for p in dict.fromkeys(preset or (Preset.draft, Preset.paper))]
     matrix = Matrix(tuple(case or USUAL), names, seeds)
     settings = BenchSettings(n, test, size, resolution, time_limit, tuple(map(parse_steps, steps or ())), samples)

@@ -1,0 +1,188 @@
+"""A scene in a window of its own: PyVista's, whose picture is the scene's own rendering and follows the mouse."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image
+
+from svv.core.cameras import Camera, look_at
+from svv.errors import BadInput
+from svv.io.output import on_background, to_bytes, write_png
+from svv.render.frames import WHITE, orbit
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Rendering, Scene
+
+DRAGGING_SECONDS = 0.1
+"""Time that a picture may take while the mouse moves: ten a second look like movement."""
+
+SMALLEST = 0.2
+"""Size of the smallest picture while the mouse moves, as a part of the window's."""
+
+MOVING = 1.0
+"""Frames per second that VTK's interactors ask for while they move, at least; at rest they ask for a ten-thousandth."""
+
+
+def show(
+    scene: Scene,
+    *,
+    camera: Camera | None = None,
+    network: str | None = None,
+    background: Sequence[float] = WHITE,
+    size: tuple[int, int] = (800, 800),
+    off_screen: bool = False,
+    screenshot: str | Path | None = None,
+) -> Image.Image | None:
+    """Show a scene in a window, and turn it with the mouse: small while it moves, sharp when it comes to rest.
+
+    In a notebook, the picture itself stands below the cell instead of a window.
+
+    Args:
+        scene: What to show.
+        camera: From where at first; by default from the front, at the distance of the training views.
+        network: ``base``, ``pcn`` or ``styled``; by default the last that the scene holds.
+        background: RGB in [0, 1].
+        size: Width and height of the window or picture, pixels.
+        off_screen: Open no window, and return the picture.
+        screenshot: A PNG file for the picture; from a window, the last one before it is closed.
+
+    Returns:
+        The picture, RGB, off-screen and in a notebook; else None, when the window has been closed.
+
+    Raises:
+        BadInput: PyVista is missing, this is ParaView, there is no display, the scene does not hold that network, or
+            the file cannot be written.
+    """
+    first = camera.resized(*size) if camera is not None else orbit(scene, 181, *size)[90]
+    if not off_screen and _in_notebook():
+        picture = _picture(scene, first, network, background)
+    else:
+        pyvista = _pyvista()
+        if not off_screen and not pyvista.system_supports_plotting():
+            raise BadInput("There is no display for a window; give off_screen=True for the picture alone.")
+        plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size))
+        follower = SceneFollower(plotter, scene, first, network, background)
+        plotter.show(title=f"svv {network or scene.networks[-1]}")
+        picture = follower.picture
+    if screenshot is not None:
+        write_png(screenshot, picture)
+    return None if not off_screen and not _in_notebook() else Image.fromarray(picture)
+
+
+def image_data(rendering: Rendering) -> Any:
+    """One image of a scene as a ``pyvista.ImageData``, which is a ``vtkImageData``: what ``svv render`` writes as .vti.
+
+    Returns:
+        One slice, a pixel wide spacing, row 0 at the bottom: point arrays ``RGBA`` uint8 (straight alpha, the active
+        scalars), ``Depth`` float32 (world units, NaN where empty) and ``Region`` int16 (-1 where empty).
+
+    Raises:
+        BadInput: PyVista is missing, or this is ParaView.
+    """
+    height, width = rendering.depth.shape
+    image = _pyvista().ImageData(dimensions=(width, height, 1))
+    arrays = {"RGBA": to_bytes(rendering.rgba), "Depth": rendering.depth, "Region": rendering.region}
+    for name, array in arrays.items():
+        image.point_data[name] = np.flipud(array).reshape(width * height, *array.shape[2:])
+    image.set_active_scalars("RGBA")
+    return image
+
+
+class SceneFollower:
+    """Keeps a plotter's background what a scene looks like from the plotter's camera.
+
+    Nothing but the size of pictures depends on time: at rest they are as large as the window.
+
+    Args:
+        plotter: A ``pyvista.Plotter``. Meshes that are added to it stand before the picture.
+        scene: What to show.
+        camera: From where at first.
+        network: Of the scene; by default its last.
+        background: RGB in [0, 1].
+    """
+
+    def __init__(
+        self, plotter: Any, scene: Scene, camera: Camera, network: str | None, background: Sequence[float]
+    ) -> None:
+        self.plotter, self.scene, self.network, self.background = plotter, scene, network, background
+        self.part = 0.5
+        """Size of the next picture while the mouse moves, as a part of the window's."""
+        self.seen: Camera | None = None
+        """The camera of the last picture."""
+        self.picture = np.zeros((1, 1, 3), np.uint8)
+        self._texture: Any = None
+        # Without a thing in it, a renderer has no bounds, by which VTK moves nearer and sets the camera back.
+        low, high = scene.occupancy.box.bounds
+        plotter.add_mesh(_pyvista().Box(np.stack([low, high], 1).ravel()), opacity=0.0, pickable=False)
+        self._place(camera)
+        self.update()  # here, as VTK's observers cannot raise
+        plotter.renderer.AddObserver("StartEvent", lambda *_: self.update())
+
+    def update(self) -> None:
+        """Make the picture that belongs to the camera as it stands, unless it is that already."""
+        moving = self.plotter.render_window.GetDesiredUpdateRate() >= MOVING
+        part = self.part if moving else 1.0
+        camera = self.camera(part)
+        if self.seen is not None and _same(camera, self.seen):
+            return
+        began = time.perf_counter()
+        self.picture, self.seen = _picture(self.scene, camera, self.network, self.background), camera
+        if moving:
+            taken = max(time.perf_counter() - began, 1e-6)
+            self.part = min(max(part * (DRAGGING_SECONDS / taken) ** 0.5, SMALLEST), 1.0)
+        self._texture = _pyvista().Texture(self.picture)
+        self._texture.SetInterpolate(True)
+        renderer = self.plotter.renderer
+        renderer.SetBackgroundTexture(self._texture)
+        renderer.TexturedBackgroundOn()
+
+    def camera(self, part: float = 1.0) -> Camera:
+        """The plotter's camera as a scene knows it, its image ``part`` as large as the window."""
+        seen = self.plotter.camera
+        width, height = (max(1, round(part * pixels)) for pixels in self.plotter.render_window.GetSize())
+        fov_x = 2.0 * np.arctan(np.tan(0.5 * np.radians(seen.view_angle)) * width / height)
+        return Camera(look_at(seen.position, seen.focal_point, seen.up), float(fov_x), width, height)
+
+    def _place(self, camera: Camera) -> None:
+        """Let the plotter look from a camera of a scene, and turn about the scene's middle."""
+        seen, matrix = self.plotter.camera, camera.camera_to_world
+        ahead = (self.scene.occupancy.box.bounds.mean(0) - camera.position) @ -matrix[:3, 2]
+        seen.position = camera.position
+        seen.focal_point = camera.position - matrix[:3, 2] * (ahead if ahead > 0 else 1.0)
+        seen.up = matrix[:3, 1]
+        seen.view_angle = np.degrees(2.0 * np.arctan(0.5 * camera.height / camera.focal))
+        seen.is_set = True
+
+
+def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequence[float]) -> Any:
+    """(H, W, 3) uint8."""
+    return to_bytes(on_background(scene.render(camera, network).rgba, background))
+
+
+def _same(one: Camera, other: Camera) -> bool:
+    numbers = [(camera.fov_x, camera.width, camera.height) for camera in (one, other)]
+    return numbers[0] == numbers[1] and bool((one.camera_to_world == other.camera_to_world).all())
+
+
+def _pyvista() -> ModuleType:
+    if "paraview" in sys.modules:
+        raise BadInput("ParaView shows a scene by itself: open its file, or add the filter StyleRF Render.")
+    try:
+        import pyvista
+    except ImportError as error:
+        raise BadInput("This needs PyVista, which is not installed: pip install 'svv[standalone]'.") from error
+    return pyvista
+
+
+def _in_notebook() -> bool:
+    """Whether this is IPython's kernel, whose results stand below the cell."""
+    ipython = sys.modules.get("IPython")
+    shell = None if ipython is None else ipython.get_ipython()
+    return type(shell).__name__ == "ZMQInteractiveShell"

@@ -6,6 +6,7 @@ import struct
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def planes(axis: int, start: float, step: float) -> np.ndarray:
     return start + step * np.arange(SHAPE[::-1][axis])
 
 
-def rectilinear(x: np.ndarray) -> pyvista.RectilinearGrid:
+def rectilinear(x: np.ndarray) -> Any:
     grid = pyvista.RectilinearGrid(x, planes(1, 0.0, 2.0), planes(2, 100.0, 0.3))
     grid["density"] = values().ravel()
     return grid

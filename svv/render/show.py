@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from svv.core.cameras import Camera, look_at
@@ -88,7 +89,11 @@ def image_data(rendering: Rendering) -> Any:
     """
     height, width = rendering.depth.shape
     image = _pyvista().ImageData(dimensions=(width, height, 1))
-    arrays = {"RGBA": to_bytes(rendering.rgba), "Depth": rendering.depth, "Region": rendering.region}
+    arrays: dict[str, NDArray[Any]] = {
+        "RGBA": to_bytes(rendering.rgba),
+        "Depth": rendering.depth,
+        "Region": rendering.region,
+    }
     for name, array in arrays.items():
         image.point_data[name] = np.flipud(array).reshape(width * height, *array.shape[2:])
     image.set_active_scalars("RGBA")

@@ -40,4 +40,4 @@ def balls_scene() -> Scene:
     """The scene, trained for a few seconds."""
     cameras = sphere_cameras(24, (0.0, 0.0, 0.0), 4.0, np.radians(30), 56)
     names = tuple(f"r_{k:04d}" for k in range(len(cameras)))
-    return train_scene(ViewSet(tuple(cameras), np.stack([two_balls(c) for c in cameras]), names, {}), SHORT)[0]
+    return train_scene(ViewSet(tuple(cameras), np.stack([two_balls(c) for c in cameras]), names), SHORT)[0]

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from svv.core.box import Box
-from svv.core.cameras import Camera
+from svv.core.cameras import Camera, CameraRig
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.region import Region
@@ -30,7 +30,7 @@ def cube_scene(seed: int = 0) -> Scene:
     colours = ((0.9, 0.2, 0.1), (0.1, 0.3, 0.9), (0.2, 0.8, 0.3))
     palette = PaletteField(field, occupancy, base.geometry_width, torch.tensor(colours))
     palette.encoding.randomize(3.0, torch.Generator().manual_seed(4))
-    rig = {"centre": [0.0, 0.0, 0.0], "radius": 3.0, "fov_x": 0.5, "size": [24, 24]}
+    rig = CameraRig((0.0, 0.0, 0.0), 3.0, 0.5, (24, 24))
     regions = tuple(Region(colour, 1 / 3) for colour in colours)
     networks = base.requires_grad_(False), palette.requires_grad_(False)
     scene = Scene(field, occupancy, Marching(1 / 16), *networks, regions=regions, camera_rig=rig)

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from svv.core.box import Box
+from svv.core.cameras import CameraRig
 from svv.fields.networks import BaseField, FieldSettings, PaletteField
 from svv.fields.occupancy import Occupancy
 from svv.fields.region import Region
@@ -35,6 +36,6 @@ def solid_ball(densest: float = 5.0) -> Scene:
         logarithm = np.clip(-outside * CELLS * 4.0, -6.0, densest).astype(np.float32)
         base.density.table[base.density.rows_of_level(1)] = torch.from_numpy(logarithm)[:, None]
     palette = PaletteField(field, occupancy, base.geometry_width, torch.tensor([[0.5, 0.5, 0.5]]))
-    rig = {"centre": [0.0, 0.0, 0.0], "radius": 3.0, "fov_x": 0.32, "size": [64, 64]}
+    rig = CameraRig((0.0, 0.0, 0.0), 3.0, 0.32, (64, 64))
     networks = base.requires_grad_(False), palette.requires_grad_(False)
     return Scene(field, occupancy, Marching(1 / 64), *networks, regions=(Region((0.5,) * 3, 1.0),), camera_rig=rig)

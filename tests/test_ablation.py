@@ -14,7 +14,7 @@ from svv.io.viewset import ViewSet
 from tests.cube import cube_scene
 
 CAMERAS = sphere_cameras(4, (0.0, 0.0, 0.0), 3.0, 0.5, 24)
-VIEWS = ViewSet(tuple(CAMERAS), np.full((4, 24, 24, 4), 255, np.uint8), tuple("abcd"), {})
+VIEWS = ViewSet(tuple(CAMERAS), np.full((4, 24, 24, 4), 255, np.uint8), tuple("abcd"))
 SCENE = cube_scene()
 OFFSETS = st.tuples(*[st.floats(-1, 1, width=32)] * 3)
 

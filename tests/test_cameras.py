@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from svv.core.cameras import (
     Camera,
-    camera_rig,
+    CameraRig,
     geodesic_class,
     geodesic_directions,
     look_at,
@@ -17,6 +19,7 @@ from svv.core.cameras import (
     sphere_cameras,
 )
 from svv.errors import BadInput
+from tests.any_json import any_json
 
 GEODESIC = (12, 32, 42, 72, 92, 122, 132, 162, 192, 212, 252, 312, 492)
 finite = st.floats(-1e3, 1e3, allow_nan=False)
@@ -143,10 +146,70 @@ def test_rays_are_those_of_a_pinhole(width: int, height: int, fov: float) -> Non
 def test_the_rig_of_a_sphere_of_cameras_is_the_sphere(
     centre: tuple[float, float, float], radius: float, fov: float
 ) -> None:
-    rig = camera_rig(sphere_cameras(12, centre, radius, fov, 8))
-    np.testing.assert_allclose(rig["centre"], centre, atol=1e-8)
-    assert rig["radius"] == pytest.approx(radius, abs=1e-8)
-    assert (rig["fov_x"], rig["size"]) == (pytest.approx(fov), [8, 8])
+    rig = CameraRig.of(sphere_cameras(12, centre, radius, fov, 8))
+    np.testing.assert_allclose(rig.centre, centre, atol=1e-8)
+    assert rig.radius == pytest.approx(radius, abs=1e-8)
+    assert rig.fov_x == pytest.approx(fov) and rig.size == (8, 8)
+    for again, first in zip(rig.sphere(12, 8), sphere_cameras(12, centre, radius, fov, 8), strict=True):
+        np.testing.assert_allclose(again.camera_to_world, first.camera_to_world, atol=1e-6)
+
+
+def test_what_a_camera_of_a_rig_sees_at_the_centre_is_as_wide_as_said() -> None:
+    rig = CameraRig((1.0, 2.0, 3.0), 4.0, 0.7)
+    camera = rig.orbit(3, 101)[1]
+    origin, direction = (part[50, [0, -1]] for part in camera.rays())  # the first and the last pixel of the middle row
+    forward = np.subtract(rig.centre, camera.position) / 4.0
+    seen = origin + direction * (4.0 / (direction @ forward))[:, None]
+    assert np.linalg.norm(seen[1] - seen[0]) * 101 / 100 == pytest.approx(rig.view_width)
+
+
+@given(
+    centre=st.tuples(finite, finite, finite),
+    radius=st.floats(0.0, 1e9),
+    fov=st.floats(1e-3, 3.1),
+    size=st.none() | st.tuples(st.integers(1, 4096), st.integers(1, 4096)),
+)
+def test_a_rig_is_the_same_after_json(
+    centre: tuple[float, float, float], radius: float, fov: float, size: tuple[int, int] | None
+) -> None:
+    rig = CameraRig(centre, radius, fov, size)
+    assert CameraRig.from_json(json.loads(json.dumps(rig.to_json()))) == rig
+
+
+@given(
+    any_json
+    | st.fixed_dictionaries(
+        {"centre": st.lists(any_json, min_size=2, max_size=4) | any_json, "radius": any_json, "fov_x": any_json},
+        optional={"size": any_json},
+    )
+)
+def test_any_json_is_a_rig_or_is_refused(content: object) -> None:
+    try:
+        rig = CameraRig.from_json(content)
+    except BadInput:
+        return
+    assert CameraRig.from_json(rig.to_json()) == rig
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"centre": [0.0, 1.0]}, "centre must be a list of 3"),
+        ({"radius": -1.0}, "radius .* at least 0"),
+        ({"radius": 10**400}, "radius must be a finite number"),
+        ({"fov_x": 3.2}, "fov_x .* between 0 and pi"),
+        ({"fov_x": True}, "fov_x must be a finite number"),
+        ({"size": [8]}, "size must be a list of 2"),
+    ],
+)
+def test_a_broken_rig_is_refused_by_name(change: dict[str, object], said: str) -> None:
+    whole = {"centre": [0.0, 0.0, 0.0], "radius": 1.0, "fov_x": 0.5, "size": [8, 8]}
+    assert CameraRig.from_json(whole) == CameraRig((0.0, 0.0, 0.0), 1.0, 0.5, (8, 8))
+    with pytest.raises(BadInput, match=said):
+        CameraRig.from_json({**whole, **change})
+    for key in ("centre", "radius", "fov_x"):
+        with pytest.raises(BadInput, match=key):
+            CameraRig.from_json({k: v for k, v in whole.items() if k != key})
 
 
 def test_resizing_keeps_the_picture() -> None:

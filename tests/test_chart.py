@@ -88,7 +88,7 @@ def write_views(folder: Path, size: int = 32, test: int = 5) -> Path:
         images = np.zeros((n, size, size, 4), np.uint8)
         images[..., :3] = np.where((x < 0)[..., None], (200, 60, 40), (40, 80, 200))
         images[..., 3] = np.clip(255 * (0.3 * size - np.hypot(x, y)), 0, 255)
-        ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(n)), {}).write(folder, split)
+        ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(n))).write(folder, split)
     return folder
 
 

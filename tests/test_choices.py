@@ -16,7 +16,7 @@ import torch
 from svv.bench.stability.scenes import NESTED, SCENES, Array, KnownScene, Range, shells
 from svv.core.box import Box
 from svv.core.cameras import sphere_cameras
-from svv.dvr.mappers import Shading
+from svv.core.shading import Shading
 from svv.dvr.views import make_views
 from svv.errors import silent
 from svv.fields.encodings import SparseLattice

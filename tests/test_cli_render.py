@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from svv.cli import app as cli
-from svv.core.cameras import Camera, look_at, orbit_cameras
+from svv.core.cameras import Camera, CameraRig, look_at, orbit_cameras
 from svv.errors import BadInput, Progress, silent
 from svv.io.output import EMPTY_REGION, to_bytes
 
@@ -37,7 +37,7 @@ class Ball:
 
     centre = np.array([5.0, 0.0, 0.0])
     regions = (Region((1.0, 0.0, 0.0)), Region((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
-    camera_rig: ClassVar = {"centre": centre, "radius": 4.0, "fov_x": np.pi / 4}
+    rig: ClassVar = CameraRig((5.0, 0.0, 0.0), 4.0, np.pi / 4)
 
     def render(
         self, camera: Camera, network: str | None = None, background: None = None, progress: Progress = silent

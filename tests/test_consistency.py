@@ -23,7 +23,7 @@ from svv.bench.styles.rival_frames import frame_alone
 from svv.bench.styles.rivals import arf_like, unseeded
 from svv.bench.styles.table import averaged, victories
 from svv.cli import app as cli
-from svv.core.cameras import Camera, sphere_cameras
+from svv.core.cameras import Camera, CameraRig, sphere_cameras
 from svv.core.palette import PaletteSettings, extract_palette
 from svv.errors import BadInput, Cancelled, silent
 from svv.fields.scene import Rendering, Scene
@@ -59,7 +59,7 @@ class Balls:
 
     stride: float = 1.0
     joined: float = 0.0
-    camera_rig: ClassVar[dict[str, Any]] = {"centre": [0.0, 0.0, 0.0], "radius": 4.0, "fov_x": np.radians(30)}
+    rig: ClassVar = CameraRig((0.0, 0.0, 0.0), 4.0, float(np.radians(30)))
 
     def render(self, camera: Camera, network: str) -> Rendering:
         rgba, depth = two_balls(camera)
@@ -70,7 +70,7 @@ class Balls:
 def views_of(n: int) -> ViewSet:
     cameras = sphere_cameras(n, (0.0, 0.0, 0.0), 4.0, np.radians(30), SIZE)
     images = np.stack([two_balls(c)[0] for c in cameras])
-    return ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(n)), {})
+    return ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(n)))
 
 
 STEPS = StylizeSettings(distil_iterations=16, distil_rays=1024, style_iterations=6, style_views=12, style_size=SIZE)

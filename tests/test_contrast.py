@@ -11,7 +11,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from svv.core.cameras import sphere_cameras
 from svv.errors import silent
 from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
@@ -54,9 +53,8 @@ def waves(scene: Scene, height: float, length: float) -> UnrestrictedField:
 @torch.no_grad()
 def seen(scene: Scene, field: Callable[[torch.Tensor], torch.Tensor]) -> tuple[float, float]:
     """Contrast in views other than those that gains are solved in."""
-    rig = scene.camera_rig
     pictures = []
-    for view in visible_from(scene, sphere_cameras(5, rig["centre"], rig["radius"], rig["fov_x"], SIZE), silent):
+    for view in visible_from(scene, scene.rig.sphere(5, SIZE), silent):
         image, mask = view.image(field(view.position), 0, 0.0)
         pictures.append((image / mask.clamp_min(1e-3), (mask > 0.9 * mask.median().clamp_min(0.5)).to(mask)))
     found = contrasts(pictures)

@@ -146,7 +146,7 @@ def test_a_gpu_learns_as_well_as_the_processor() -> None:
     images = np.zeros((12, 48, 48, 4), np.uint8)
     row, column = np.mgrid[:48, :48] - 23.5
     images[:, row**2 + column**2 < 15**2] = (200, 60, 30, 255)
-    views = ViewSet(tuple(cameras), images, tuple(map(str, range(12))), {})
+    views = ViewSet(tuple(cameras), images, tuple(map(str, range(12))))
     scores = []
     for name in ("cpu", "cuda"):
         scene, report = train_scene(views, "draft", device=device_named(name))

@@ -16,13 +16,15 @@ pytest.importorskip("vtkmodules")
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera, geodesic_directions, look_at, orbit_cameras, sphere_cameras
+from svv.core.shading import Shading
 from svv.dvr import mappers
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import from_array, index_to_world, to_array
-from svv.dvr.mappers import Shading
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views, render_views
 from svv.errors import BadInput, Cancelled
+from svv.io.view_meta import known
+from svv.io.viewset import read_meta
 
 FLAT = Shading(on=False)
 
@@ -200,7 +202,7 @@ def test_the_sample_distance_is_as_long_as_the_volume_allows() -> None:
     for name, tf in (("thin", thin), ("faint", faint)):
         views, _ = make_views(smooth, tf, n=3, size=64, mapper="cpu")
         fine, _ = make_views(smooth, tf, n=3, size=64, mapper="cpu", step=0.125)
-        steps[name] = views.meta["sample_distance"]
+        steps[name] = known(views.meta.sample_distance, "sample_distance")
         if steps[name] > 0.5:
             error = np.square((on_white(views.images) - on_white(fine.images)) / 255).mean()
             assert -10 * np.log10(error) > 49  # 50 dB in the pictures it was chosen by, which are others
@@ -270,28 +272,30 @@ def test_views_come_with_all_that_made_them(tmp_path: Path) -> None:
     assert test is not None and len(train) == 12 and len(test) == 4
     assert train.images.shape == (12, 32, 32, 4) and train.names[:2] == ("r_0000", "r_0001")
     assert test.names == ("r_0000", "r_0060", "r_0120", "r_0180")
-    rig = train.meta["rig"]
+    rig = train.meta.rig
+    assert rig is not None
     for camera, name in zip(test.cameras, test.names):
-        expected = orbit_cameras(181, rig["centre"], rig["radius"], rig["fov_x"], 32)[int(name[2:])]
+        expected = orbit_cameras(181, rig.centre, rig.radius, rig.fov_x, 32)[int(name[2:])]
         np.testing.assert_array_equal(camera.camera_to_world, expected.camera_to_world)
-    assert train.meta["volume"] == "blob.npy" and train.meta["mapper"] in ("cpu", "gpu")
+    assert train.meta.volume == "blob.npy" and train.meta.mapper in ("cpu", "gpu")
     # The record is enough to make the same views again.
     again = render_views(
         from_array(blob()),
-        TransferFunction.from_dict(train.meta["tf"]),
+        TransferFunction.from_dict(train.meta.tf),
         train.cameras,
-        train.meta["mapper"],
-        Shading(**train.meta["shading"]),
+        train.meta.mapper,
+        train.meta.shading,
     )
     np.testing.assert_array_equal(again, train.images)
-    train.write(tmp_path / "views")  # meta is JSON
+    train.write(tmp_path / "views")
+    assert read_meta(tmp_path / "views") == train.meta
 
 
 def test_bounds_hold_all_that_is_visible_and_no_more() -> None:
     axes = rotation(5) * (1.0, 2.0, 0.5)
     image = placed(blob(), axes, np.array([3.0, 4.0, 5.0]))
     train, _ = make_views(image, ramp(), 3, 16)
-    low, high = np.array(train.meta["bounds"])
+    low, high = np.array(train.meta.bounds)
     z, y, x = np.nonzero(to_array(image) > 200)
     points = (index_to_world(image) @ np.stack([x, y, z, np.ones_like(x)]))[:3].T
     assert (points >= low - 1e-9).all() and (points <= high + 1e-9).all()
@@ -305,17 +309,18 @@ def test_the_frame_is_filled_like_the_published_views(fov: float) -> None:
     tf = TransferFunction(((0, 1, 1, 1), (99, 1, 0, 0)), ((0, 0.1, 0.5, 0), (99, 0.9, 0.5, 0)))
     image = from_array(array, (0.258,) * 3, (-0.516,) * 3)
     train, _ = make_views(image, tf, 3, 16, fov=fov)
-    assert train.meta["rig"]["radius"] == pytest.approx(4.0311 * np.tan(np.pi / 12) / np.tan(fov / 2))
-    np.testing.assert_allclose(train.meta["rig"]["centre"], 0, atol=1e-12)
+    rig = train.meta.rig
+    assert rig is not None and rig.radius == pytest.approx(4.0311 * np.tan(np.pi / 12) / np.tan(fov / 2))
+    np.testing.assert_allclose(rig.centre, 0, atol=1e-12)
     assert all(camera.fov_x == fov for camera in train.cameras)
 
 
 def test_the_whole_volume_can_fill_the_frame() -> None:
     array = np.pad(blob(), ((0, 20), (0, 0), (0, 0)))
     near, far = (make_views(from_array(array), ramp(), 3, 16, frame=frame)[0].meta for frame in ("visible", "whole"))
-    assert far["rig"]["radius"] > near["rig"]["radius"]
-    np.testing.assert_allclose(far["rig"]["centre"], (11.5, 10.5, 19.5))
-    assert far["bounds"] == near["bounds"]
+    assert far.rig is not None and near.rig is not None and far.rig.radius > near.rig.radius
+    np.testing.assert_allclose(far.rig.centre, (11.5, 10.5, 19.5))
+    assert far.bounds == near.bounds
 
 
 def test_without_a_function_two_ranges_are_shown(demo: vtkImageData) -> None:

@@ -108,7 +108,7 @@ def views() -> ViewSet:
     images = np.zeros((6, 16, 16, 4), np.uint8)
     row, column = np.mgrid[:16, :16] - 7.5
     images[:, row**2 + column**2 < 25] = (230, 30, 30, 255)
-    return ViewSet(tuple(sphere_cameras(6, (0.0, 0.0, 0.0), 3.0, 0.35, 16)), images, tuple("abcdef"), {})
+    return ViewSet(tuple(sphere_cameras(6, (0.0, 0.0, 0.0), 3.0, 0.35, 16)), images, tuple("abcdef"))
 
 
 def test_operations_of_a_step_and_of_an_image(count: Callable[[Callable[[], object]], list[str]]) -> None:

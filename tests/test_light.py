@@ -19,7 +19,7 @@ from svv.bench.stability.scenes import KnownScene, Range
 from svv.cli.app import app
 from svv.core.cameras import Camera, look_at
 from svv.core.light import RIM, Lamp, blinn_phong
-from svv.dvr.mappers import Shading
+from svv.core.shading import Shading
 from svv.dvr.views import make_views
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields import image as fused

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from svv.core.shading import Shading
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
-from svv.dvr.mappers import Shading
 from svv.dvr.views import make_views
 from svv.fields.rendering import RayCaster, composite, march
 from svv.fields.scene import Scene
+from svv.io.view_meta import ViewMeta
 from svv.io.viewset import ViewSet
 from svv.styles.textures import style_picture
 from svv.train.config import PRESETS
@@ -47,10 +48,10 @@ def test_a_lighting_network_where_there_is_light(trained: tuple[bool, ViewSet, S
 
 def test_views_that_do_not_say_are_looked_at(trained: tuple[bool, ViewSet, Scene, str]) -> None:
     _, views, scene, _ = trained
-    silent = replace(views, meta={})
+    silent = replace(views, meta=ViewMeta())
     found = shows_light(scene, silent, 0)
     assert found[0] == (change_aside(scene, silent, 0) >= LEAST) and "20 degrees aside" in found[1]
-    none = replace(views, meta={"shading": {"on": True, "ambient": 1.0, "diffuse": 0.0, "specular": 0.0}})
+    none = replace(views, meta=ViewMeta(shading=Shading(ambient=1.0, diffuse=0.0, specular=0.0)))
     assert not shows_light(scene, none, 0)[0]
 
 

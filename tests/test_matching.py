@@ -16,7 +16,6 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from svv.core.cameras import sphere_cameras
 from svv.core.nnfm import cell_weights, nnfm_loss
 from svv.errors import silent
 from svv.fields.scene import Scene
@@ -56,10 +55,10 @@ def weights(published: Callable[[str], State], tmp_path_factory: pytest.TempPath
 @pytest.fixture(scope="module")
 def unseen() -> list[StyledView]:
     """Views from where the matching never looked."""
-    rig = SCENE.camera_rig
-    cameras = sphere_cameras(5, rig["centre"], rig["radius"], rig["fov_x"], SIZE)
+    rig = SCENE.rig
+    cameras = rig.sphere(5, SIZE)
     looked = np.array([c.position for c in stylization_cameras(SCENE, STEPS.stylize)])
-    away = [c for c in cameras if np.linalg.norm(looked - c.position, axis=1).min() > 0.2 * rig["radius"]]
+    away = [c for c in cameras if np.linalg.norm(looked - c.position, axis=1).min() > 0.2 * rig.radius]
     assert len(away) >= 3
     return visible_from(SCENE, away, silent)
 

@@ -17,6 +17,7 @@ from svv.errors import BadInput
 from svv.fields.scene import Scene
 from svv.io.cache import NAME
 from svv.io.made import digest, digest_of_file
+from svv.io.view_meta import ViewMeta
 from svv.io.viewset import ViewSet
 from svv.pv.identity import (
     digest_of_edits,
@@ -64,10 +65,14 @@ def test_where_and_when_a_moment_is_does_not_count_in_its_name() -> None:
 def test_views_are_known_by_their_content(tmp_path: Path) -> None:
     images = np.random.default_rng(0).integers(0, 256, (6, 16, 16, 4)).astype(np.uint8)
     cameras = tuple(sphere_cameras(6, (0.0, 0.0, 0.0), 4.0, 0.5, 16))
-    views = ViewSet(cameras, images, tuple(map(str, range(6))), {"seconds": 1.0, "bounds": [(0.0, 1.0)] * 3})
+    meta = ViewMeta(seconds=1.0, bounds=((0.0,) * 3, (1.0,) * 3), other={"key": "before"})
+    views = ViewSet(cameras, images, tuple(map(str, range(6))), meta)
     views.write(tmp_path)
     assert digest_of_views(ViewSet.read(tmp_path)) == digest_of_views(views)
-    assert digest_of_views(replace(views, meta={**views.meta, "seconds": 2.0})) == digest_of_views(views)
+    assert digest_of_views(replace(views, meta=replace(meta, seconds=2.0, other={"key": "now"}))) == digest_of_views(
+        views
+    )
+    assert digest_of_views(replace(views, meta=replace(meta, mapper="gpu"))) != digest_of_views(views)
     other = views.images.copy()
     other[0, 0, 0, 0] ^= 1
     assert digest_of_views(replace(views, images=other)) != digest_of_views(views)

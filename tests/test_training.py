@@ -53,7 +53,7 @@ def two_balls(camera: Camera) -> np.ndarray:
 
 def views_of(cameras: list[Camera]) -> ViewSet:
     images = np.stack([two_balls(c) for c in cameras])
-    return ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(len(cameras))), {})
+    return ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(len(cameras))))
 
 
 @pytest.fixture(scope="module")
@@ -314,7 +314,7 @@ def test_training_that_cannot_be(views: ViewSet, preset: str, limit: float | Non
 
 
 def test_too_few_views(views: ViewSet) -> None:
-    few = ViewSet(views.cameras[:2], views.images[:2], views.names[:2], {})
+    few = ViewSet(views.cameras[:2], views.images[:2], views.names[:2])
     with pytest.raises(BadInput, match="2 views are too few"):
         train_scene(few, "draft")
 

@@ -314,7 +314,7 @@ def views_of_a_ball() -> ViewSet:
     from svv.core.cameras import sphere_cameras
 
     cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, np.radians(20), 24)
-    return ViewSet(tuple(cameras), np.stack([ball(c) for c in cameras]), tuple(map(str, range(12))), {})
+    return ViewSet(tuple(cameras), np.stack([ball(c) for c in cameras]), tuple(map(str, range(12))))
 
 
 def reconstruction(kernels: Kernels | ModuleType, rays: int, monkeypatch: pytest.MonkeyPatch) -> Reconstruction:

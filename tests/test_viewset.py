@@ -13,14 +13,17 @@ from PIL import Image
 
 from svv.core.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled
+from svv.io.view_meta import ViewMeta
 from svv.io.viewset import ViewSet
+
+META = ViewMeta(bounds=((0, 1, 2), (3, 4, 5)), other={"of": "the test"})
 
 
 def views(n: int = 4, width: int = 6, height: int = 5, seed: int = 0, fov: float = 0.7) -> ViewSet:
     rng = np.random.default_rng(seed)
     images = rng.integers(0, 256, (n, height, width, 4), dtype=np.uint8)
     cameras = [c.resized(width, height) for c in sphere_cameras(max(n, 3), rng.normal(size=3), 3.3, fov, 8)[:n]]
-    return ViewSet(tuple(cameras), images, tuple(f"r_{i:04d}" for i in range(n)), {"bounds": [[0, 1, 2], [3, 4, 5]]})
+    return ViewSet(tuple(cameras), images, tuple(f"r_{i:04d}" for i in range(n)), META)
 
 
 def same(a: ViewSet, b: ViewSet) -> bool:
@@ -97,7 +100,7 @@ def test_other_peoples_sets_are_read_as_they_are(tmp_path: Path) -> None:
     foreign(tmp_path, images)
     read = ViewSet.read(tmp_path)
     np.testing.assert_array_equal(read.images, images)
-    assert read.names == ("r_0", "r_1", "r_2") and read.meta == {}
+    assert read.names == ("r_0", "r_1", "r_2") and read.meta == ViewMeta()
 
 
 def test_suffix_in_file_path_and_equal_names_in_two_folders(tmp_path: Path) -> None:
@@ -120,7 +123,8 @@ def test_without_alpha_a_uniform_background_is_empty_and_said(tmp_path: Path, su
     expected = np.zeros((40, 40), np.uint8)
     expected[10:30, 12:28] = 255
     np.testing.assert_array_equal(read.images[0, ..., 3], expected)
-    assert "no alpha" in read.meta["assumed"] and "(250, 250, 250)" in read.meta["assumed"]
+    assert read.meta.assumed is not None
+    assert "no alpha" in read.meta.assumed and "(250, 250, 250)" in read.meta.assumed
 
 
 def test_without_alpha_and_background_is_refused(tmp_path: Path) -> None:

@@ -152,10 +152,12 @@ def views(
     spacing: Spacing = None,
 ) -> None:
     """Render views of a volume: training views on a sphere around it, test views on the orbit."""
+    from svv.io.view_meta import known
+
     source = _volume(volume, tf, array, dims, dtype, spacing)
     with shown("Drawing") as progress:
         made = source.make_views(out, n, test, size, mapper.value, progress)
-    print(f"{out}: {n} + {test} views, {duration(made['seconds'])}, ray caster {made['mapper']}")
+    print(f"{out}: {n} + {test} views, {duration(known(made.seconds, 'seconds'))}, ray caster {made.mapper}")
 
 
 def _volume(

@@ -72,8 +72,8 @@ def train(
     config.lit_by(config.preset(preset.value, name), lighting.value)  # said before the views are read
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, "train", progress)
-    if "assumed" in view_set.meta:
-        print(view_set.meta["assumed"], file=sys.stderr)
+    if view_set.meta.assumed is not None:
+        print(view_set.meta.assumed, file=sys.stderr)
     if views_only:
         view_set = replace(view_set, classified=None)
     checkpoint = checkpoint_path(out)

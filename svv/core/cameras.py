@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from svv.core.json_values import list_in, needed, number_in, object_in, vector_in, whole_in
 from svv.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -247,23 +247,83 @@ def orbit_cameras(
     return [_on_sphere(direction, centre, radius, fov_x, size) for direction in directions]
 
 
-def camera_rig(cameras: Sequence[Camera]) -> dict[str, Any]:
-    """Where cameras stand around what they look at.
+@dataclass(frozen=True)
+class CameraRig:
+    """Where cameras stand around what they look at; from there, other cameras look at it as well.
 
-    Returns:
-        ``centre``, the point nearest to all their axes (3), and ``radius``, their median distance from it, both in
-        world units; ``fov_x``, their median angle of view in radians; ``size``, width and height in pixels.
+    Raises:
+        BadInput: A centre, a radius, an angle of view or a size that is none.
     """
-    positions = np.stack([c.camera_to_world[:3, 3] for c in cameras])
-    axes = np.stack([-c.camera_to_world[:3, 2] for c in cameras])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    centre = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, positions), rcond=None)[0]
-    return {
-        "centre": [float(v) for v in centre],
-        "radius": float(np.median(np.linalg.norm(positions - centre, axis=1))),
-        "fov_x": float(np.median([c.fov_x for c in cameras])),
-        "size": [cameras[0].width, cameras[0].height],
-    }
+
+    centre: tuple[float, float, float]
+    """The point that they look at, world units."""
+    radius: float
+    """Their distance from it, world units, >= 0."""
+    fov_x: float
+    """Their full horizontal angle of view in radians, in (0, pi)."""
+    size: tuple[int, int] | None = None
+    """Width and height of their images in pixels, where that is known."""
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.centre).all():
+            raise BadInput(f"The centre of a camera rig must be finite, not {self.centre}.")
+        if not 0.0 <= self.radius < np.inf:
+            raise BadInput(f"The radius of a camera rig must be a number of at least 0, not {self.radius}.")
+        if not 0.0 < self.fov_x < np.pi:
+            raise BadInput(f"The fov_x of a camera rig must lie between 0 and pi radians, not {self.fov_x}.")
+
+    @classmethod
+    def of(cls, cameras: Sequence[Camera]) -> CameraRig:
+        """That of some cameras: the point nearest to all their axes, and the medians of their distances and angles."""
+        positions = np.stack([c.camera_to_world[:3, 3] for c in cameras])
+        axes = np.stack([-c.camera_to_world[:3, 2] for c in cameras])
+        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # removes what lies along the axis
+        centre = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, positions), rcond=None)[0]
+        x, y, z = (float(v) for v in centre)
+        radius = float(np.median(np.linalg.norm(positions - centre, axis=1)))
+        fov_x = float(np.median([c.fov_x for c in cameras]))
+        return cls((x, y, z), radius, fov_x, (cameras[0].width, cameras[0].height))
+
+    @classmethod
+    def from_json(cls, content: object, name: str = "camera_rig") -> CameraRig:
+        """The inverse of :meth:`to_json`.
+
+        Args:
+            content: What a file holds.
+            name: What errors call it.
+
+        Raises:
+            BadInput: a value that is missing or none.
+        """
+        values = object_in(content, name)
+        centre = vector_in(needed(values, "centre", name), f"{name}.centre")
+        radius, fov_x = (number_in(needed(values, key, name), f"{name}.{key}") for key in ("radius", "fov_x"))
+        size = None
+        if values.get("size") is not None:
+            width, height = (whole_in(v, f"{name}.size") for v in list_in(values["size"], 2, f"{name}.size"))
+            size = width, height
+        try:
+            return cls(centre, radius, fov_x, size)
+        except BadInput as error:
+            raise BadInput(f"{name}: {error}") from None
+
+    def to_json(self) -> dict[str, object]:
+        """As plain values under the names of the fields, without a size that is not known."""
+        content: dict[str, object] = {"centre": list(self.centre), "radius": self.radius, "fov_x": self.fov_x}
+        return content if self.size is None else {**content, "size": list(self.size)}
+
+    @property
+    def view_width(self) -> float:
+        """Width of what a camera sees at the centre, world units."""
+        return float(2.0 * self.radius * np.tan(self.fov_x / 2.0))
+
+    def sphere(self, n: int, size: int) -> list[Camera]:
+        """Cameras all around, see :func:`sphere_cameras`."""
+        return sphere_cameras(n, self.centre, self.radius, self.fov_x, size)
+
+    def orbit(self, n: int, size: int, frames: Sequence[int] | None = None) -> list[Camera]:
+        """Cameras on the path on which results are shown, see :func:`orbit_cameras`."""
+        return orbit_cameras(n, self.centre, self.radius, self.fov_x, size, frames)
 
 
 def _on_sphere(direction: Array, centre: ArrayLike, radius: float, fov_x: float, size: int) -> Camera:

@@ -17,7 +17,6 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -32,6 +31,7 @@ from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow, 
 from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper, vtkGPUVolumeRayCastMapper
 
 from svv.core.cameras import Camera
+from svv.core.shading import Shading
 from svv.dvr.grids import to_array
 from svv.dvr.stage import Stage, visible_cells
 from svv.dvr.vtk_readers import vtk_messages
@@ -57,25 +57,6 @@ NO_WINDOW = (
     "No off-screen OpenGL context can be made for the GPU ray caster: install libegl1 libosmesa6 (Debian's names) or "
     "choose the CPU ray caster (--mapper cpu), which needs none."
 )
-
-
-@dataclass(frozen=True)
-class Shading:
-    """Phong shading with one white light at the camera (a headlight).
-
-    The coefficients are the defaults of ParaView's volume representation. (VTK's own are 0.1, 0.7, 0.2, 10.)
-    """
-
-    on: bool = True
-    """False: colours of the transfer function as they are."""
-    ambient: float = 0.0
-    """Light that comes from everywhere, >= 0."""
-    diffuse: float = 1.0
-    """Share of the headlight that a surface facing the camera reflects in its own colour, >= 0."""
-    specular: float = 0.0
-    """Share that is mirrored as a white highlight, >= 0. The CPU's highlights are wider than the GPU's."""
-    specular_power: float = 100.0
-    """Sharpness of the highlight, > 0."""
 
 
 class CpuMapper:

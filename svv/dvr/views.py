@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.core.cameras import Camera, orbit_cameras, sphere_cameras
+from svv.core.cameras import Camera, CameraRig, sphere_cameras
+from svv.core.shading import Shading
 from svv.dvr.classify import classified
 from svv.dvr.grids import as_volume, index_to_world, to_array
 from svv.dvr.histogram import default_transfer_function
-from svv.dvr.mappers import CpuMapper, GpuMapper, Shading, choose_mapper
+from svv.dvr.mappers import CpuMapper, GpuMapper, choose_mapper
 from svv.dvr.stage import Stage, set_stage
 from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.volumes import read_volume
 from svv.errors import BadInput, Progress, part, silent
+from svv.io.view_meta import ViewMeta, VolumeGrid
 from svv.io.viewset import ViewSet
 
 STEP = {"cpu": 0.5, "gpu": 0.25}
@@ -134,25 +135,26 @@ def make_views(
         centre, half = matrix[:3, 3] + 0.5 * matrix[:3, :3] @ last, 0.5 * last * image.GetSpacing()
     # Narrower angles stand farther off, so that the volume takes the same part of the image.
     radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
-    cameras = sphere_cameras(n, centre, radius, fov, size)
-    numbers = unseen_numbers(test)
-    cameras += orbit_cameras(ORBIT, centre, radius, fov, size, numbers)
+    x, y, z = (float(v) for v in centre)
+    rig, numbers = CameraRig((x, y, z), radius, fov), unseen_numbers(test)
+    cameras = rig.sphere(n, size) + rig.orbit(ORBIT, size, numbers)
     shading = shading or Shading()
     volume_classified = classified(stage)
     images, mapper_name, distance = _render(stage, cameras, mapper, shading, step, part(progress, 0.02, 1.0))
-    meta = {
-        "volume": name or (Path(volume).name if isinstance(volume, (str, Path)) else "volume"),
-        "grid": _grid(image),
-        "bounds": stage.bounds.tolist(),
-        "rig": {"centre": np.asarray(centre).tolist(), "radius": radius, "fov_x": fov},
-        "tf": fitted.to_dict(),
-        "tf_rescaled": rescaled,
-        "shading": asdict(shading),
-        "sample_distance": float(distance / stage.scale),
-        "mapper": mapper_name,
-        "vtk": vtkVersion.GetVTKVersion(),
-        "seconds": round(time.monotonic() - began, 3),
-    }
+    low, high = stage.bounds.tolist()
+    meta = ViewMeta(
+        volume=name or (Path(volume).name if isinstance(volume, (str, Path)) else "volume"),
+        grid=_grid(image),
+        bounds=(tuple(low), tuple(high)),
+        rig=rig,
+        tf=fitted.to_dict(),
+        tf_rescaled=rescaled,
+        shading=shading,
+        sample_distance=float(distance / stage.scale),
+        mapper=mapper_name,
+        vtk=vtkVersion.GetVTKVersion(),
+        seconds=round(time.monotonic() - began, 3),
+    )
     names = tuple(f"r_{i:04d}" for i in range(n))
     train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, volume_classified)
     if not test:
@@ -252,13 +254,14 @@ def _range(image: vtkImageData) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def _grid(image: vtkImageData) -> dict[str, Any]:
-    direction = image.GetDirectionMatrix()
-    return {
-        "dimensions": list(image.GetDimensions()),
-        "spacing": list(image.GetSpacing()),
-        "origin": list(image.GetOrigin()),
-        "direction": [[direction.GetElement(i, j) for j in range(3)] for i in range(3)],
-        "type": str(to_array(image).dtype),
-        "range": list(_range(image)),
-    }
+def _grid(image: vtkImageData) -> VolumeGrid:
+    matrix = image.GetDirectionMatrix()
+    first, second, third = (tuple(matrix.GetElement(i, j) for j in range(3)) for i in range(3))
+    return VolumeGrid(
+        dimensions=image.GetDimensions(),
+        spacing=image.GetSpacing(),
+        origin=image.GetOrigin(),
+        direction=(first, second, third),
+        type=str(to_array(image).dtype),
+        range=_range(image),
+    )

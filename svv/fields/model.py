@@ -8,8 +8,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from svv.core.cameras import CameraRig
 from svv.core.colour import shift_colours
 from svv.core.light import COEFFICIENTS, Lamp
+from svv.errors import BadInput
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.region import Region
@@ -34,7 +36,8 @@ class Model:
     palette: PaletteField | None = None
     styled: UnrestrictedField | None = None
     regions: tuple[Region, ...] = ()
-    camera_rig: dict[str, Any] = field(default_factory=dict)
+    camera_rig: CameraRig | None = None
+    """Where the cameras of its training views stood."""
     made: dict[str, Any] = field(default_factory=dict)
     stride: float = 1.0
     """Sample distance of images in steps of the training's, and"""
@@ -48,6 +51,17 @@ class Model:
         """The networks it holds, of ``base``, ``pcn`` and ``styled``, the plainest first."""
         there = (self.base, self.palette, self.styled)
         return tuple(name for name, network in zip(NETWORKS, there, strict=True) if network is not None)
+
+    @property
+    def rig(self) -> CameraRig:
+        """Its camera rig, for what needs one.
+
+        Raises:
+            BadInput: the scene was not trained from views, and has none.
+        """
+        if self.camera_rig is None:
+            raise BadInput("The scene does not say where the cameras of its views stood; train it again.")
+        return self.camera_rig
 
     @property
     def device(self) -> torch.device:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.box import Box
-from svv.core.cameras import Camera
+from svv.core.cameras import Camera, CameraRig
 from svv.core.cells import widened
 from svv.errors import BadInput
 from svv.kernels.dispatch import kernels_of
@@ -106,13 +106,8 @@ def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Oc
 
 def _first_box(cameras: Sequence[Camera]) -> Box:
     """A cube that surely holds what the cameras look at: around the point nearest to their optical axes."""
-    positions = np.stack([c.camera_to_world[:3, 3] for c in cameras])
-    axes = np.stack([-c.camera_to_world[:3, 2] for c in cameras])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    centre = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, positions), rcond=None)[0]
-    distance = float(np.median(np.linalg.norm(positions - centre, axis=1)))
-    if not distance > 0:
-        distance = 1.0
+    rig = CameraRig.of(cameras)
+    centre, distance = np.array(rig.centre), rig.radius if rig.radius > 0 else 1.0
     half = 1.1 * distance * max(np.tan(c.fov_x / 2) * max(1.0, c.height / c.width) for c in cameras)
     return Box.of_bounds(centre - half, centre + half)
 

@@ -14,7 +14,6 @@ from weakref import WeakKeyDictionary
 import torch
 from torch import Tensor
 
-from svv.core.cameras import sphere_cameras
 from svv.core.light import Lamp
 from svv.fields.model import Model
 from svv.fields.networks import PaletteField, encode_directions
@@ -79,8 +78,7 @@ def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
     if palette not in _known:
         sums = torch.zeros(3, len(scene.regions), dtype=torch.float64, device=scene.device)
         rig = scene.camera_rig
-        cameras = sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], SIZE) if rig else []
-        for camera in cameras:
+        for camera in () if rig is None else rig.sphere(VIEWS, SIZE):
             rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
             samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
             if not len(samples):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -17,6 +16,7 @@ from torch.nn.functional import softplus
 
 from svv.core.cameras import Camera
 from svv.core.light import COEFFICIENTS, Lamp, blinn_phong
+from svv.core.shading import Shading
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import CEILING, Rays
@@ -93,11 +93,13 @@ class PhongLight(nn.Module):
         """Ambient, diffuse, specular (>= 0) and shininess (> 0) of each region. (P, 4)"""
         return softplus(self.raw) * self.raw.new_tensor([1.0, 1.0, 1.0, SHININESS])
 
-    def start(self, density: SparseLattice, occupancy: Occupancy, shading: dict[str, Any] | None, seed: int) -> None:
+    def start(self, density: SparseLattice, occupancy: Occupancy, shading: Shading | None, seed: int) -> None:
         """Begin with the gradient of the extinction, and with what the views say of how they were shaded."""
-        said = {} if shading is None else {**shading, "shininess": shading.get("specular_power")}
-        values = [max(float(said.get(name) or (START if shading is None else LEAST)[name]), LEAST[name])
-                  for name in COEFFICIENTS]  # fmt: skip
+        said = START
+        if shading is not None:
+            told = shading.ambient, shading.diffuse, shading.specular, shading.specular_power
+            said = dict(zip(COEFFICIENTS, told, strict=True))
+        values = [max(float(said[name]), LEAST[name]) for name in COEFFICIENTS]
         values[3] = min(values[3], 60.0) / SHININESS  # a sharper highlight falls between pixels and learns nothing
         self.normals.randomize(0.001, torch.Generator().manual_seed(seed))
         with torch.no_grad():

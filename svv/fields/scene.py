@@ -245,7 +245,7 @@ class Scene(PaintedModel):
             "variants": {v.name: {str(k): s for k, s in enumerate(v.styles) if s} for v in self.every_variant},
             "undo": [step.what for step in self.history.past],
             "redo": [step.what for step in self.history.future],
-            "camera_rig": self.camera_rig,
+            "camera_rig": {} if self.camera_rig is None else self.camera_rig.to_json(),
             "made": self.made,
         }
 

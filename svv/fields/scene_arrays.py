@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from svv.core.box import Box
+from svv.core.cameras import CameraRig
 from svv.core.light import Lamp
 from svv.fields.encodings import Encoding, SparseLattice
 from svv.fields.model import NETWORKS
@@ -50,7 +51,7 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
             }
             for v in scene.others
         ],
-        "camera_rig": scene.camera_rig,
+        "camera_rig": {} if scene.camera_rig is None else scene.camera_rig.to_json(),
         "made": scene.made,
     }
     tensors: Arrays = {"occupied": np.packbits(scene.occupancy.occupied > 0)}
@@ -103,6 +104,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
                     del state[f"{key}.ends"]
             network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
             network.requires_grad_(False)
+    rig = CameraRig.from_json(header["camera_rig"]) if header["camera_rig"] else None
     m = header["marching"]
     marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
     images = {name: float(value) for name, value in header.get("images", {}).items()}
@@ -113,7 +115,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         raise ValueError("a variant is of other regions")
     return {
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette": palette,
-        "styled": styled, "regions": regions, "camera_rig": header["camera_rig"], "made": header["made"], **images,
+        "styled": styled, "regions": regions, "camera_rig": rig, "made": header["made"], **images,
         "painting": header.get("painting"), "others": tuple(variants), "lamp": Lamp(**_values(header.get("lamp", {}))),
     }  # fmt: skip
 

@@ -15,7 +15,6 @@ from weakref import WeakKeyDictionary
 import torch
 from torch import Tensor
 
-from svv.core.cameras import sphere_cameras
 from svv.fields.model import Model
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import SIZE, VIEWS
@@ -99,7 +98,7 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
     fade = float((opacity * (-reach).exp()).min())
     views = []
     rig = scene.camera_rig
-    for camera in sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], SIZE) if rig else []:
+    for camera in () if rig is None else rig.sphere(VIEWS, SIZE):
         rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, replace(scene.marching_for_images, fade=fade))
         if len(samples):

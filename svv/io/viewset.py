@@ -18,7 +18,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,6 +31,7 @@ from svv.core.cameras import Camera
 from svv.core.classified import ClassifiedVolume, ValueRange
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import atomic_path, cannot_write, make_folder, to_json
+from svv.io.view_meta import ViewMeta
 
 Images = NDArray[np.uint8]
 Item = TypeVar("Item")
@@ -58,9 +59,7 @@ class ViewSet:
         cameras: One camera per image, all of the images' size.
         images: (n, height, width, 4) uint8, straight alpha.
         names: File names without suffix, all different.
-        meta: What is known about how they were made (JSON). In our own sets: ``bounds`` (world, of the
-            visible data), ``volume``, ``tf``, ``mapper``, ``sample_distance``, ``seconds`` ...; ``assumed``
-            holds one sentence where the images had no alpha.
+        meta: What is known about how they were made.
         classified: The volume after classification, None where only the images are known.
 
     Raises:
@@ -70,7 +69,7 @@ class ViewSet:
     cameras: tuple[Camera, ...]
     images: Images
     names: tuple[str, ...]
-    meta: dict[str, Any] = field(default_factory=dict)
+    meta: ViewMeta = field(default_factory=ViewMeta)
     classified: ClassifiedVolume | None = None
 
     def __post_init__(self) -> None:
@@ -102,7 +101,7 @@ class ViewSet:
         """Read ``transforms_<split>.json`` and its images.
 
         Images without alpha: where their corners all show one colour, that colour is taken as empty, every
-        other pixel as opaque, and ``meta["assumed"]`` says so; otherwise they are refused.
+        other pixel as opaque, and ``meta.assumed`` says so; otherwise they are refused.
 
         Args:
             folder: Where the JSON file lies.
@@ -111,10 +110,11 @@ class ViewSet:
 
         Raises:
             BadInput: A missing or broken file, frames of different sizes, no alpha and no uniform background,
-                a camera that is no rotation, too few views.
+                a camera that is no rotation, too few views, a value under ``svv`` that is none.
         """
         path = Path(folder) / f"transforms_{split}.json"
         scene, frames = _read_transforms(path)
+        meta = ViewMeta.from_json(scene.get("svv"), f"{path}: svv")
         if split == "train" and len(frames) < MIN_TRAIN_VIEWS:
             raise BadInput(f"{path} has {len(frames)} views; at least {MIN_TRAIN_VIEWS} are needed.")
         files = [_image_file(path, frame) for frame in frames]
@@ -126,10 +126,9 @@ class ViewSet:
                     f"All images of a set must have one size, but {files[0].name} has {width} x {height} "
                     f"and {file} has {image.shape[1]} x {image.shape[0]} pixels."
                 )
-        meta = dict(scene.get("svv") or {})
         images, assumed = _with_alpha(decoded, files)
         if assumed:
-            meta["assumed"] = assumed
+            meta = replace(meta, assumed=assumed)
         cameras = tuple(_camera(path, scene, frame, width, height) for frame in frames)
         file = path.parent / CLASSIFIED
         classified = _read_classified(file) if scene.get("svv_classified") == CLASSIFIED and file.exists() else None
@@ -173,7 +172,7 @@ class ViewSet:
                 frame["camera_angle_x"] = camera.fov_x
             frame["transform_matrix"] = camera.camera_to_world.tolist()
             frames.append(frame)
-        about = {"w": first.width, "h": first.height, "svv": self.meta}
+        about = {"w": first.width, "h": first.height, "svv": self.meta.to_json()}
         if self.classified is not None:
             about["svv_classified"] = CLASSIFIED
         return {"camera_angle_x": first.fov_x, **about, "frames": frames}
@@ -192,6 +191,16 @@ class ViewSet:
                 os.replace(staging / CLASSIFIED, target / CLASSIFIED)
         for file in stale:
             file.unlink(missing_ok=True)
+
+
+def read_meta(folder: str | Path) -> ViewMeta:
+    """What the training views of a folder say about how they were made.
+
+    Raises:
+        BadInput: there are none, or a value under ``svv`` is none.
+    """
+    path = Path(folder) / "transforms_train.json"
+    return ViewMeta.from_json(_read_transforms(path)[0].get("svv"), f"{path}: svv")
 
 
 def read_classified(folder: str | Path) -> ClassifiedVolume | None:

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from svv.fields.scene import Scene
+from svv.io.view_meta import ViewMeta, known
+from svv.io.viewset import read_meta
 from svv.job.page import Page, Picture, Table, cost_table, write_page
-from svv.job.source import Drawn, ViewSource, read_meta
+from svv.job.source import Drawn, ViewSource
 from svv.job.steps import Job
 from svv.progress import duration
 from svv.render.pictures import hex_colour
@@ -108,17 +110,16 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
     facts, s = [], job.settings
     if isinstance(job.source, Drawn):
         meta = read_meta(job.views)
-        grid = meta["grid"]
-        facts.append(("Volume", f"{meta['volume']}, {' x '.join(map(str, grid['dimensions']))}, {grid['type']}"))
-        facts.append(("Transfer function", str(meta["tf"]["Name"])))
+        grid, distance = known(meta.grid, "grid"), known(meta.sample_distance, "sample_distance")
+        facts.append(("Volume", f"{meta.volume}, {' x '.join(map(str, grid.dimensions))}, {grid.type}"))
+        facts.append(("Transfer function", str(known(meta.tf, "tf")["Name"])))
         facts.append(("Views", f"{s.n} for training, {s.test} for the scores, {s.size} x {s.size} pixels"))
-        facts.append(
-            ("Ray caster", f"VTK {meta['vtk']}, {meta['mapper']}, sample distance {meta['sample_distance']:.4g}")
-        )
+        facts.append(("Ray caster", f"VTK {meta.vtk}, {meta.mapper}, sample distance {distance:.4g}"))
     elif isinstance(job.source, ViewSource):
         facts.append(("Views", str(job.source.folder)))
-        if "assumed" in scene.made["source"]:
-            facts.append(("Assumed", scene.made["source"]["assumed"]))
+        assumed = ViewMeta.from_json(scene.made["source"], "source").assumed
+        if assumed is not None:
+            facts.append(("Assumed", assumed))
     facts.append(("Preset", s.preset if s.time_limit is None else f"{s.preset}, at most {duration(s.time_limit)}"))
     facts.append(("Light", LIGHT[scene.settings.lighting] + " (by held-out views)" * (s.lighting == "auto")))
     facts.append(("Seed", str(s.seed)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
-from svv.io.viewset import CLASSIFIED, files_of
+from svv.io.view_meta import ViewMeta, known
+from svv.io.viewset import CLASSIFIED, files_of, read_meta
 from svv.job.stages import fingerprint
 
 
@@ -39,7 +39,7 @@ class Drawn(ABC):
     def how(self) -> dict[str, Any]:
         """Arguments of :func:`svv.dvr.views.make_views`: ``tf``, and what it needs besides."""
 
-    def make_views(self, folder: Path, n: int, test: int, size: int, mapper: str, progress: Progress) -> dict[str, Any]:
+    def make_views(self, folder: Path, n: int, test: int, size: int, mapper: str, progress: Progress) -> ViewMeta:
         """Draw the views into a folder; see :func:`svv.dvr.views.make_views`.
 
         Returns:
@@ -66,14 +66,16 @@ class Drawn(ABC):
 
         Returns:
             (n, height, width, 4) uint8, straight alpha.
+
+        Raises:
+            BadInput: the views do not say how they were drawn.
         """
-        from svv.dvr.mappers import Shading
         from svv.dvr.transfer_functions import TransferFunction
         from svv.dvr.views import render_views
 
         meta = read_meta(views)
-        tf, shading = TransferFunction.from_dict(meta["tf"]), Shading(**meta["shading"])
-        return render_views(self.image(), tf, cameras, meta["mapper"], shading, progress=progress)
+        tf, mapper = TransferFunction.from_dict(known(meta.tf, "tf")), known(meta.mapper, "mapper")
+        return render_views(self.image(), tf, cameras, mapper, known(meta.shading, "shading"), progress=progress)
 
 
 @dataclass(frozen=True)
@@ -148,9 +150,3 @@ class ViewSource:
         files = [path for split in splits for path in files_of(self.folder, split)]
         files += [path for path in (self.folder / CLASSIFIED,) if path.exists()]
         return {"files": [[path.name, path] for path in files]}
-
-
-def read_meta(views: Path) -> dict[str, Any]:
-    """What a folder of views that svv made says about how they were made."""
-    content: dict[str, Any] = json.loads((views / "transforms_train.json").read_text(encoding="utf-8"))
-    return dict(content.get("svv", {}))

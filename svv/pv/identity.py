@@ -72,7 +72,7 @@ def digest_of_views(views: ViewSet) -> str:
     """A hash of images, cameras and the classified volume; names, and how long it took, do not count."""
     if views not in _views:
         cameras = [[c.camera_to_world, c.fov_x, c.width, c.height] for c in views.cameras]
-        meta = {key: value for key, value in views.meta.items() if key not in CIRCUMSTANCES}
+        meta = {key: value for key, value in views.meta.to_json().items() if key not in CIRCUMSTANCES}
         volume = views.classified
         known = None if volume is None else [
             vars(volume.box), volume.cells, [vars(r) for r in volume.ranges], volume.exponent,

@@ -183,7 +183,7 @@ def write_views(views: Views, folder: Path, progress: Any = silent) -> None:
 
 def _told(result: Views | Scene) -> dict[str, Any]:
     """What a result says about what it was made of; empty where it is none of a filter's."""
-    told = result[0].meta if isinstance(result, tuple) else result.made
+    told = result[0].meta.to_json() if isinstance(result, tuple) else result.made
     return told if all(name in told for name in ("key", "look", "data", "time")) else {}
 
 

@@ -73,7 +73,7 @@ class StyleRFViews(ViewsOutput, Keeping):
             with self.training() as progress:
                 train, test = draw_views(volume_of(inputs[0]), self.values, part(progress, 0.0, 0.9))
             known = {"key": key_of(now), "look": now.look, "data": now.data, "time": now.time}
-            return replace(train, meta={**train.meta, **known}), test
+            return replace(train, meta=replace(train.meta, other={**train.meta.other, **known})), test
 
         def own() -> Any:
             found = views_in(Path(folder), key_of(now), self.progress) if folder else None
@@ -90,7 +90,7 @@ class StyleRFViews(ViewsOutput, Keeping):
         if folder:
             self.kept("written", (key_in(name), folder), write)
         self.show(train, outputs, key_in(name))
-        said = f"{len(train)} views, drawn in {train.meta['seconds']:.0f} s by the {train.meta['mapper']} ray caster."
+        said = f"{len(train)} views, drawn in {train.meta.seconds:.0f} s by the {train.meta.mapper} ray caster."
         return said + self.note + self.steps.told(now, "Drawn", "draws them again")
 
     def before(self, outputs: list[Any]) -> None:

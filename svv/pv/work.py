@@ -106,8 +106,8 @@ def transfer_function_of(values: Values) -> Any:
 
 
 def shading_of(values: Values) -> Any:
-    """The shading of the panel (:class:`svv.dvr.mappers.Shading`)."""
-    from svv.dvr.mappers import Shading
+    """The shading of the panel (:class:`svv.core.shading.Shading`)."""
+    from svv.core.shading import Shading
 
     return Shading(bool(values["Shade"]), *(values[k] for k in ("Ambient", "Diffuse", "Specular", "SpecularPower")))
 
@@ -237,12 +237,10 @@ def camera_for(scene: Scene, values: Values) -> Camera:
     width, height = size_of(values)
     if any(values["Camera"][:6]):
         return camera_of(values["Camera"], width, height)
-    from svv.core.cameras import orbit_cameras
-
-    frame, rig = values["Frame"], scene.camera_rig
+    frame = values["Frame"]
     if not 0 <= frame < ORBIT:
         raise BadInput(f"Frame must be 0 to {ORBIT - 1}, one of the orbit's, not {frame}.")
-    (camera,) = orbit_cameras(ORBIT, rig["centre"], rig["radius"], rig["fov_x"], width, [frame])
+    (camera,) = scene.rig.orbit(ORBIT, width, [frame])
     return camera.resized(width, height)
 
 

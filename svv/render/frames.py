@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.cameras import Camera, orbit_cameras
+from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.atomic import check_writable, make_folder
 from svv.io.output import (
@@ -36,9 +36,7 @@ PREVIEW_SIZE = 96
 
 def orbit(scene: Scene, n: int, width: int, height: int) -> list[Camera]:
     """The cameras of the 181-view path (or ``n`` views of it) around a scene, at the distance of its training views."""
-    rig = scene.camera_rig
-    cameras = orbit_cameras(n, rig["centre"], rig["radius"], rig["fov_x"], width)
-    return [camera.resized(width, height) for camera in cameras]
+    return [camera.resized(width, height) for camera in scene.rig.orbit(n, width)]
 
 
 def write_view(

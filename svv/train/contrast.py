@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from torch import Tensor
 
-from svv.core.cameras import sphere_cameras
 from svv.errors import Progress, silent
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import UnrestrictedField
@@ -101,7 +100,7 @@ def match_contrast(
     Returns:
         a and b of each region that is seen.
     """
-    rig, lattice = scene.camera_rig, field.encoding
+    lattice = field.encoding
     assert isinstance(lattice, SparseLattice)
     place = lattice.places_of_level(0, scene.occupancy.occupied, scene.occupancy.cells)
     owner = _owners(scene, place)
@@ -112,8 +111,7 @@ def match_contrast(
         wanted = contrasts([(style, inside)])
         if wanted is not None and len(own):
             paints[k] = _Paint(lattice, own, place[own], wanted, PATCH * paint_pixel(scene, settings))
-    cameras = sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], settings.style_size)
-    views = visible_from(scene, cameras, silent) if paints else []
+    views = visible_from(scene, scene.rig.sphere(VIEWS, settings.style_size), silent) if paints else []
     for turn in range(ROUNDS):
         progress(turn / ROUNDS, "contrast")
         pictures: dict[int, list[tuple[Tensor, Tensor]]] = {k: [] for k in paints}
@@ -145,10 +143,8 @@ def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest:
     Returns:
         A factor from 1 to ``largest`` for each.
     """
-    rig = scene.camera_rig
-    cameras = sphere_cameras(6, rig["centre"], rig["radius"], rig["fov_x"], 128)
     depths: dict[int, list[Tensor]] = {k: [] for k in regions}
-    for view in visible_from(scene, cameras, silent):
+    for view in visible_from(scene, scene.rig.sphere(6, 128), silent):
         for k in regions:
             own = view.region == k
             weight, at, pixels = view.weight[own, None], view.position[own], view.pixel[own]

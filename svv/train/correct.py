@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from svv.core.cameras import camera_rig
+from svv.core.cameras import CameraRig
 from svv.core.correction import Correction, Entry, corrected
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.edits import History, edits_of, with_edits
@@ -130,7 +130,7 @@ def correct_palette(
 
 
 def _check_views(scene: Scene, views: ViewSet) -> None:
-    rig, ours = camera_rig(views.cameras), scene.camera_rig
-    far = np.linalg.norm(np.subtract(rig["centre"], ours["centre"])) + abs(rig["radius"] - ours["radius"])
-    if not far <= ELSEWHERE * ours["radius"]:
+    rig, ours = CameraRig.of(views.cameras), scene.rig
+    far = np.linalg.norm(np.subtract(rig.centre, ours.centre)) + abs(rig.radius - ours.radius)
+    if not far <= ELSEWHERE * ours.radius:
         raise BadInput("These views are of another scene: give those that it was trained on.")

@@ -11,7 +11,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from svv.core.cameras import sphere_cameras
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import UnrestrictedField
 from svv.fields.rendering import RayCaster, Rays, march
@@ -32,9 +31,7 @@ DISTILLATION_SAMPLES = 40_000
 
 def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
     """Side of a pixel of the stylization views at the scene's centre, in box units."""
-    rig = scene.camera_rig
-    view = 2.0 * rig["radius"] * np.tan(rig["fov_x"] / 2.0) / scene.occupancy.box.size
-    return float(view / settings.style_size)
+    return scene.rig.view_width / scene.occupancy.box.size / settings.style_size
 
 
 class Distillation:
@@ -61,7 +58,6 @@ class Distillation:
         torch.manual_seed(seed)
         self.scene, self.teacher, self.palette = scene, scene.palette, transferred
         self.settings, self.seed = settings, seed
-        rig = scene.camera_rig
         cell = None if settings.pixels_a_cell is None else settings.pixels_a_cell * paint_pixel(scene, settings)
         levels = paint_resolutions(scene.settings, cell, scene.occupancy.cells)
         levels = levels if before is None else before.resolutions
@@ -77,7 +73,7 @@ class Distillation:
         styled = [before is not None and r.style is not None for r in scene.regions]
         self.known = torch.tensor(styled, device=scene.device)
         """Regions whose colours ``before`` holds. (P,)"""
-        cameras = sphere_cameras(settings.distil_views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)
+        cameras = scene.rig.sphere(settings.distil_views, DISTILLATION_SIZE)
         self.caster = RayCaster(cameras, scene.occupancy.box, scene.device)
         pixels = np.random.default_rng(seed).integers(0, settings.distil_views * DISTILLATION_SIZE**2, PROBE)
         probe = march(self.caster.rays(torch.from_numpy(pixels)), scene.occupancy, scene.base.density, scene.marching)

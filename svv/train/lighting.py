@@ -52,9 +52,9 @@ def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
         views: The training views.
         seed: Of rays and turns.
     """
-    shading = views.meta.get("shading")
-    if isinstance(shading, dict):
-        if shading.get("on") and (shading.get("diffuse") or shading.get("specular")):
+    shading = views.meta.shading
+    if shading is not None:
+        if shading.seen:
             return True, "the views were drawn with shading, so there is a lighting network"
         return False, "the views were drawn without shading: no lighting network"
     change = change_aside(scene, views, seed)
@@ -70,7 +70,7 @@ def with_explicit_light(settings: FieldSettings, views: ViewSet) -> FieldSetting
     VTK's ray caster on CPUs takes a headlight for parallel to the camera's axis, for which views carry its name;
     on GPUs, and others, for a point at the camera.
     """
-    headlight = "axis" if views.meta.get("mapper") == "cpu" else "point"
+    headlight = "axis" if views.meta.mapper == "cpu" else "point"
     return replace(settings, lighting="phong", headlight=headlight)
 
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from torch import Tensor
 
-from svv.core.cameras import sphere_cameras
 from svv.errors import BadInput, Progress, part
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import UnrestrictedField
@@ -116,9 +115,7 @@ def painted_start(
     show(field)
     views: list[StyledView] = []
     if painted:
-        rig = scene.camera_rig
-        cameras = sphere_cameras(VIEWS, rig["centre"], rig["radius"], rig["fov_x"], VIEW_SIZE)
-        views = visible_from(scene, cameras, part(progress, 0.0, 0.1))
+        views = visible_from(scene, scene.rig.sphere(VIEWS, VIEW_SIZE), part(progress, 0.0, 0.1))
         form, progress = form_of(scene.base, occupancy, UP), part(progress, 0.15, 1.0)
         if not any(bool((view.region == k).any()) for view in views for k in painted):
             raise BadInput(UNSEEN)

@@ -96,7 +96,7 @@ def train_scene(
         "svv": __version__,
         "torch": torch.__version__,
         "views": len(views.cameras),
-        "source": views.meta,
+        "source": views.meta.to_json(),
     }
     return replace(scene, made=made), report
 

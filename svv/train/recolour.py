@@ -176,7 +176,7 @@ def recolour(
     device = base.encoding.table.device
     network.to(device).light_like(base)
     if network.phong is not None and base.density is not None:
-        network.phong.start(base.density, occupancy, views.meta.get("shading"), seed)
+        network.phong.start(base.density, occupancy, views.meta.shading, seed)
     pool = RayPool(views, occupancy.box, seed, device)
     work = Recolouring(base, network, occupancy, marching, pool, settings, owners, given, field.headlight)
     loop = Loop(settings.iterations, limit, progress, "palette colour network")

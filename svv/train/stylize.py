@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from svv.core.cameras import Camera, sphere_cameras
+from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import UnrestrictedField
@@ -200,8 +200,7 @@ def spread_along_rays(view: StyledView, own: Tensor, colours: Tensor) -> Tensor:
 
 def stylization_cameras(scene: Scene, settings: StylizeSettings) -> Sequence[Camera]:
     """The evenly spread views that see the strokes being made."""
-    rig = scene.camera_rig
-    return sphere_cameras(settings.style_views, rig["centre"], rig["radius"], rig["fov_x"], settings.style_size)
+    return scene.rig.sphere(settings.style_views, settings.style_size)
 
 
 @torch.no_grad()

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import torch
 
-from svv.core.cameras import camera_rig
+from svv.core.cameras import CameraRig
 from svv.core.palette import Palette
 from svv.errors import Progress, part
 from svv.fields.region import Region
@@ -94,7 +94,7 @@ class Training:
         )  # fmt: skip
         self.notes.append(reason)
         self.notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty")
-        scene = Scene(field, occupancy, marching, base, camera_rig=camera_rig(views.cameras))
+        scene = Scene(field, occupancy, marching, base, camera_rig=CameraRig.of(views.cameras))
         if self.saved is not None:
             header, arrays = scene.to_arrays(packed=False)
             self.saved.finish("base", {"header": header, "seconds": self.seconds, "notes": self.notes}, arrays)

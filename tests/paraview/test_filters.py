@@ -9,6 +9,7 @@ import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
 from svv.fields.scene import Scene
+from svv.io.view_meta import known
 from svv.io.viewset import ViewSet
 
 
@@ -54,8 +55,8 @@ def test_views_and_training_take_what_the_view_shows(trained: Path) -> None:
     assert said["columns"] == ["Region", "Colour", "Share", "Values", "Opacity", "Lighting", "Style"]
     views = ViewSet.read(trained / "views", "train")
     assert len(views) == 8 and len(ViewSet.read(trained / "views", "test")) == 2
-    assert views.meta["tf"]["ScalarOpacityUnitDistance"] == 2.5
-    assert views.meta["shading"]["on"]
+    assert known(views.meta.tf, "tf")["ScalarOpacityUnitDistance"] == 2.5
+    assert known(views.meta.shading, "shading").on
 
 
 def test_a_scene_is_edited_rendered_saved_and_kept_in_a_state(trained: Path, pvpython, tmp_path) -> None:

@@ -323,7 +323,7 @@ def test_a_palette_is_corrected_and_learned_again(inside, tmp_path: Path) -> Non
     cube = cube_scene()
     cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 3.0, 0.5, 48)
     images = np.stack([to_bytes(cube.render(camera).rgba) for camera in cameras])
-    ViewSet(tuple(cameras), images, tuple(f"r_{k}" for k in range(12)), {}).write(tmp_path / "views", "train")
+    ViewSet(tuple(cameras), images, tuple(f"r_{k}" for k in range(12))).write(tmp_path / "views", "train")
     said = inside("""
 reader = OpenDataFile(folder + "/cube.svv")
 palette = StyleRFPalette(Input=reader, Preset="draft", TimeLimit=1.0)

@@ -28,8 +28,8 @@ RenameSource("scene", reader)
 edit = StyleRFEdit(Input=reader, Region0Recolour=1, Region0Colour=[0.1, 0.6, 0.5], Region0Opacity=1.5)
 RenameSource("edits", edit)
 from svv.fields.scene import Scene
-rig = Scene.load(scene).camera_rig
-(x, y, z), radius = rig["centre"], rig["radius"]
+rig = Scene.load(scene).rig
+(x, y, z), radius = rig.centre, rig.radius
 image = StyleRFRender(Input=edit, ImageSize=[400, 400], Show="numbered regions",
                       Camera=[x + 0.2 * radius, y - 0.5 * radius, z + 0.2 * radius, x, y, z, 0, 0, 1, 30])
 RenameSource("regions", image)

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from svv.bench.chart.plan import LEAST_VIEWS, Grid, Measure, digest
-from svv.core.cameras import Camera, orbit_cameras
+from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress
-from svv.io.viewset import ViewSet
-from svv.job.source import ViewSource, VolumeSource, read_meta
+from svv.io.view_meta import known
+from svv.io.viewset import ViewSet, read_meta
+from svv.job.source import ViewSource, VolumeSource
 
 DRAWN_SIZE = 400
 """Width of a volume's views where none is asked for: a chart is many runs."""
@@ -149,6 +150,5 @@ def unseen_cameras(folder: Path, test: int, size: int) -> list[Camera]:
     """Test cameras around a volume of which we drew the views in ``folder``."""
     from svv.dvr.views import ORBIT, unseen_numbers
 
-    rig = read_meta(folder)["rig"]
-    path = orbit_cameras(ORBIT, rig["centre"], rig["radius"], rig["fov_x"], size)
+    path = known(read_meta(folder).rig, "rig").orbit(ORBIT, size)
     return [path[i] for i in unseen_numbers(test)]

@@ -29,8 +29,9 @@ from svv.ending import end_with
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
-from svv.io.viewset import ViewSet
-from svv.job.source import VolumeSource, read_meta
+from svv.io.view_meta import known
+from svv.io.viewset import ViewSet, read_meta
+from svv.job.source import VolumeSource
 from svv.kernels.dispatch import device_named
 from svv.measure import measured
 from svv.render.frames import orbit
@@ -68,7 +69,7 @@ def warm_up(run: dict[str, Any]) -> None:
     y, x = np.mgrid[:32, :32] - 15.5
     images[:, np.hypot(x, y) < 9.0] = (200, 60, 40, 255)
     images[:, (np.hypot(x, y) < 9.0) & (x < 0)] = (40, 80, 200, 255)
-    ball = ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(6)), {})
+    ball = ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(6)))
     draft = preset("draft", run["encoding"])
     few_cells = replace(draft, reconstruct=replace(draft.reconstruct, cells=32))
     _train(ball, {**run, "preset": few_cells}, 0.2, silent, None)
@@ -125,14 +126,13 @@ class Dvr:
     """Direct volume rendering of the volume, as its views were drawn."""
 
     def __init__(self, volume: Path, views: Path) -> None:
-        from svv.dvr.mappers import Shading
         from svv.dvr.stage import set_stage
         from svv.dvr.transfer_functions import TransferFunction
         from svv.dvr.views import open_caster
 
         meta = read_meta(views)
-        stage = set_stage(VolumeSource(volume).image(), TransferFunction.from_dict(meta["tf"]))
-        self._caster, _ = open_caster(stage, meta["mapper"], Shading(**meta["shading"]))
+        stage = set_stage(VolumeSource(volume).image(), TransferFunction.from_dict(known(meta.tf, "tf")))
+        self._caster, _ = open_caster(stage, known(meta.mapper, "mapper"), known(meta.shading, "shading"))
         self.name = self._caster.name
 
     def draw(self, camera: Camera) -> NDArray[np.uint8]:

@@ -13,7 +13,7 @@ from svv.bench.profile.ceilings import Ceilings, measure_ceilings
 from svv.bench.profile.table import Profile, profile_of
 from svv.bench.profile.watch import Watch
 from svv.bench.profile.work import watched
-from svv.core.cameras import camera_rig
+from svv.core.cameras import CameraRig
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.networks import PaletteField
 from svv.fields.region import Region
@@ -115,7 +115,8 @@ def _stage_1(views: ViewSet, chosen: Preset, steps: int, seed: int, work: _Steps
             step()
         work.take(name, training.budget.rays, step)
     base, occupancy = training.finish()
-    return Scene(field, occupancy, Marching(training.marching.step), base, camera_rig=camera_rig(views.cameras))
+    rig = CameraRig.of(views.cameras)
+    return Scene(field, occupancy, Marching(training.marching.step), base, camera_rig=rig)
 
 
 def _stage_2(

@@ -16,7 +16,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.bench.stability.measures import matched, overlaps, palette_error
 from svv.bench.stability.scenes import SCENES, TRANSPARENT, KnownScene
-from svv.core.cameras import Camera, orbit_cameras
+from svv.core.cameras import Camera
 from svv.core.colour import colour_differences, over
 from svv.core.correction import Correction
 from svv.core.metrics import psnr, psnr_foreground
@@ -25,6 +25,7 @@ from svv.errors import BadInput, Progress, part
 from svv.fields.rendering import RayCaster, march
 from svv.fields.scene import Scene
 from svv.io.images import read_style
+from svv.io.view_meta import known
 from svv.io.viewset import ViewSet
 from svv.train.config import Preset
 from svv.train.correct import correct_palette
@@ -232,7 +233,7 @@ def from_cameras(place: Callable[[Bench, Drawn], Sequence[Camera]]) -> Callable[
         drawn, scene = bench.trained(case, preset, seed, progress)
         cameras = place(bench, drawn)
         images = render_views(drawn.volume, drawn.known.transfer_function(), cameras, "cpu")
-        views = ViewSet(tuple(cameras), images, tuple(str(k) for k in range(len(cameras))), {})
+        views = ViewSet(tuple(cameras), images, tuple(str(k) for k in range(len(cameras))))
         return scores(as_saved(scene), drawn.known, views, drawn.known.class_maps(drawn.volume, cameras))
 
     return measure
@@ -242,8 +243,9 @@ def at_distance(factor: float, fov: float | None = None) -> Callable[[Bench, Dra
     """Cameras on the test path at another distance from the middle."""
 
     def place(bench: Bench, drawn: Drawn) -> list[Camera]:
-        rig, s = drawn.train.meta["rig"], bench.settings
-        return orbit_cameras(s.test + 2, rig["centre"], factor * rig["radius"], fov or rig["fov_x"], s.size)[1:-1]
+        rig, s = known(drawn.train.meta.rig, "rig"), bench.settings
+        moved = replace(rig, radius=factor * rig.radius, fov_x=fov or rig.fov_x)
+        return moved.orbit(s.test + 2, s.size)[1:-1]
 
     return place
 

@@ -15,8 +15,8 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera
 from svv.core.colour import rgb_array
+from svv.core.shading import Shading
 from svv.dvr.grids import from_array
-from svv.dvr.mappers import Shading
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import render_views
 

@@ -147,7 +147,7 @@ class OrbitPath:
         self.protocol, self.key = protocol, key_of_measure(key, FINE, RULES)
         self.folder = kept(folder, self.key)
         self.cameras: list[Camera] = orbit(scene, protocol.orbit, protocol.size, protocol.size)
-        self.diameter = 2.0 * float(scene.camera_rig["radius"])
+        self.diameter = 2.0 * scene.rig.radius
         self.view = lru_cache(maxsize=32)(self._view)
         for number, frame in enumerate(protocol.frames):
             progress(number / len(protocol.frames), f"geometry, frame {frame}")

@@ -23,7 +23,6 @@ import torch
 from torch import Tensor
 
 from svv.bench.styles.judge_features import stylized
-from svv.core.cameras import sphere_cameras
 from svv.core.nnfm import colour_statistics, colour_transfer
 from svv.errors import Progress, part
 from svv.fields.networks import UnrestrictedField, encode_directions
@@ -182,8 +181,8 @@ def base_colours(scene: Scene, samples: Samples, rays: Rays) -> Tensor:
 
 def _transfer(scene: Scene, target: StyleTarget, seed: int, colours_of: Callable[[Samples, Rays], Tensor]) -> Transfer:
     """ARF's colour transfer: the map that gives the scene's visible pixels the style's mean and covariance."""
-    rig, views = scene.camera_rig, 42
-    cameras = sphere_cameras(views, rig["centre"], rig["radius"], rig["fov_x"], DISTILLATION_SIZE)
+    views = 42
+    cameras = scene.rig.sphere(views, DISTILLATION_SIZE)
     pixels = np.random.default_rng(seed).integers(0, views * DISTILLATION_SIZE**2, LOOKED_AT)
     rays = RayCaster(cameras, scene.occupancy.box, scene.device).rays(torch.from_numpy(pixels))
     samples = march(rays, scene.occupancy, scene.base.density, scene.marching)

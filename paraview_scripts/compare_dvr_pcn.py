@@ -14,6 +14,7 @@ import shutil
 import statistics
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,6 @@ COLUMNS = (
     "side", "volume", "image", "seconds_median", "seconds_least", "seconds_most", "psnr", "psnr_foreground", "ssim",
     "memory_bytes", "gpu_bytes", "ready_seconds", "ready_bytes", "data_bytes", "ray_caster",
 )  # fmt: skip
-ONE = 1.0 / 255.0
 
 
 def main() -> None:
@@ -162,7 +162,8 @@ def dvr(chosen) -> None:
 
 def pcn(chosen) -> None:
     """Render the scene from the same cameras, and compare the images."""
-    from svv.core.metrics import psnr, psnr_foreground, ssim
+    from svv.core.colour import over
+    from svv.core.metrics import WHITE, Likeness
     from svv.fields.scene import Scene
     from svv.io.atomic import write_json
     from svv.measure import measured
@@ -174,12 +175,9 @@ def pcn(chosen) -> None:
     rows = []
     for size in chosen.images:
         shown, row = timed(lambda camera: scene.render(camera, "pcn").rgba, unseen(chosen, size))
-        truth = np.load(chosen.out / f"truth-{size}.npz")["images"].astype(np.float32) * ONE
-        scores = []
-        for rgba, true in zip(shown, truth, strict=True):
-            ours, theirs = (image[..., :3] * image[..., 3:] + 1.0 - image[..., 3:] for image in (rgba, true))
-            scores.append((psnr(ours, theirs), psnr_foreground(ours, theirs, true[..., 3]), ssim(ours, theirs)))
-        likeness = dict(zip(("psnr", "psnr_foreground", "ssim"), np.mean(scores, axis=0).tolist(), strict=True))
+        truth = np.load(chosen.out / f"truth-{size}.npz")["images"]
+        views = [Likeness.of(over(rgba, WHITE), true) for rgba, true in zip(shown, truth, strict=True)]
+        likeness = asdict(Likeness.mean(views))
         ready_now = {"ready_seconds": ready.seconds, "ready_bytes": ready.peak_rss_bytes}
         rows.append({"side": "PCN", "volume": chosen.volumes[0], "image": size, **row, **ready_now, **likeness,
                      "data_bytes": file.stat().st_size})  # fmt: skip

@@ -168,7 +168,7 @@ def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
     )  # fmt: skip
     with_it, _ = train_scene(train, short)
     without, _ = train_scene(replace(train, classified=None), short)
-    scores = [evaluate_scene(scene, test, "base")["psnr"] for scene in (with_it, without)]
+    scores = [evaluate_scene(scene, test, "base").psnr for scene in (with_it, without)]
     assert scores[0] > scores[1] + 0.3
 
 

@@ -151,5 +151,5 @@ def test_a_gpu_learns_as_well_as_the_processor() -> None:
     for name in ("cpu", "cuda"):
         scene, report = train_scene(views, "draft", device=device_named(name))
         assert report["device"] == name
-        scores.append(evaluate_scene(scene, views, "base")["psnr"])
+        scores.append(evaluate_scene(scene, views, "base").psnr)
     assert abs(scores[0] - scores[1]) < 0.3

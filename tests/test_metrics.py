@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.ndimage import correlate
 
-from svv.core.metrics import flip, psnr, psnr_foreground, ssim
+from svv.core.metrics import Likeness, flip, on_white, psnr, psnr_foreground, ssim
 from svv.errors import BadInput
 from svv.train.lpips import CHANNELS, MIN_SIZE, Lpips, load_lpips, lpips
 
@@ -35,6 +35,20 @@ def test_predictions_are_clamped() -> None:
     assert psnr(truth * 3, truth) == np.inf
     assert ssim(truth * 3, truth) == pytest.approx(1)
     assert flip(truth * 3, truth) == pytest.approx(0, abs=1e-6)
+
+
+def test_likeness_of_views_is_the_mean_of_the_metrics_on_white() -> None:
+    rng = np.random.default_rng(5)
+    truth = rng.integers(0, 256, (3, 24, 20, 4), dtype=np.uint8)
+    truth[0, ..., 3] = 0  # nothing there: it has no foreground, and has no part in its mean
+    shown = rng.random((3, 24, 20, 3))
+    white = truth[..., :3] / 255 * (truth[..., 3:] / 255) + 1 - truth[..., 3:] / 255
+    np.testing.assert_allclose([on_white(image) for image in truth], white, atol=1e-6)
+    found = Likeness.mean([Likeness.of(*pair) for pair in zip(shown, truth, strict=True)])
+    pairs = list(zip(shown, white, truth[..., 3], strict=True))
+    assert found.psnr == pytest.approx(np.mean([psnr(s, w) for s, w, _ in pairs]), abs=1e-4)
+    assert found.psnr_foreground == pytest.approx(np.mean([psnr_foreground(*p) for p in pairs[1:]]), abs=1e-4)
+    assert found.ssim == pytest.approx(np.mean([ssim(s, w) for s, w, _ in pairs]), abs=1e-5)
 
 
 def test_white_background_flatters_psnr_and_not_the_foreground() -> None:

@@ -146,9 +146,9 @@ def test_stages_learn_unseen_views(trained: tuple[Scene, dict[str, object]], uns
     scene, report = trained
     base = pipeline.evaluate_scene(scene, unseen, "base")
     palette = pipeline.evaluate_scene(scene, unseen, "pcn")
-    assert base["psnr"] > 24.0
-    assert palette["psnr"] > base["psnr"] - 2.0
-    assert base["views"] == 5
+    assert base.psnr > 24.0
+    assert palette.psnr > base.psnr - 2.0
+    assert base.views == 5
     assert report["preset"] == "tiny"
     assert set(report["seconds"]) >= {"hull", "base", "palette", "pcn", "total"}  # type: ignore[call-overload]
     assert int(report["peak_rss_bytes"]) > 0  # type: ignore[call-overload]
@@ -393,6 +393,6 @@ def test_the_papers_preset_runs(views: ViewSet, monkeypatch: pytest.MonkeyPatch,
     scene, report = train_scene(views, "paper")
     assert scene.base.density is None
     assert not scene.palette.shading  # type: ignore[union-attr]
-    assert pipeline.evaluate_scene(scene, unseen, "base")["psnr"] > 15.0
+    assert pipeline.evaluate_scene(scene, unseen, "base").psnr > 15.0
     assert report["preset"] == "paper" and scene.settings.lighting == "network"
     assert report["notes"][-1] == "images take all samples, as the density is a network's"

@@ -112,10 +112,10 @@ def evaluate(
     with shown("Evaluating") as progress:
         scores = evaluate_scene(loaded, view_set, (network or Network.pcn).value, progress)
     if volume is not None and any(region.values for region in loaded.regions):
-        scores["region_overlap"] = region_overlaps(loaded, view_set, volume)
+        scores = replace(scores, region_overlap=tuple(region_overlaps(loaded, view_set, volume)))
     if json is not None:
-        write_json(json, scores)
-    print_table(scores)
+        write_json(json, scores.to_json())
+    print_table(scores.to_json())
 
 
 def info(scene: SceneFile, json: Json = None) -> None:

@@ -63,6 +63,13 @@ def list_in(value: object, count: int, name: str) -> list[object]:
     return list(value)
 
 
+def numbers_in(value: object, name: str) -> tuple[float, ...]:
+    """Finite numbers, however many; raises BadInput where they are none."""
+    if not isinstance(value, list | tuple):
+        raise BadInput(f"{name} must be a list of numbers.")
+    return tuple(number_in(item, f"{name}, {k}") for k, item in enumerate(value))
+
+
 def pair_in(value: object, name: str) -> tuple[float, float]:
     """Two finite numbers; raises BadInput where they are none."""
     first, second = (number_in(item, f"{name}, {k}") for k, item in enumerate(list_in(value, 2, name)))

@@ -6,15 +6,55 @@ number of one view; the number of a set of views is the mean over views.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
+from svv.core.colour import over
 from svv.core.flip import error_map
 from svv.errors import BadInput
 
 Image = NDArray[np.floating]
 SSIM_TAPS = 11
+WHITE = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """How close a picture is to the truth, or the means over several."""
+
+    psnr: float
+    """dB, see :func:`psnr`."""
+    psnr_foreground: float
+    """dB, see :func:`psnr_foreground`."""
+    ssim: float
+    """See :func:`ssim`."""
+
+    @classmethod
+    def of(cls, shown: Image, truth: NDArray[np.uint8]) -> Likeness:
+        """Of a picture on white (h, w, 3) to the true view (h, w, 4), straight alpha.
+
+        Raises:
+            BadInput: pictures of different sizes, or smaller than 11 x 11 pixels.
+        """
+        white = on_white(truth)
+        return cls(psnr(shown, white), psnr_foreground(shown, white, truth[..., 3]), ssim(shown, white))
+
+    @classmethod
+    def mean(cls, views: Sequence[Likeness]) -> Likeness:
+        """The means over views, those left out whose value is nan (without a foreground)."""
+        psnrs, foregrounds, ssims = (
+            float(np.nanmean([getattr(v, name) for v in views])) for name in ("psnr", "psnr_foreground", "ssim")
+        )
+        return cls(psnrs, foregrounds, ssims)
+
+
+def on_white(truth: NDArray[np.uint8]) -> NDArray[np.floating]:
+    """A view with straight alpha (h, w, 4) as it is compared: blended on white, (h, w, 3) in [0, 1]."""
+    return over(truth.astype(np.float32) / np.float32(255.0), WHITE)
 
 
 def psnr(prediction: Image, truth: Image) -> float:
@@ -23,7 +63,7 @@ def psnr(prediction: Image, truth: Image) -> float:
     return _decibels((prediction - truth) ** 2)
 
 
-def psnr_foreground(prediction: Image, truth: Image, alpha: NDArray[np.floating]) -> float:
+def psnr_foreground(prediction: Image, truth: Image, alpha: NDArray[np.floating] | NDArray[np.uint8]) -> float:
     """PSNR in dB over the pixels whose true alpha (h, w) is above 0; nan where none is.
 
     A white background, which every method reproduces, flatters the PSNR of sparse scenes; here it has no

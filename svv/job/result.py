@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from svv.fields.scene import Scene
 from svv.io.view_meta import ViewMeta, known
 from svv.io.viewset import read_meta
@@ -14,6 +16,7 @@ from svv.job.source import Drawn, ViewSource
 from svv.job.steps import Job
 from svv.progress import duration
 from svv.render.pictures import hex_colour
+from svv.train.evaluate import Scores
 
 SCORES = {
     "psnr": ("PSNR", "{:.2f} dB"),
@@ -23,7 +26,7 @@ SCORES = {
     "lpips": ("LPIPS", "{:.4f}"),
     "seconds_per_view": ("Time for a view", "{:.2f} s"),
 }
-"""Key in the JSON of `svv evaluate` -> column and format."""
+"""Field of the scores -> column and format."""
 
 LIGHT = {"network": "a network's, at the camera", "phong": "explicit, can be moved", "none": "none in the views"}
 """Lighting of a scene -> as people read it."""
@@ -43,7 +46,7 @@ def write_result(path: Path, job: Job) -> None:
     """
     scene = Scene.load(job.variants.get("styled", ("", None))[1] or job.scene)
     training, styling = _read(job, "train", "train.json"), _read(job, "stylize", "stylize.json")
-    scores = _read(job, "evaluate", "scores.json")
+    scores = {k: Scores.from_json(v) for k, v in _read(job, "evaluate", "scores.json").items()}
     styles = [Picture("Styles", "What the regions are painted after.", job.out / "styles.png")] if styling else []
     parts: list[Picture | Table] = [
         Picture("All around", "The same views of every variant.", job.out / "contact.png"),
@@ -68,12 +71,13 @@ def write_result(path: Path, job: Job) -> None:
     write_page(path, page)
 
 
-def _numbers(training: dict[str, Any], scores: dict[str, Any]) -> list[tuple[str, str]]:
+def _numbers(training: dict[str, Any], scores: dict[str, Scores]) -> list[tuple[str, str]]:
     numbers = []
     if scores:
-        numbers.append((f"{scores['pcn']['psnr']:.1f} dB", "PSNR on unseen views"))
-        numbers.append((f"{scores['pcn']['psnr_foreground']:.1f} dB", "PSNR of the foreground"))
-        numbers.append((f"{scores['pcn']['seconds_per_view']:.2f} s", f"for a view of {_size(scores['pcn'])} pixels"))
+        pcn = scores["pcn"]
+        numbers.append((f"{pcn.psnr:.1f} dB", "PSNR on unseen views"))
+        numbers.append((f"{pcn.psnr_foreground:.1f} dB", "PSNR of the foreground"))
+        numbers.append((f"{pcn.seconds_per_view:.2f} s", f"for a view of {' x '.join(map(str, pcn.size))} pixels"))
     numbers.append((duration(training["seconds"]["total"]), "of training"))
     numbers.append((f"{training['scene_bytes'] / 1e6:.1f} MB", "scene file"))
     numbers.append((f"{training['peak_rss_bytes'] / 1e9:.1f} GB", "peak memory of training"))
@@ -93,16 +97,12 @@ def _regions(scene: Scene) -> Table:
     return Table("Regions", text, columns, rows, swatch=1)
 
 
-def _size(scores: dict[str, Any]) -> str:
-    return " x ".join(map(str, scores["size"]))
-
-
-def _scores(scores: dict[str, Any]) -> Table:
+def _scores(scores: dict[str, Scores]) -> Table:
     names = {"base": "Base network", "pcn": "Palette network"}
     rows = []
     for key, values in scores.items():
-        cells = ["-" if values.get(k) is None else form.format(values[k]) for k, (_, form) in SCORES.items()]
-        rows.append([names[key], *cells])
+        found = [(form, getattr(values, name)) for name, (_, form) in SCORES.items()]
+        rows.append([names[key], *("-" if v is None or np.isnan(v) else form.format(v) for form, v in found)])
     return Table("Scores", PROTOCOL, ["Network", *(name for name, _ in SCORES.values())], rows)
 
 

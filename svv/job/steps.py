@@ -151,7 +151,7 @@ class Job:
                 "pcn": evaluate_scene(scene, views, "pcn", part(progress, 0.45, 0.85)),
             }
             self._show_unseen(scene, views, part(progress, 0.85, 1.0))
-            write_json(self.out / "scores.json", scores)
+            write_json(self.out / "scores.json", {name: found.to_json() for name, found in scores.items()})
 
         files = [self.out / "scores.json", self.out / "unseen.png"]
         self.stages.do("evaluate", "Scores on unseen views", {}, files, work, ["train"])

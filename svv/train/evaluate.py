@@ -3,24 +3,108 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import numpy as np
 
-from svv.core.colour import over
-from svv.core.metrics import flip, psnr, psnr_foreground, ssim
+from svv.core.json_values import list_in, needed, number_in, numbers_in, object_in, text_in, whole_in
+from svv.core.metrics import WHITE, Likeness, flip, on_white
 from svv.errors import Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.train.lpips import load_lpips, lpips
 
-WHITE = (1.0, 1.0, 1.0)
+Value = TypeVar("Value")
 
 
-def evaluate_scene(
-    scene: Scene, views: ViewSet, network: str | None = None, progress: Progress = silent
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Scores:
+    """Scores of a scene on views, means over them; the names of the fields are the keys of `svv evaluate --json`."""
+
+    psnr: float
+    """dB on white."""
+    psnr_foreground: float
+    """dB over the pixels whose true alpha is above 0; nan where no view has one."""
+    ssim: float
+    flip: float
+    lpips: float | None
+    """None where its weights are not on this machine."""
+    views: int
+    """How many."""
+    size: tuple[int, int]
+    """Their width and height, pixels."""
+    seconds_per_view: float
+    """Of rendering: the median."""
+    network: str
+    """Whose colours: ``base``, ``pcn`` or ``styled``."""
+    background: str
+    """On what they were compared: ``white``."""
+    device: str
+    """Where it was rendered: ``cpu`` or ``cuda``,"""
+    gpu: str | None
+    """on which GPU,"""
+    kernels: str
+    """by which kernels."""
+    peak_gpu_bytes: int | None
+    """None on a CPU."""
+    region_overlap: tuple[float, ...] | None = None
+    """Intersection over union of each region with the values that it stands for, where the volume is known
+    (:func:`svv.train.ranges.region_overlaps`)."""
+
+    @classmethod
+    def from_json(cls, content: object, name: str = "scores") -> Scores:
+        """The inverse of :meth:`to_json`; where a file holds null for a number, which JSON has not, it is nan.
+
+        Args:
+            content: What a file holds.
+            name: What errors call it.
+
+        Raises:
+            BadInput: a value that is missing or none.
+        """
+        values = object_in(content, name)
+
+        def read(key: str, reader: Callable[[object, str], Value]) -> Value:
+            return reader(needed(values, key, name), f"{name}.{key}")
+
+        def read_or_none(key: str, reader: Callable[[object, str], Value]) -> Value | None:
+            return None if values.get(key) is None else read(key, reader)
+
+        def figure(key: str) -> float:
+            return float("nan") if needed(values, key, name) is None else read(key, number_in)
+
+        overlap = read_or_none("region_overlap", numbers_in)
+        width, height = (whole_in(v, f"{name}.size") for v in list_in(needed(values, "size", name), 2, f"{name}.size"))
+        return cls(
+            psnr=figure("psnr"),
+            psnr_foreground=figure("psnr_foreground"),
+            ssim=figure("ssim"),
+            flip=figure("flip"),
+            lpips=read_or_none("lpips", number_in),
+            views=read("views", whole_in),
+            size=(width, height),
+            seconds_per_view=read("seconds_per_view", number_in),
+            network=read("network", text_in),
+            background=read("background", text_in),
+            device=read("device", text_in),
+            gpu=read_or_none("gpu", text_in),
+            kernels=read("kernels", text_in),
+            peak_gpu_bytes=read_or_none("peak_gpu_bytes", whole_in),
+            region_overlap=overlap,
+        )
+
+    def to_json(self) -> dict[str, object]:
+        """As plain values under the names of the fields; without ``region_overlap`` where the volume is not known."""
+        content = {field.name: getattr(self, field.name) for field in fields(self)}
+        content["size"] = list(self.size)
+        overlap = content.pop("region_overlap")
+        return content if overlap is None else {**content, "region_overlap": list(overlap)}
+
+
+def evaluate_scene(scene: Scene, views: ViewSet, network: str | None = None, progress: Progress = silent) -> Scores:
     """Mean scores over views that were not trained on.
 
     The truth is alpha-blended on white and the prediction clamped to [0, 1]; scores are means over the images.
@@ -31,36 +115,35 @@ def evaluate_scene(
         network: ``base``, ``pcn`` or ``styled``; by default the last that the scene holds.
         progress: Called after every view.
 
-    Returns:
-        ``psnr``, ``psnr_foreground``, ``ssim``, ``flip``, ``lpips`` (None where its weights are not on this machine),
-        ``views``, ``size``, ``seconds_per_view`` (median), ``network``, ``background``, and where it was rendered:
-        ``device``, ``gpu``, ``kernels``, ``peak_gpu_bytes``.
-
     Raises:
         BadInput: the scene does not hold that network.
     """
     network = network or scene.networks[-1]
     measure = load_lpips()
     forget_gpu_peak(scene.device)
-    scores: dict[str, list[float]] = {k: [] for k in ("psnr", "psnr_foreground", "ssim", "flip", "lpips", "seconds")}
+    likeness, seconds, flips, distances = [], [], [], []
     scene.render(views.cameras[0].resized(64, 64), network)  # warm-up: kernels are compiled on first use
-    for number, (camera, image) in enumerate(zip(views.cameras, views.images, strict=True)):
+    for number, (camera, truth) in enumerate(zip(views.cameras, views.images, strict=True)):
         progress(number / len(views.cameras), f"evaluating {network}")
         begin = time.perf_counter()
         shown = scene.render(camera, network, WHITE).rgba[..., :3]
-        scores["seconds"].append(time.perf_counter() - begin)
-        truth = image.astype(np.float32) / np.float32(255.0)
-        on_white = np.asarray(over(truth, WHITE))
-        scores["psnr"].append(psnr(shown, on_white))
-        scores["psnr_foreground"].append(psnr_foreground(shown, on_white, truth[..., 3]))
-        scores["ssim"].append(ssim(shown, on_white))
-        scores["flip"].append(flip(shown, on_white))
+        seconds.append(time.perf_counter() - begin)
+        likeness.append(Likeness.of(shown, truth))
+        flips.append(flip(shown, on_white(truth)))
         if measure is not None:
-            scores["lpips"].append(lpips(measure, shown, on_white))
+            distances.append(lpips(measure, shown, on_white(truth)))
     progress(1.0, f"evaluating {network}")
-    report = device_report(scene.device)
-    seconds = float(np.median(scores.pop("seconds")))
-    means: dict[str, Any] = {k: float(np.nanmean(v)) if v else None for k, v in scores.items()}
-    size = [views.cameras[0].width, views.cameras[0].height]
-    return {**means, "views": len(views.cameras), "size": size, "seconds_per_view": seconds, "network": network,
-            "background": "white", **report}  # fmt: skip
+    mean = Likeness.mean(likeness)
+    return Scores(
+        psnr=mean.psnr,
+        psnr_foreground=mean.psnr_foreground,
+        ssim=mean.ssim,
+        flip=float(np.nanmean(flips)),
+        lpips=float(np.nanmean(distances)) if distances else None,
+        views=len(views.cameras),
+        size=(views.cameras[0].width, views.cameras[0].height),
+        seconds_per_view=float(np.median(seconds)),
+        network=network,
+        background="white",
+        **device_report(scene.device),
+    )

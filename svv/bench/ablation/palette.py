@@ -112,15 +112,18 @@ def ablate_palette(
 
         made, seconds = kept_scene(out / "scenes" / key, key, make)
         scores = evaluate_scene(made, test, "pcn", part(each, 0.8, 1.0))
-        scores["offsets"] = offset_size(made, test, seed)
-        scores["shares"] = ", ".join(f"{100 * region.share:.1f}" for region in made.regions)
+        figures = {
+            **scores.to_json(),
+            "offsets": offset_size(made, test, seed),
+            "shares": ", ".join(f"{100 * region.share:.1f}" for region in made.regions),
+        }
         shown = [made.render(camera, "pcn") for camera in test.cameras]
         maps = [np.stack([s.region for s in some]) for some in (truth, shown)]
         table = overlaps(maps[0], maps[1], len(scene.regions), len(made.regions))
         rows.append({"ablation": name, "variant": label, "seconds": seconds, "regions": len(made.regions),
                      "overlap": float(np.mean(matched(table))),
-                     **{k: scores[k] for k in PALETTE_COLUMNS if k in scores}})  # fmt: skip
-        write_json(out / "scenes" / key / "scores.json", {**rows[-1], "views": scores["views"], "size": scores["size"]})
+                     **{k: figures[k] for k in PALETTE_COLUMNS if k in figures}})  # fmt: skip
+        write_json(out / "scenes" / key / "scores.json", {**rows[-1], "views": scores.views, "size": figures["size"]})
         columns.append(_pictures(made, test, middle, shown[middle].rgba, shown[middle].region))
     columns.append(_pictures(scene, test, middle, test.images[middle], truth[middle].region))
     pictures = cropped([list(row) for row in zip(*columns)])

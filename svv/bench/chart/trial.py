@@ -12,7 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from svv._version import __version__
 from svv.bench.chart.scenes import shrunk, spread_over, unseen_cameras
 from svv.core.cameras import Camera, sphere_cameras
-from svv.core.colour import over
-from svv.core.metrics import psnr, psnr_foreground, ssim
+from svv.core.metrics import WHITE, Likeness
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene
@@ -37,8 +36,6 @@ from svv.measure import measured
 from svv.render.frames import orbit
 from svv.train.config import preset
 from svv.train.pipeline import train_scene
-
-WHITE = (1.0, 1.0, 1.0)
 
 
 def train(task: dict[str, Any], progress: Progress) -> None:
@@ -192,7 +189,7 @@ def race(
         ``psnr``, ``psnr_foreground``, ``ssim`` (means over the views), ``seconds_per_view``, and ``dvr``: its
         ``seconds_per_view``, ``mapper`` and ``ratio``, the median over the views of network time / its time.
     """
-    scores: dict[str, list[float]] = {"psnr": [], "psnr_foreground": [], "ssim": []}
+    scores = []
     ours, theirs = Times([], []), Times([], [])
     for number, camera in enumerate(cameras):
         progress(number / len(cameras), "unseen views")
@@ -200,13 +197,9 @@ def race(
         shown = ours.of(partial(scene.render, camera, network, WHITE)).rgba[..., :3]
         straight = drawn if truth is None else truth[number]
         assert straight is not None
-        image = straight.astype(np.float32) / np.float32(255.0)
-        on_white = np.asarray(over(image, WHITE))
-        scores["psnr"].append(psnr(shown, on_white))
-        scores["psnr_foreground"].append(psnr_foreground(shown, on_white, image[..., 3]))
-        scores["ssim"].append(ssim(shown, on_white))
+        scores.append(Likeness.of(shown, straight))
     progress(1.0, "unseen views")
-    result: dict[str, Any] = {name: float(np.nanmean(values)) for name, values in scores.items()}
+    result: dict[str, Any] = asdict(Likeness.mean(scores))
     result["seconds_per_view"] = ours.summary()
     if dvr is not None:
         ratio = np.median(np.divide(ours.seconds, theirs.seconds))

@@ -19,7 +19,7 @@ from svv.bench.stability.scenes import SCENES, TRANSPARENT, KnownScene
 from svv.core.cameras import Camera
 from svv.core.colour import colour_differences, over
 from svv.core.correction import Correction
-from svv.core.metrics import psnr, psnr_foreground
+from svv.core.metrics import WHITE, Likeness
 from svv.dvr.views import make_views, render_views
 from svv.errors import BadInput, Progress, part
 from svv.fields.rendering import RayCaster, march
@@ -29,7 +29,6 @@ from svv.io.view_meta import known
 from svv.io.viewset import ViewSet
 from svv.train.config import Preset
 from svv.train.correct import correct_palette
-from svv.train.evaluate import WHITE
 from svv.train.pipeline import stylize_scene, train_scene
 
 Measures = dict[str, Any]
@@ -166,24 +165,22 @@ def as_saved(scene: Scene) -> Scene:
 
 def scores(scene: Scene, known: KnownScene, views: ViewSet, classes: NDArray[np.int16]) -> Measures:
     """A scene against the truth on views, by the protocol of :func:`svv.train.evaluate.evaluate_scene`."""
-    found: dict[str, list[float]] = {"psnr": [], "psnr_foreground": [], "base_foreground": []}
-    maps, finite = [], True
-    for camera, image in zip(views.cameras, views.images, strict=True):
-        truth = image.astype(np.float32) / np.float32(255.0)
-        white = np.asarray(over(truth, WHITE))
+    ours, theirs, maps, finite = [], [], [], True
+    for camera, truth in zip(views.cameras, views.images, strict=True):
         view = scene.render(camera, "pcn")
         base = scene.render(camera, "base", WHITE).rgba[..., :3]
-        shown = np.asarray(over(view.rgba, WHITE))
         finite &= bool(np.isfinite(view.rgba).all() and np.isfinite(base).all())
-        found["psnr"].append(psnr(shown, white))
-        found["psnr_foreground"].append(psnr_foreground(shown, white, truth[..., 3]))
-        found["base_foreground"].append(psnr_foreground(base, white, truth[..., 3]))
+        ours.append(Likeness.of(over(view.rgba, WHITE), truth))
+        theirs.append(Likeness.of(base, truth))
         maps.append(view.region)
     table = overlaps(classes, np.stack(maps), len(known.ranges), len(scene.regions))
     each = matched(table)
     colours = np.array([r.colour for r in scene.regions])
+    mean = Likeness.mean(ours)
     return {
-        **{key: float(np.nanmean(values)) for key, values in found.items()},
+        "psnr": mean.psnr,
+        "psnr_foreground": mean.psnr_foreground,
+        "base_foreground": Likeness.mean(theirs).psnr_foreground,
         "finite": finite,
         "overlap": float(np.mean(each)),
         "overlaps": each,

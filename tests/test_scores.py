@@ -1,0 +1,70 @@
+"""Scores in their file: the keys that scripts rely on, and the way back."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from svv.core.cameras import sphere_cameras
+from svv.core.metrics import Likeness
+from svv.errors import BadInput
+from svv.io.atomic import write_json
+from svv.io.viewset import ViewSet
+from svv.train.evaluate import Scores, evaluate_scene
+from tests.any_json import any_json
+from tests.cube import cube_scene
+
+SCORES = Scores(30.0, 20.0, 0.9, 0.05, None, 8, (64, 48), 0.5, "pcn", "white", "cpu", None, "numba", None)
+KEYS = {
+    "psnr", "psnr_foreground", "ssim", "flip", "lpips", "views", "size", "seconds_per_view", "network", "background",
+    "device", "gpu", "kernels", "peak_gpu_bytes",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("scores", [SCORES, replace(SCORES, lpips=0.1, region_overlap=(0.5, 1.0), peak_gpu_bytes=9)])
+def test_scores_are_the_same_after_their_file(scores: Scores, tmp_path: Path) -> None:
+    write_json(tmp_path / "scores.json", scores.to_json())
+    content = json.loads((tmp_path / "scores.json").read_text())
+    assert set(content) - {"region_overlap"} == KEYS
+    assert ("region_overlap" in content) == (scores.region_overlap is not None)
+    assert Scores.from_json(content) == scores
+
+
+def test_a_number_that_json_has_not_is_nan(tmp_path: Path) -> None:
+    write_json(tmp_path / "scores.json", replace(SCORES, psnr_foreground=math.nan).to_json())
+    assert math.isnan(Scores.from_json(json.loads((tmp_path / "scores.json").read_text())).psnr_foreground)
+
+
+@given(st.sampled_from(sorted(KEYS | {"region_overlap"})), any_json)
+def test_any_value_is_read_or_refused(key: str, value: object) -> None:
+    try:
+        found = Scores.from_json({**SCORES.to_json(), key: value})
+    except BadInput as error:
+        refused = str(error)
+    else:
+        refused = key
+        again = found.to_json().get(key)
+        assert again == value or (value is None and isinstance(again, float) and math.isnan(again))
+    assert key in refused
+
+
+def test_a_scene_is_scored_by_what_it_shows() -> None:
+    scene = cube_scene()
+    cameras = sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 24)
+    truth = np.random.default_rng(0).integers(0, 256, (3, 24, 24, 4), dtype=np.uint8)
+    told: list[float] = []
+    scores = evaluate_scene(
+        scene, ViewSet(tuple(cameras), truth, ("a", "b", "c")), "base", lambda done, _: told.append(done)
+    )
+    shown = [scene.render(camera, "base", (1.0, 1.0, 1.0)).rgba[..., :3] for camera in cameras]
+    mean = Likeness.mean([Likeness.of(*pair) for pair in zip(shown, truth, strict=True)])
+    assert (scores.psnr, scores.psnr_foreground, scores.ssim) == (mean.psnr, mean.psnr_foreground, mean.ssim)
+    assert (scores.views, scores.size, scores.network, scores.background) == (3, (24, 24), "base", "white")
+    assert scores.seconds_per_view > 0 and told == sorted(told) and told[-1] == 1.0

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from svv.bench.ablation.palette import offset_size
+from svv.core import palette_shading
 from svv.core.cameras import sphere_cameras
 from svv.io.viewset import ViewSet
 from tests.cube import cube_scene
@@ -37,7 +38,7 @@ def size_of(logits: list[float], offsets: list[tuple[float, ...]]) -> tuple[floa
     count = len(palette.colours)
     says = torch.tensor([0.5, *logits[:count], *np.ravel(offsets[:count])], dtype=torch.float32)
     palette.palette_mlp = Constant(says)  # type: ignore[assignment]
-    _, weights, _ = palette.material_of(says[None])
+    _, weights, _ = palette_shading.material(says[None])
     return offset_size(SCENE, VIEWS, 0), weights[0].numpy()
 
 

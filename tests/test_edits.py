@@ -61,7 +61,7 @@ def test_only_isolated_regions_are_seen(cube: Scene) -> None:
 def test_plain_and_fused_images_of_hidden_regions_agree(cube: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = cube.edited(0, opacity=2.0).hidden(1)
     fused = scene.render(cube_camera())
-    monkeypatch.setattr("svv.fields.image.can_fuse", lambda _: False)
+    monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
     plain = scene.render(cube_camera())
     np.testing.assert_allclose(fused.rgba, plain.rgba, atol=2e-5)
 

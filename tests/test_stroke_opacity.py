@@ -45,7 +45,7 @@ def strong_paint(scene: Scene) -> UnrestrictedField:
 def image(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
     """Render the cube from the front, with the kernels or without."""
     if not request.param:
-        monkeypatch.setattr("svv.fields.image.can_fuse", lambda _: False)
+        monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
     return lambda scene, network=None: scene.render(cube_camera(), network).rgba
 
 
@@ -163,7 +163,7 @@ def test_what_has_no_strokes_stays(painted: Scene, image) -> None:  # type: igno
 def test_kernels_and_torch_agree(painted: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = painted.with_stroke_opacity(0.8).with_stroke_opacity(-0.5, 2).edited(1, opacity=0.4).with_strength(0.7, 0)
     quick = scene.render(cube_camera())
-    monkeypatch.setattr("svv.fields.image.can_fuse", lambda _: False)
+    monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
     plain = scene.render(cube_camera())
     np.testing.assert_allclose(quick.rgba, plain.rgba, atol=2e-5)
     np.testing.assert_allclose(quick.depth, plain.depth, atol=2e-4)

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from svv.core.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled, silent
-from svv.fields import image as fused
+from svv.fields.image import image_kernels_of
 from svv.fields.model import JOINED
 from svv.fields.networks import FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import carve
@@ -202,7 +202,7 @@ def test_edits_change_their_region_alone(trained: tuple[Scene, dict[str, object]
 
 
 @pytest.mark.parametrize("network", ["pcn", "styled"])
-def test_fused_images_are_the_plain_ones(
+def test_images_of_the_kernels_are_those_of_plain_torch(
     trained: tuple[Scene, dict[str, object]], monkeypatch: pytest.MonkeyPatch, network: str
 ) -> None:
     """Every edit at once, in kernels and in plain torch."""
@@ -212,9 +212,9 @@ def test_fused_images_are_the_plain_ones(
         styled.encoding.randomize(1.0, torch.Generator().manual_seed(1))
         regions = (scene.regions[0], replace(scene.regions[1], style="noise", strength=0.6))
         scene = replace(scene, styled=styled, regions=regions)
-    assert fused.can_fuse(scene)
+    assert image_kernels_of(scene) is not None
     one = scene.render(front(), network)
-    monkeypatch.setattr(fused, "can_fuse", lambda _: False)
+    monkeypatch.setattr("svv.fields.scene.image_kernels_of", lambda _: None)
     other = scene.render(front(), network)
     np.testing.assert_allclose(one.rgba, other.rgba, atol=2e-5)
     np.testing.assert_allclose(one.depth, other.depth, rtol=1e-5)

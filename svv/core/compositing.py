@@ -8,6 +8,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+LEAST_ALPHA = 1.0 / 512.0
+"""Half a step of 8 bits: a pixel whose alpha is not above it counts as empty."""
+
 
 def ray_weights(sigma: Tensor, delta: Tensor) -> tuple[Tensor, Tensor]:
     """Weight of each sample on a ray, ordered front to back.
@@ -23,9 +26,9 @@ def ray_weights(sigma: Tensor, delta: Tensor) -> tuple[Tensor, Tensor]:
         Weights in [0, 1], (..., S), and the transmittance behind the last
         sample, (...,). Together they sum to 1.
     """
-    depth = torch.cumsum(sigma * delta, dim=-1)
-    before = torch.cat([torch.zeros_like(depth[..., :1]), depth[..., :-1]], dim=-1)
-    return torch.exp(-before) * -torch.expm1(-sigma * delta), torch.exp(-depth[..., -1])
+    behind = torch.cumsum(sigma * delta, dim=-1)  # optical depth behind each sample (..., S)
+    before = torch.cat([torch.zeros_like(behind[..., :1]), behind[..., :-1]], dim=-1)
+    return torch.exp(-before) * -torch.expm1(-sigma * delta), torch.exp(-behind[..., -1])
 
 
 def composite_samples(
@@ -53,8 +56,8 @@ def composite_samples(
     own, before = (torch.zeros(there.shape, device=sigma.device) for _ in range(2))
     own = own.masked_scatter(there, sigma[sample] * step)
     before = before.masked_scatter(there, skipped[sample])
-    depth = torch.cumsum(own + before, dim=1)
-    w = (torch.exp(own - depth) * -torch.expm1(-own))[there]
+    behind = torch.cumsum(own + before, dim=1)  # optical depth behind each sample (R, longest ray)
+    w = (torch.exp(own - behind) * -torch.expm1(-own))[there]
     ray = torch.arange(len(count), device=sigma.device)[:, None].expand(there.shape)[there]
     out = values.new_zeros(len(count), values.shape[1]).index_add(0, ray, w[:, None] * values[sample])
     transmittance = torch.exp(-(own + before).sum(dim=1) - tail)

@@ -25,6 +25,12 @@ what is seen of the back of an outline would shine on the dark side. Under a hea
 GRAZING = 1e-4
 """Smallest cosine that is raised to a power: its logarithm is finite."""
 
+NORMAL_SCALE = 10.0
+"""A vector is this many times what the lattice of the normals holds, so that it learns at the rate of features."""
+
+NORMAL_SOFTNESS = 0.1
+"""Length of a vector whose normal is 1 / sqrt(2) long: much shorter ones are no surface's, and stay unlit."""
+
 
 @dataclass(frozen=True)
 class Lamp:
@@ -82,6 +88,19 @@ class Lamp:
         else:
             where = f"{self.azimuth:g} degrees right, {self.elevation:g} up" if self.moved else "at the camera"
         return f"light {where}" + ("" if self.intensity == 1.0 else f", intensity {self.intensity:g}")
+
+
+def normals_of(held: Tensor) -> Tensor:
+    """Normals n = v / sqrt(s^2 + |v|^2) of vectors v, for s = :data:`NORMAL_SOFTNESS`: shorter than 1.
+
+    Args:
+        held: What the lattice holds, v / :data:`NORMAL_SCALE`. (S, 3)
+
+    Returns:
+        Normals, of either side. (S, 3)
+    """
+    v = NORMAL_SCALE * held
+    return v / (NORMAL_SOFTNESS * NORMAL_SOFTNESS + v.square().sum(dim=1, keepdim=True)).sqrt()
 
 
 def blinn_phong(

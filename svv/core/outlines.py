@@ -28,7 +28,7 @@ THIN = 0.6
 PRESSURE = 0.45
 """Part of a line's width that goes with its strength, as with a pen that is pressed."""
 
-FAINT = 1.0 / 512.0
+LEAST_COVERAGE = 1.0 / 512.0
 """Less ink than half a step of 8 bits is none."""
 
 
@@ -95,10 +95,10 @@ def _draw(
         side, owner = _sides(found, depth, region, pens, scale)
         strength, width = (np.array([getattr(pen, name) for pen in pens], np.float32)[owner]
                            for name in ("strength", "width"))  # fmt: skip
-        drawn = (side >= 0) & (strokes * strength > FAINT)
+        drawn = (side >= 0) & (strokes * strength > LEAST_COVERAGE)
         _strokes(found.chosen(drawn), strokes[drawn], strength[drawn], thin * scale * width[drawn], side[drawn],
                  alpha.shape, coverage, source)  # fmt: skip
-    at = np.flatnonzero(coverage > FAINT)
+    at = np.flatnonzero(coverage > LEAST_COVERAGE)
     rows, columns = np.unravel_index(at, alpha.shape)
     of = source[at]
     colours = np.array([pen.colour for pen in pens], np.float32)[region.reshape(-1)[of]]

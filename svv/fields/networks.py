@@ -11,8 +11,8 @@ from functools import cached_property
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import softplus
 
+from svv.core import palette_shading
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.phong import Beams, PhongLight
@@ -22,15 +22,6 @@ from svv.kernels.types import Samples
 
 DIRECTION_WIDTH = 16
 """Spherical harmonics of degree 4."""
-
-WEIGHT_FLOOR = 0.05
-"""Added to the palette weights before they are normalised, so that no colour is ever cut off from learning."""
-
-INTENSITY_SHIFT = 0.55
-"""softplus(0.55) is about 1: an untrained network's materials are as bright as the palette."""
-
-SPECULAR_SHIFT = -3.0
-"""softplus(-3) is about 0.05: an untrained network has hardly any highlights."""
 
 
 @dataclass(frozen=True)
@@ -180,8 +171,8 @@ class PaletteColours:
         return self.weights.argmax(dim=1)
 
     def diffuse(self, colours: Tensor) -> Tensor:
-        """I sum_i w_i c_i for offset palette colours c (S, P, 3) (StyleRF-VolVis, eq. 4). (S, 3)"""
-        return self.intensity[:, None] * (self.weights[:, :, None] * colours).sum(dim=1)
+        """Diffuse colour (S, 3), see :func:`svv.core.palette_shading.diffuse`; palette colours with their offsets (S, P, 3)."""
+        return palette_shading.diffuse(self.intensity, self.weights, colours)
 
 
 class PaletteField(nn.Module):
@@ -225,22 +216,13 @@ class PaletteField(nn.Module):
 
     def material(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """View-independent intensity (S,), weights (S, P) and offsets (S, P, 3)."""
-        return self.material_of(self.palette_mlp(self.encoding(position)))
-
-    def material_of(self, h: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Intensity, weights and offsets of what the palette MLP says. (S, 1 + 4 P)"""
-        count = len(self.colours)
-        raw = softplus(h[:, 1 : 1 + count]) + WEIGHT_FLOOR
-        intensity = softplus(h[:, 0] + INTENSITY_SHIFT)
-        return intensity, raw / raw.sum(1, keepdim=True), h[:, 1 + count :].view(-1, count, 3)
+        return palette_shading.material(self.palette_mlp(self.encoding(position)))
 
     def lighting(self, geometry: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
         """Specular grey c_s >= 0 (S,) and shade m in (0, 2) (S,)."""
         if self.lighting_mlp is None:
             return geometry.new_zeros(len(geometry)), geometry.new_ones(len(geometry))
-        h = self.lighting_mlp(torch.cat([geometry, directions], dim=1))
-        specular = softplus(h[:, 0] + SPECULAR_SHIFT)
-        return specular, 2.0 * torch.sigmoid(h[:, 1]) if self.shading else torch.ones_like(specular)
+        return palette_shading.network_light(self.lighting_mlp(torch.cat([geometry, directions], dim=1)))
 
     def forward(
         self,

@@ -15,17 +15,11 @@ from torch import Tensor, nn
 from torch.nn.functional import softplus
 
 from svv.core.cameras import Camera
-from svv.core.light import COEFFICIENTS, Lamp, blinn_phong
+from svv.core.light import COEFFICIENTS, NORMAL_SCALE, Lamp, blinn_phong, normals_of
 from svv.core.shading import Shading
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import CEILING, Rays
-
-SCALE = 10.0
-"""A normal is this many times what the lattice holds, so that it learns at the rate of features."""
-
-SOFT = 0.1
-"""A vector v stands for the normal v / sqrt(SOFT^2 + |v|^2): where there is no surface it is short, and unlit."""
 
 LONGEST = 2.0
 """Length of v beyond which it says nothing more; shorter ones fit into bytes more exactly."""
@@ -106,20 +100,19 @@ class PhongLight(nn.Module):
             self.raw.copy_(self.raw.new_tensor(values).expm1().log())
             level = self.normals.levels - 1
             gradient = gradient_of(density, occupancy, self.normals.resolutions[level])
-            self.normals.table[self.normals.rows_of_level(level)] = gradient.to(self.raw.device) / SCALE
+            self.normals.table[self.normals.rows_of_level(level)] = gradient.to(self.raw.device) / NORMAL_SCALE
 
     @torch.no_grad()
     def settle(self, occupancy: Occupancy) -> None:
         """Sum the levels of the normals into one, once they are learned: the same normals, looked up in less time."""
         device = self.raw.device
         self.normals = self.normals.summed(occupancy.occupied, occupancy.cells).to(device)
-        length = SCALE * self.normals.table.norm(dim=1, keepdim=True)
+        length = NORMAL_SCALE * self.normals.table.norm(dim=1, keepdim=True)
         self.normals.table.mul_(LONGEST / length.clamp(min=LONGEST))
 
     def normal(self, position: Tensor) -> Tensor:
         """Normals, of either side, shorter than 1 where there is no surface. (S, 3) -> (S, 3)"""
-        v = SCALE * self.normals(position).view(len(position), -1, 3).sum(dim=1)
-        return v / (SOFT * SOFT + v.square().sum(dim=1, keepdim=True)).sqrt()
+        return normals_of(self.normals(position).view(len(position), -1, 3).sum(dim=1))
 
     def forward(
         self, position: Tensor, weights: Tensor, beams: Beams, coefficients: Tensor | None = None

@@ -18,7 +18,6 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
-from svv.kernels import numba_beams, numba_kernels
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Limits, Samples
 
@@ -58,20 +57,13 @@ class RayCaster:
     def in_sight(self, occupancy: Occupancy) -> Tensor:
         """Pixels of the first view that may look at something: flat indices, int64, in their order if all may. (R,)
 
-        Whole tiles of an image that look past all occupied cells are left out on the CPU, where to march their
-        rays takes as long as to march those that meet something; a GPU marches all at once.
+        See :meth:`svv.kernels.types.Kernels.pixels_in_sight`.
         """
-        everything = torch.arange(self.width * self.height, device=self.device)
-        if kernels_for(self._focal).NAME != numba_kernels.NAME:
-            return everything
-        seen = np.zeros((-(-self.height // numba_beams.TILE), -(-self.width // numba_beams.TILE)), np.uint8)
-        camera = (a[0].numpy().astype(np.float64) for a in (self._rotations, self._positions))
-        distance = occupancy.distance_on(self.device).numpy()
-        numba_beams.tiles_in_sight(
-            *camera, float(self._focal[0]), self.width, self.height, distance, float(occupancy.cells),
-            np.asarray(occupancy.box.extent, np.float64), seen,
-        )  # fmt: skip
-        return everything if seen.all() else torch.from_numpy(numba_beams.pixels_of(seen, self.width, self.height))
+        camera = self._rotations[0], self._positions[0], self._focal[0]
+        distance = occupancy.distance_on(self.device)
+        return kernels_for(self._focal).pixels_in_sight(
+            camera, self.width, self.height, distance, occupancy.cells, occupancy.box.extent
+        )
 
     def axes(self, pixels: Tensor) -> Tensor:
         """Unit vectors along the camera's axis, backwards, for flat pixel indices as :meth:`rays` takes them. (R, 3)"""

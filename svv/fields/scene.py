@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.cameras import Camera
+from svv.core.compositing import LEAST_ALPHA
 from svv.core.light import COEFFICIENTS
 from svv.core.outlines import Pen, outlined
+from svv.core.palette_shading import lit
 from svv.errors import BadInput, Progress, silent
-from svv.fields import image as fused
 from svv.fields.edits import History
+from svv.fields.image import draw, image_kernels_of
 from svv.fields.model import NETWORKS
 from svv.fields.networks import PaletteColours, encode_directions
 from svv.fields.paint_light import lights_of
@@ -31,9 +33,6 @@ from svv.fields.variants import PaintedModel
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.dispatch import kernels_of
 from svv.kernels.types import Samples
-
-FAINT = 1.0 / 512.0
-"""Alpha below half a step of 8 bits: the pixel counts as empty."""
 
 
 @dataclass(frozen=True)
@@ -127,9 +126,9 @@ class Scene(PaintedModel):
         samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited(network))
         if not len(samples):
             return
-        if network != "base" and fused.can_fuse(self):
-            colour, of, sigma = fused.shade(self, samples, rays, network, beams)
-            fused.composite(self, samples, sigma, rays, colour, of, FAINT, rgba, depth, region)
+        kernels = None if network == "base" else image_kernels_of(self)
+        if kernels is not None:
+            draw(kernels, self, samples, rays, network, beams, (rgba, depth, region))
             return
         colour, of, sigma = self.shade(samples, rays, network, beams)
         distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
@@ -138,7 +137,7 @@ class Scene(PaintedModel):
             values.append(torch.nn.functional.one_hot(of, len(self.regions)).float())
         out, transmittance, _ = composite(samples, sigma, torch.cat(values, dim=1))
         alpha = 1.0 - transmittance
-        seen = torch.nonzero(alpha > FAINT)[:, 0]
+        seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
         mean = out[seen] / alpha[seen, None]
         rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
         rgba[seen, 3] = alpha[seen]
@@ -168,13 +167,10 @@ class Scene(PaintedModel):
 
     def light(self, parts: PaletteColours, diffuse: Tensor, network: str) -> Tensor:
         """Diffuse colour (S, 3) under the scene's light, as bright as each region's edit says. (S, 3)"""
-        if network != "styled":  # without paint a is 1 and b is 0, and a GPU has fewer operations to launch
+        if network != "styled":
             factor = diffuse.new_tensor([r.lighting for r in self.regions])[parts.region]
-            shade = (1.0 + factor * (parts.shade - 1.0)).clamp(min=0.0)
-            return diffuse * shade[:, None] + (factor * parts.specular)[:, None]
-        factor, scale, less = lights_of(self, network)[parts.region].unbind(1)
-        shade = (1.0 + factor * (scale * parts.shade - 1.0)).clamp(min=0.0)
-        return diffuse * shade[:, None] + (factor * (parts.specular - less))[:, None]
+            return lit(diffuse, parts.specular, parts.shade, factor)
+        return lit(diffuse, parts.specular, parts.shade, *lights_of(self, network)[parts.region].unbind(1))
 
     def _marching_as_edited(self, network: str) -> Marching:
         """What is made more transparent shows what lies behind it, so rays no longer end at their old depth."""

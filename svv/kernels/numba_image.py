@@ -1,32 +1,41 @@
-"""What stands around the networks in an image, fused and without gradients: features, material, light, compositing.
+"""What stands around the networks in an image, compiled with numba: features, material, light, compositing.
 
-Each function does in one pass over the samples what :mod:`svv.fields` says in a dozen torch operations, whose time goes
-into memory. Letters: S samples, R rays, P palette colours, L levels, F features a level, H spherical harmonics.
+Each loop does in one pass over the samples what takes a dozen torch operations, whose time goes into memory: a sixth of
+an image's. The functions behind the loops are those of :class:`svv.kernels.types.ImageKernels`, which describes them.
+
+Letters: S samples, R rays, P palette colours, L levels, F features a level, H spherical harmonics.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+import torch
 from numba import njit, prange
+from numpy.typing import NDArray
+from torch import Tensor
 
-from svv.core.light import GRAZING, RIM
+from svv.core.compositing import LEAST_ALPHA
+from svv.core.light import GRAZING, NORMAL_SCALE, NORMAL_SOFTNESS, RIM
+from svv.core.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.kernels.numba_marching import BLOCK
 from svv.kernels.numba_trilinear import ONE, cell_at, mean_of, weights_of
+from svv.kernels.types import Lattice, Samples, Surface
 
-SLACK, SMALLEST = np.float32(RIM), np.float32(GRAZING)
-"""Of :mod:`svv.core.light`, in single precision: a float beside would make numba calculate in double."""
+RIM32, GRAZING32 = np.float32(RIM), np.float32(GRAZING)
+"""In single precision: a float beside would make numba calculate in double."""
 
 
 @njit(fastmath=True, inline="always")
-def softplus(x):  # type: ignore[no-untyped-def]
+def _softplus(x):  # type: ignore[no-untyped-def]
     """log(1 + e^x), as torch has it."""
     return x if x > 20.0 else np.log1p(np.exp(x))
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit, plain):  # type: ignore[no-untyped-def]
+def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit, plain):  # type: ignore[no-untyped-def]
     """Inputs of the lighting MLP, ``lit`` (S, L F + H), and of the palette MLP, ``plain`` (S, L F).
 
     ``tables`` (V, 2 F) holds the geometry's features and the material's, so each vertex is fetched once. ``width``: see
@@ -49,13 +58,13 @@ def features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-untyped-def]
+def _material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-untyped-def]
     """Diffuse colour I sum_i w_i (P_i + delta_i) (S, 3) and region (S,) of what the palette MLP says (S, 1 + 4 P)."""
     count = colours.shape[0]
     for i in prange(raw.shape[0]):
         red = green = blue = total = largest = np.float32(0.0)
         for p in range(count):
-            w = softplus(raw[i, 1 + p]) + floor
+            w = _softplus(raw[i, 1 + p]) + floor
             at = 1 + count + 3 * p
             red += w * (colours[p, 0] + raw[i, at])
             green += w * (colours[p, 1] + raw[i, at + 1])
@@ -64,12 +73,20 @@ def material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-un
             if w > largest:
                 largest = w
                 region[i] = p
-        scale = softplus(raw[i, 0] + shift) / total
+        scale = _softplus(raw[i, 0] + shift) / total
         diffuse[i, 0], diffuse[i, 1], diffuse[i, 2] = scale * red, scale * green, scale * blue
 
 
+@njit(fastmath=True, inline="always")
+def _lit(colour, i, factor, shade, specular):  # type: ignore[no-untyped-def]
+    """Light a sample's diffuse ``colour`` (S, 3), in place: :func:`svv.core.palette_shading.lit` for f, a m and f (c_s - b)."""
+    shade = max(ONE + factor * (shade - ONE), np.float32(0.0))
+    for c in range(3):
+        colour[i, c] = colour[i, c] * shade + specular
+
+
 @njit(parallel=True, fastmath=True, cache=True)
-def light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
+def _light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
     """Light diffuse ``colour`` (S, 3), in place, as the lighting MLP says (S, 1 or 2).
 
     ``lights`` (P, 3): what each region makes of it (:func:`svv.fields.paint_light.lights_of`).
@@ -78,14 +95,12 @@ def light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
         shade, r = ONE, region[i]
         if raw.shape[1] > 1:
             shade = np.float32(2.0) / (ONE + np.exp(-raw[i, 1]))
-        shade = max(ONE + lights[r, 0] * (lights[r, 1] * shade - ONE), np.float32(0.0))
-        specular = lights[r, 0] * (softplus(raw[i, 0] + shift) - lights[r, 2])
-        for c in range(3):
-            colour[i, c] = colour[i, c] * shade + specular
+        specular = lights[r, 0] * (_softplus(raw[i, 0] + shift) - lights[r, 2])
+        _lit(colour, i, lights[r, 0], lights[r, 1] * shade, specular)
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def phong(  # type: ignore[no-untyped-def]
+def _phong(  # type: ignore[no-untyped-def]
     position, ray, facing, toward, half, intensity, shapes, scales, bases, index, normals, scale, soft, raw,
     coefficients, floor, lights, region, colour,
 ):  # fmt: skip
@@ -108,7 +123,7 @@ def phong(  # type: ignore[no-untyped-def]
             nz += mean_of(normals, a, b, c, d, w, np.uint64(2))
         ambient = diffuse = specular = shininess = total = np.float32(0.0)
         for p in range(count):
-            share = softplus(raw[i, 1 + p]) + floor
+            share = _softplus(raw[i, 1 + p]) + floor
             ambient += share * coefficients[p, 0]
             diffuse += share * coefficients[p, 1]
             specular += share * coefficients[p, 2]
@@ -117,23 +132,21 @@ def phong(  # type: ignore[no-untyped-def]
         r = ray[i]
         long = scale / math.sqrt(soft * soft + scale * scale * (nx * nx + ny * ny + nz * nz))
         aside = ONE - facing[r, 0] * toward[r, 0] - facing[r, 1] * toward[r, 1] - facing[r, 2] * toward[r, 2]
-        rim = SLACK * min(max(aside, np.float32(0.0)), ONE)
+        rim = RIM32 * min(max(aside, np.float32(0.0)), ONE)
         if long * (nx * facing[r, 0] + ny * facing[r, 1] + nz * facing[r, 2]) < -rim:
             long = -long
         cosine = max(long * (nx * toward[r, 0] + ny * toward[r, 1] + nz * toward[r, 2]), np.float32(0.0))
         highlight = np.float32(0.0)
         if cosine > np.float32(0.0):
-            across = max(long * (nx * half[r, 0] + ny * half[r, 1] + nz * half[r, 2]), SMALLEST)
+            across = max(long * (nx * half[r, 0] + ny * half[r, 1] + nz * half[r, 2]), GRAZING32)
             highlight = intensity * specular / total * np.exp(shininess / total * np.log(across))
-        factor, part, less = lights[region[i], 0], lights[region[i], 1], lights[region[i], 2]
-        shade = part * (ambient + intensity * diffuse * cosine) / total
-        shade = max(ONE + factor * (shade - ONE), np.float32(0.0))
-        for c in range(3):
-            colour[i, c] = colour[i, c] * shade + factor * (highlight - less)
+        k = region[i]
+        shade = lights[k, 1] * (ambient + intensity * diffuse * cosine) / total
+        _lit(colour, i, lights[k, 0], shade, lights[k, 0] * (highlight - lights[k, 2]))
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def composite(  # type: ignore[no-untyped-def]
+def _composite(  # type: ignore[no-untyped-def]
     position, sigma, skipped, colour, region, opacity, origins, start, count, tail, step, size, faint, rgba, depth, seen
 ):
     """Pixels of rays: straight ``rgba`` (R, 4) in [0, 1], ``depth`` (R,) and the region that is ``seen`` (R,) int16.
@@ -169,3 +182,61 @@ def composite(  # type: ignore[no-untyped-def]
                 rgba[r, 3] = alpha
                 depth[r] = far * back * size
                 seen[r] = np.argmax(shares)
+
+
+def features(samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
+    each = tables.shape[1] // 2
+    width = len(lattice.scales) * each
+    lit, plain = torch.empty(len(samples), width + harmonics.shape[1]), torch.empty(len(samples), width)
+    _features(
+        *_arrays(samples.position, samples.ray, harmonics), *_layout(lattice), *_arrays(tables), (0.0,) * each,
+        *_arrays(lit, plain),
+    )  # fmt: skip
+    return lit, plain
+
+
+def material(raw: Tensor, colours: Tensor) -> Surface:
+    surface = Surface(raw, torch.empty(len(raw), dtype=torch.int64), torch.empty(len(raw), 3))
+    _material(
+        *_arrays(raw, colours), np.float32(INTENSITY_SHIFT), np.float32(WEIGHT_FLOOR),
+        *_arrays(surface.region, surface.colour),
+    )  # fmt: skip
+    return surface
+
+
+def light(surface: Surface, raw: Tensor, lights: Tensor) -> None:
+    _light(*_arrays(raw, lights, surface.region), np.float32(SPECULAR_SHIFT), *_arrays(surface.colour))
+
+
+def phong(
+    surface: Surface, samples: Samples, beams: tuple[Tensor, Tensor, float], lattice: Lattice, table: Tensor,
+    coefficients: Tensor, lights: Tensor,
+) -> None:  # fmt: skip
+    facing, toward, intensity = beams
+    half = torch.nn.functional.normalize(facing + toward, dim=1)
+    _phong(
+        *_arrays(samples.position, samples.ray, facing.contiguous(), toward.contiguous(), half), np.float32(intensity),
+        *_layout(lattice), *_arrays(table), np.float32(NORMAL_SCALE), np.float32(NORMAL_SOFTNESS),
+        *_arrays(surface.raw, coefficients), np.float32(WEIGHT_FLOOR),
+        *_arrays(lights, surface.region, surface.colour),
+    )  # fmt: skip
+
+
+def composite(
+    samples: Samples, sigma: Tensor, surface: Surface, opacity: Tensor, origins: Tensor, size: float,
+    images: tuple[Tensor, Tensor, Tensor],
+) -> None:  # fmt: skip
+    _composite(
+        *_arrays(samples.position, sigma, samples.skipped, surface.colour, surface.region, opacity, origins),
+        *_arrays(samples.start, samples.count, samples.tail), np.float32(samples.step), np.float32(size),
+        np.float32(LEAST_ALPHA), *_arrays(*images),
+    )  # fmt: skip
+
+
+def _layout(lattice: Lattice) -> tuple[NDArray[Any], ...]:
+    return _arrays(lattice.shapes, lattice.scales, lattice.bases, lattice.index)
+
+
+def _arrays(*tensors: Tensor) -> tuple[NDArray[Any], ...]:
+    """The tensors' own memory."""
+    return tuple(t.detach().numpy() for t in tensors)

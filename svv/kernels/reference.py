@@ -13,11 +13,12 @@ from svv.core.compositing import composite_samples
 from svv.core.encodings import hash_corners, hash_features, lattice_corners, lattice_features
 from svv.core.networks import relu_layers
 from svv.core.representatives import representatives as chosen
-from svv.kernels.types import Lattice, Limits, Samples
+from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
 
 NAME = "reference"
 RAYS = 1 << 16
 SAMPLES = 1 << 16
+IMAGE: ImageKernels | None = None
 
 POINTS = 1 << 22
 """Steps of rays that are looked at together."""
@@ -76,6 +77,13 @@ def pixel_rays(
     local = torch.stack([u, v, -torch.ones_like(u)], dim=1)
     local = local / (u * u + v * v + 1.0).sqrt()[:, None]
     return positions[view], (rotations[view] * local[:, None]).sum(dim=2)
+
+
+def pixels_in_sight(
+    camera: tuple[Tensor, Tensor, Tensor], width: int, height: int, distance: Tensor, cells: int,
+    extent: Sequence[float],
+) -> Tensor:  # fmt: skip
+    return torch.arange(width * height, device=distance.device)
 
 
 def march(

@@ -10,12 +10,13 @@ from torch import Tensor
 
 from svv.core.networks import relu_layers
 from svv.kernels import triton_networks, triton_rays, triton_tables
-from svv.kernels.types import Lattice, Limits, Samples
+from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
 
 NAME = "triton"
 RAYS = 1 << 18
 """Enough to fill the GPU; the features of their samples take some hundred megabytes."""
 SAMPLES = 1 << 18
+IMAGE: ImageKernels | None = None
 
 TABLE_BLOCK = 128
 """Samples of a program that reads or writes tables."""
@@ -83,6 +84,14 @@ def pixel_rays(
             pixels, *cameras, width, height, origins, directions, len(pixels), TABLE_BLOCK
         )
     return origins, directions
+
+
+def pixels_in_sight(
+    camera: tuple[Tensor, Tensor, Tensor], width: int, height: int, distance: Tensor, cells: int,
+    extent: Sequence[float],
+) -> Tensor:  # fmt: skip
+    """All: a GPU marches them at once."""
+    return torch.arange(width * height, device=distance.device)
 
 
 def march(

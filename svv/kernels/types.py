@@ -57,6 +57,65 @@ class Samples:
         return len(self.sigma)
 
 
+@dataclass(frozen=True)
+class Surface:
+    """What samples look like before light falls on them.
+
+    ``raw`` (S, 1 + 4 P): what the palette MLP says (:func:`svv.core.palette_shading.material`); ``region`` (S,) int64: of the
+    largest palette weight; ``colour`` (S, 3): diffuse, to which :meth:`ImageKernels.light` and its like add the light.
+    """
+
+    raw: Tensor
+    region: Tensor
+    colour: Tensor
+
+
+class ImageKernels(Protocol):
+    """What stands around the networks in an image of a palette scene, without gradients.
+
+    Each is one pass over the samples. What it must give is said in plain torch by :mod:`svv.core.palette_shading`,
+    :mod:`svv.core.light` and :mod:`svv.core.compositing`. Letters as of :class:`Kernels`, and P palette colours, H
+    spherical harmonics.
+    """
+
+    def features(self, samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
+        """Inputs of the lighting MLP (S, L F + H) and of the palette MLP (S, L F), from one look-up of each vertex.
+
+        ``harmonics`` (R, H): of each ray's direction; ``tables`` (V, 2 F): features of geometry and material.
+        """
+
+    def material(self, raw: Tensor, colours: Tensor) -> Surface:
+        """Equation 4 without light (:func:`svv.core.palette_shading.diffuse`): (S, 1 + 4 P) and palette colours (P, 3)."""
+
+    def light(self, surface: Surface, raw: Tensor, lights: Tensor) -> None:
+        """Light the surface's colour, in place, as the lighting MLP says: ``raw`` (S, 1 or 2).
+
+        ``lights`` (P, 3): f, a and b of each region, see :func:`svv.core.palette_shading.lit`.
+        """
+
+    def phong(
+        self, surface: Surface, samples: Samples, beams: tuple[Tensor, Tensor, float], lattice: Lattice, table: Tensor,
+        coefficients: Tensor, lights: Tensor,
+    ) -> None:  # fmt: skip
+        """Light the surface's colour, in place, as an explicit light does (:func:`svv.core.light.blinn_phong`).
+
+        ``beams``: unit vectors of rays towards the viewer and the light, (R, 3) each, and the light's intensity;
+        ``table`` (V, 3): normals, as :func:`svv.core.light.normals_of` takes them; ``coefficients`` (P, 4), which the
+        palette weights mix; ``lights`` as of :meth:`light`.
+        """
+
+    def composite(
+        self, samples: Samples, sigma: Tensor, surface: Surface, opacity: Tensor, origins: Tensor, size: float,
+        images: tuple[Tensor, Tensor, Tensor],
+    ) -> None:  # fmt: skip
+        """Write what rays see into ``images``: straight RGBA (R, 4), depth (R,) and region (R,) int16.
+
+        Pixels whose alpha is not above :data:`svv.core.compositing.LEAST_ALPHA` stay as they are. ``opacity`` (P,)
+        scales each region's extinction; a pixel's region is that which holds most of its weight; ``size``: world units
+        of a box unit, in which depth is measured from ``origins`` (R, 3).
+        """
+
+
 class Kernels(Protocol):
     """The hot functions. All tensors of a call lie on one device; positions and directions are float32.
 
@@ -69,6 +128,8 @@ class Kernels(Protocol):
     """Rays of an image that are rendered at a time."""
     SAMPLES: int
     """Samples whose network is run with a graph at a time."""
+    IMAGE: ImageKernels | None
+    """What draws palette scenes on lattices; None where that is done in plain torch, with what training has."""
 
     def lattice_encode(self, x: Tensor, lattice: Lattice, table: Tensor) -> Tensor:
         """Trilinear features of all levels side by side: (S, 3) and (V, F) -> (S, L * F)."""
@@ -100,6 +161,16 @@ class Kernels(Protocol):
         """Origins and unit directions (R, 3) of rays through flat pixel indices (R,) int64.
 
         ``cameras``: rotations (N, 3, 3), positions (N, 3) and focal lengths (N,), see :mod:`svv.kernels.numba_rays`.
+        """
+
+    def pixels_in_sight(
+        self, camera: tuple[Tensor, Tensor, Tensor], width: int, height: int, distance: Tensor, cells: int,
+        extent: Sequence[float],
+    ) -> Tensor:  # fmt: skip
+        """Flat indices of the pixels whose rays may meet an occupied cell, int64, in their order if all may. (R,)
+
+        All of them, where it costs less to march them than to find out. ``camera``: rotation (3, 3), position (3,) and
+        focal length (); ``distance``, ``cells`` and ``extent`` as of :meth:`march`.
         """
 
     def march(

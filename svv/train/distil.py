@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from svv.core import palette_shading
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import UnrestrictedField
 from svv.fields.rendering import RayCaster, Rays, march
@@ -106,7 +107,7 @@ class Distillation:
     def truth(self, samples: Samples, rays: Rays) -> Tensor:
         """The colours that samples are to get: the transferred palette's, or those of before. (S, 3)"""
         intensity, weights, offsets = self.teacher.material(samples.position)
-        colours = intensity[:, None] * (weights[:, :, None] * (self.palette + offsets)).sum(dim=1)
+        colours = palette_shading.diffuse(intensity, weights, self.palette + offsets)
         if self.before is not None:
             there = self.known[weights.argmax(dim=1)]
             colours[there] = self.before(samples.position[there])

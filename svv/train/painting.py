@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from torch import Tensor
 
+from svv.core import palette_shading
 from svv.errors import BadInput, Progress, part
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import UnrestrictedField
@@ -174,7 +175,7 @@ def _flat(
         piece = slice(first, first + (1 << 17))
         position = torch.from_numpy(place[piece]).to(transferred.device)
         intensity, weights, offsets = scene.palette.material(position)
-        found = intensity[:, None] * (weights[:, :, None] * (transferred + offsets)).sum(dim=1)
+        found = palette_shading.diffuse(intensity, weights, transferred + offsets)
         largest = weights.argmax(dim=1)
         if before is not None:
             there = torch.isin(largest, torch.tensor(kept, device=largest.device))

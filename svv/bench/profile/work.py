@@ -12,13 +12,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import torch
 from torch import Tensor
 
-import svv.kernels.numba_image
 import svv.train.reconstruct
 from svv.core.encodings import lattice_corners
-from svv.kernels.types import Kernels, Lattice
+from svv.kernels.types import ImageKernels, Kernels, Lattice
 from svv.train.batches import RayPool
 from svv.train.ranges import Owners
 from svv.train.reconstruct import Reconstruction
@@ -72,7 +70,7 @@ class Watched:
 
 def watched(kernels: Kernels) -> list[Watched]:
     """What is looked at: the kernels that run, and the functions of the training that do work of their own."""
-    march, image = kernels.march, svv.kernels.numba_image
+    march = kernels.march
     return [
         Watched(RayPool, "batch", "draw pixels", lambda a: Work(a[2], 40 * a[2], 0, a[2])),
         Watched(kernels, "pixel_rays", "rays", lambda a: Work(len(a[0]), 32 * len(a[0]), 40 * len(a[0]))),
@@ -81,18 +79,24 @@ def watched(kernels: Kernels) -> list[Watched]:
         Watched(Owners, "told", "regions of samples", lambda a: Work(len(a[2]), 20 * len(a[2]), 0, len(a[2]))),
         Watched(kernels, "lattice_encode", "encode", lambda a: _encode(a[0], a[1], a[2].shape[1], 1)),
         Watched(kernels, "hash_encode", "encode", lambda a: _hash(len(a[0]), len(a[1]), a[3].shape[1], 1)),
-        Watched(image, "features", "encode", _features),
-        Watched(image, "material", "material and light", lambda a: _material(*a[0].shape)),
-        Watched(image, "light", "material and light", lambda a: Work(len(a[0]), 40 * len(a[0]), 50 * len(a[0]))),
         Watched(kernels, "composite", "composite", lambda a: _composite(len(a[0]), len(a[2].start), a[1].shape[1], 1)),
-        Watched(image, "composite", "composite", lambda a: _composite(len(a[0]), len(a[7]), 7, 1)),
         Watched(kernels, "composite_backward", "composite, backward",
                 lambda a: _composite(len(a[0]), len(a[5]), a[1].shape[1], 2)),
         Watched(kernels, "lattice_backward", "encode, backward", lambda a: _encode(a[0], a[2], a[3].shape[1], 2)),
         Watched(kernels, "hash_backward", "encode, backward", lambda a: _hash(len(a[0]), len(a[2]), a[4].shape[1], 2)),
         Watched(kernels, "adam", "Adam, tables", _adam),
         Watched(Reconstruction, "prune", "prune"),
+        *([] if kernels.IMAGE is None else _watched_image(kernels.IMAGE)),
     ]  # fmt: skip
+
+
+def _watched_image(image: ImageKernels) -> list[Watched]:
+    return [
+        Watched(image, "features", "encode", _features),
+        Watched(image, "material", "material and light", lambda a: _material(*a[0].shape)),
+        Watched(image, "light", "material and light", lambda a: Work(len(a[1]), 40 * len(a[1]), 50 * len(a[1]))),
+        Watched(image, "composite", "composite", lambda a: _composite(len(a[1]), len(a[0].start), 7, 1)),
+    ]
 
 
 def linear_layer(samples: int, inputs: int, outputs: int) -> Work:
@@ -138,9 +142,9 @@ def _hash(samples: int, levels: int, features: int, passes: int) -> Work:
 
 
 def _features(a: Sequence[Any]) -> Work:
-    x, _, harmonics, shapes, scales, bases, index, tables = a[:8]
-    layout = Lattice(*(torch.from_numpy(v) for v in (shapes, scales, bases, index)))
-    return _encode(torch.from_numpy(x), layout, tables.shape[1], 1) + Work(0, FLOAT * len(x) * harmonics.shape[1])
+    samples, harmonics, lattice, tables = a
+    moved = FLOAT * len(samples) * harmonics.shape[1]
+    return _encode(samples.position, lattice, tables.shape[1], 1) + Work(0, moved)
 
 
 def _material(samples: int, outputs: int) -> Work:

@@ -1,0 +1,148 @@
+"""The image kernels, one by one, against what `svv.core` says in plain torch."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from svv.core import palette_shading
+from svv.core.compositing import LEAST_ALPHA, composite_samples
+from svv.core.encodings import lattice_features
+from svv.core.light import blinn_phong, normals_of
+from svv.kernels import numba_kernels
+from svv.kernels.types import ImageKernels, Lattice, Samples, Surface
+from tests.tolerances import KERNELS
+
+SEEDS = st.integers(0, 10**6)
+VERTICES = 5
+"""Of a lattice of one level, along an axis."""
+
+
+@pytest.fixture(scope="module")
+def kernels() -> ImageKernels:
+    assert numba_kernels.IMAGE is not None
+    return numba_kernels.IMAGE
+
+
+def generator(seed: int) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def one_level() -> Lattice:
+    """All vertices of a box of 4 x 4 x 4 cells."""
+    shapes = torch.full((1, 3), VERTICES)
+    index = torch.arange(VERTICES**3, dtype=torch.int32)
+    return Lattice(shapes, torch.tensor([VERTICES - 1.0]), torch.zeros(1, dtype=torch.int64), index)
+
+
+def some_samples(seed: int, counts: list[int]) -> Samples:
+    """Samples of rays within the unit box, in no order along their rays: these kernels do not ask for one."""
+    random, count = generator(seed), torch.tensor(counts)
+    total = int(count.sum())
+    ray = torch.repeat_interleave(torch.arange(len(count)), count).int()
+    position, sigma, skipped = (torch.rand(shape, generator=random) for shape in ((total, 3), total, total))
+    tail = 0.3 * torch.rand(len(count), generator=random)
+    return Samples(position, 30.0 * sigma, 0.2 * skipped, ray, count.cumsum(0) - count, count, tail, 0.05)
+
+
+def unit(shape: tuple[int, int], random: torch.Generator) -> Tensor:
+    return torch.nn.functional.normalize(torch.randn(shape, generator=random), dim=1)
+
+
+def lights_of(regions: int, random: torch.Generator) -> Tensor:
+    """f, a and b as edits and paint set them: factors up to 2, which may turn a dark shade below 0. (P, 3)"""
+    return torch.rand(regions, 3, generator=random) * torch.tensor([2.0, 2.0, 0.3])
+
+
+def close(got: Tensor, expected: Tensor) -> None:
+    torch.testing.assert_close(got, expected, atol=KERNELS["value"], rtol=KERNELS["value"])
+
+
+@given(SEEDS, st.integers(1, 4))
+def test_features_are_those_of_both_tables_and_of_the_rays(kernels: ImageKernels, seed: int, each: int) -> None:
+    random, samples, lattice = generator(seed), some_samples(seed, [3, 0, 5]), one_level()
+    tables, harmonics = (torch.randn(shape, generator=random) for shape in ((VERTICES**3, 2 * each), (3, 16)))
+    lit, plain = kernels.features(samples, harmonics, lattice, tables)
+    layout = lattice.shapes, lattice.scales, lattice.bases, lattice.index
+    both = lattice_features(samples.position, *layout, tables)
+    close(lit, torch.cat([both[:, :each], harmonics[samples.ray.long()]], dim=1))
+    close(plain, both[:, each:])
+
+
+@given(SEEDS, st.integers(1, 6))
+def test_material_is_equation_4_without_light(kernels: ImageKernels, seed: int, colours: int) -> None:
+    random = generator(seed)
+    raw, palette = 2.0 * torch.randn(9, 1 + 4 * colours, generator=random), torch.rand(colours, 3, generator=random)
+    surface = kernels.material(raw, palette)
+    intensity, weights, offsets = palette_shading.material(raw)
+    close(surface.colour, palette_shading.diffuse(intensity, weights, palette + offsets))
+    assert surface.raw is raw
+    assert surface.region.tolist() == weights.argmax(dim=1).tolist()
+
+
+def surface_of(raw: Tensor, random: torch.Generator) -> Surface:
+    return Surface(raw, palette_shading.material(raw)[1].argmax(dim=1), torch.rand(len(raw), 3, generator=random))
+
+
+@given(SEEDS, st.sampled_from([1, 2]))
+def test_light_is_that_of_the_lighting_network(kernels: ImageKernels, seed: int, outputs: int) -> None:
+    random = generator(seed)
+    surface, lights = surface_of(torch.randn(9, 13, generator=random), random), lights_of(3, random)
+    raw = 3.0 * torch.randn(9, outputs, generator=random)
+    expected = palette_shading.lit(
+        surface.colour, *palette_shading.network_light(raw), *lights[surface.region].unbind(1)
+    )
+    kernels.light(surface, raw, lights)
+    close(surface.colour, expected)
+
+
+@given(SEEDS, st.floats(0.0, 2.0), st.booleans())
+def test_phong_is_that_of_an_explicit_light(
+    kernels: ImageKernels, seed: int, intensity: float, headlight: bool
+) -> None:
+    random, samples = generator(seed), some_samples(seed, [4, 7])
+    surface, lights = surface_of(torch.randn(11, 13, generator=random), random), lights_of(3, random)
+    coefficients = torch.rand(3, 4, generator=random) * torch.tensor([1.0, 1.0, 1.0, 20.0])
+    facing, toward = unit((2, 3), random), unit((2, 3), random)
+    toward = facing if headlight else toward
+    lattice, table = one_level(), 0.1 * torch.randn(VERTICES**3, 3, generator=random)
+    layout = lattice.shapes, lattice.scales, lattice.bases, lattice.index
+    normal, ray = normals_of(lattice_features(samples.position, *layout, table)), samples.ray.long()
+    mixed = palette_shading.material(surface.raw)[1] @ coefficients
+    specular, shade = blinn_phong(normal, facing[ray], toward[ray], intensity, mixed)
+    expected = palette_shading.lit(surface.colour, specular, shade, *lights[surface.region].unbind(1))
+    kernels.phong(surface, samples, (facing, toward, intensity), lattice, table, coefficients, lights)
+    # A cosine's error grows by the exponent of the highlight, 20 at most.
+    torch.testing.assert_close(surface.colour, expected, atol=20 * KERNELS["value"], rtol=KERNELS["value"])
+
+
+@given(SEEDS, st.lists(st.integers(0, 12), min_size=1, max_size=12))
+def test_pixels_are_composited_as_torch_does(kernels: ImageKernels, seed: int, counts: list[int]) -> None:
+    random, samples, rays = generator(seed), some_samples(seed, counts), len(counts)
+    region = torch.randint(0, 3, (len(samples),), generator=random)
+    surface = Surface(torch.empty(0), region, torch.rand(len(samples), 3, generator=random))
+    opacity, origins, size = torch.rand(3, generator=random), torch.rand(rays, 3, generator=random) - 2.0, 7.0
+    images = torch.full((rays, 4), -1.0), torch.full((rays,), -1.0), torch.full((rays,), -1, dtype=torch.int16)
+    kernels.composite(samples, samples.sigma, surface, opacity, origins, size, images)
+
+    distance = (samples.position - origins[samples.ray.long()]).norm(dim=1, keepdim=True)
+    values = torch.cat([surface.colour, distance, torch.nn.functional.one_hot(region, 3).float()], dim=1)
+    out, transmittance, _ = composite_samples(
+        samples.sigma * opacity[region], values, samples.skipped, samples.start, samples.count, samples.tail,
+        samples.step,
+    )  # fmt: skip
+    alpha = 1.0 - transmittance
+    seen = (alpha > LEAST_ALPHA + KERNELS["value"]) & (samples.count > 0)
+    unseen = alpha < LEAST_ALPHA - KERNELS["value"]
+    mean = out[seen] / alpha[seen, None]
+    # A mean is a sum divided by alpha, and its error grows as that falls: so the sums are compared.
+    close(images[0][seen, :3] * alpha[seen, None], mean[:, :3].clamp(0.0, 1.0) * alpha[seen, None])
+    close(images[0][seen, 3], alpha[seen])
+    close(images[1][seen] / size * alpha[seen], out[seen, 3])
+    assert (images[0][unseen] == -1.0).all() and (images[1][unseen] == -1.0).all()
+    assert (images[2][unseen] == -1).all()
+    share = mean[:, 4:].gather(1, images[2][seen].long()[:, None])[:, 0]
+    close(share, mean[:, 4:].amax(dim=1))  # of shares that are equal to the last bit either may win

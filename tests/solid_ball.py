@@ -7,6 +7,7 @@ import torch
 
 from svv.core.box import Box
 from svv.core.cameras import CameraRig
+from svv.core.extinction import LEAST_LOG_EXTINCTION
 from svv.fields.networks import BaseField, FieldSettings, PaletteField
 from svv.fields.occupancy import Occupancy
 from svv.fields.region import Region
@@ -33,7 +34,7 @@ def solid_ball(densest: float = 5.0) -> Scene:
         base.density.table.zero_()
         place = base.density.places_of_level(1, occupied, CELLS)
         outside = np.linalg.norm(place - 0.5, axis=1) - RADIUS
-        logarithm = np.clip(-outside * CELLS * 4.0, -6.0, densest).astype(np.float32)
+        logarithm = np.clip(-outside * CELLS * 4.0, LEAST_LOG_EXTINCTION, densest).astype(np.float32)
         base.density.table[base.density.rows_of_level(1)] = torch.from_numpy(logarithm)[:, None]
     palette = PaletteField(field, occupancy, base.geometry_width, torch.tensor([[0.5, 0.5, 0.5]]))
     rig = CameraRig((0.0, 0.0, 0.0), 3.0, 0.32, (64, 64))

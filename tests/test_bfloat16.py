@@ -14,7 +14,7 @@ from svv.core.box import Box
 from svv.fields.networks import BaseField, FieldSettings, Layers, mlp
 from svv.fields.occupancy import Occupancy
 from svv.kernels import bfloat16
-from svv.kernels.bfloat16 import LEAST, WHOLE, HalfNetwork, cpu_has_bfloat16
+from svv.kernels.bfloat16 import LEAST_SAMPLES, SAMPLES_MULTIPLE, HalfNetwork, cpu_has_bfloat16
 from tests.tolerances import NETWORKS
 
 HALF = pytest.mark.skipif(not cpu_has_bfloat16(), reason="this CPU multiplies no bfloat16 matrices")
@@ -36,7 +36,7 @@ def error(got: Tensor, right: Tensor) -> float:
 
 @HALF
 @pytest.mark.parametrize("hidden", [1, 2])
-@pytest.mark.parametrize("count", [LEAST, LEAST + 1, 3 * WHOLE + 17])
+@pytest.mark.parametrize("count", [LEAST_SAMPLES, LEAST_SAMPLES + 1, 3 * SAMPLES_MULTIPLE + 17])
 def test_half_is_float32_to_three_digits_in_value_and_gradient(hidden: int, count: int) -> None:
     network = colour_network(hidden)
     x, twin = inputs(count).requires_grad_(), inputs(count).requires_grad_()
@@ -60,14 +60,14 @@ def test_half_is_float32_to_three_digits_in_value_and_gradient(hidden: int, coun
 
 @HALF
 def test_a_sample_does_not_depend_on_how_many_there_are() -> None:
-    network, x = colour_network(), inputs(2 * LEAST + 5)
+    network, x = colour_network(), inputs(2 * LEAST_SAMPLES + 5)
     with torch.no_grad():
-        torch.testing.assert_close(network(x)[:LEAST], network(x[:LEAST]), atol=1e-6, rtol=0)
+        torch.testing.assert_close(network(x)[:LEAST_SAMPLES], network(x[:LEAST_SAMPLES]), atol=1e-6, rtol=0)
 
 
 @HALF
 def test_the_same_numbers_every_time() -> None:
-    network, x = colour_network(), inputs(LEAST + 100)
+    network, x = colour_network(), inputs(LEAST_SAMPLES + 100)
     results = []
     for _ in range(3):
         network.zero_grad()
@@ -80,17 +80,17 @@ def test_the_same_numbers_every_time() -> None:
 
 @HALF
 def test_large_batches_of_rough_networks_are_in_half_and_others_are_not() -> None:
-    x = inputs(LEAST)
-    for rough, count in ((True, LEAST), (True, LEAST - 1), (False, LEAST)):
+    x = inputs(LEAST_SAMPLES)
+    for rough, count in ((True, LEAST_SAMPLES), (True, LEAST_SAMPLES - 1), (False, LEAST_SAMPLES)):
         network = colour_network(rough=rough)
         with torch.no_grad():
             same = torch.equal(network(x[:count]), nn.Sequential.forward(network, x[:count]))
-        assert same == (not rough or count < LEAST)
+        assert same == (not rough or count < LEAST_SAMPLES)
 
 
 def test_a_processor_without_it_takes_float32(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bfloat16, "cpu_has_bfloat16", lambda: False)
-    network, x = colour_network(), inputs(LEAST + 7)
+    network, x = colour_network(), inputs(LEAST_SAMPLES + 7)
     with torch.no_grad():
         assert torch.equal(network(x), nn.Sequential.forward(network, x))
 

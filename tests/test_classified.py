@@ -16,7 +16,8 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.cli import app as cli
 from svv.core.box import Box
-from svv.core.classified import LEAST, MOST, ClassifiedVolume, ValueRange
+from svv.core.classified import ClassifiedVolume, ValueRange
+from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.dvr.classify import classified
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import from_array, set_geometry
@@ -78,7 +79,9 @@ def test_a_uniform_volume_has_the_extinction_of_its_opacity(opacity: float, unit
     """-ln(1 - a) / u, in 1 / box unit."""
     extinction = classified(set_stage(*slab(opacity, unit)))
     expected = np.log(-np.log(1.0 - opacity) / unit * extinction.box.size)
-    np.testing.assert_allclose(extinction.exponent, np.clip(expected, LEAST, MOST), atol=5e-3)
+    np.testing.assert_allclose(
+        extinction.exponent, np.clip(expected, EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION), atol=5e-3
+    )
 
 
 def test_a_range_between_two_voxels_is_seen() -> None:
@@ -102,7 +105,7 @@ def test_occupied_cells_are_those_with_a_visible_vertex(
 ) -> None:
     box = Box((0.0, 0.0, 0.0), 1.0, (1.0, *sides))
     shape = np.ceil(np.array(box.extent) * grid - 1e-6).astype(int) + 1
-    exponent = np.where(np.random.default_rng(seed).random(shape) < 0.05, 2.0, LEAST).astype(np.float16)
+    exponent = np.where(np.random.default_rng(seed).random(shape) < 0.05, 2.0, EMPTY_LOG_EXTINCTION).astype(np.float16)
     volume = ClassifiedVolume(box, grid, exponent, np.zeros(shape, np.uint8), (ValueRange(0.0, 1.0, (1.0, 0.0, 0.0)),))
     found = volume.occupied(cells, 1.0)
     expected = np.zeros_like(found)

@@ -109,12 +109,12 @@ def test_the_reference_can_be_asked_for(fresh_choice: None, monkeypatch: pytest.
     fast = scene.render(camera).rgba
     away = replace(camera, camera_to_world=camera.camera_to_world @ np.diag([-1.0, 1.0, -1.0, 1.0]))
     for value, name in (("reference", "reference"), ("torch", "reference"), ("", "numba")):
-        monkeypatch.setenv(dispatch.KERNELS, value)
+        monkeypatch.setenv(dispatch.KERNELS_VARIABLE, value)
         kernels_of.cache_clear()
         assert kernels_of("cpu").NAME == name
         np.testing.assert_allclose(scene.render(camera).rgba, fast, atol=5e-3)
         assert not scene.render(away).rgba.any()  # no ray of it meets the box
-    monkeypatch.setenv(dispatch.KERNELS, "numba")
+    monkeypatch.setenv(dispatch.KERNELS_VARIABLE, "numba")
     kernels_of.cache_clear()
     with pytest.raises(BadInput, match="can be 'reference'"):
         kernels_of("cpu")

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.errors import BadInput
-from svv.fields.edits import IDENTITY, STEPS, edits_of, with_edits
+from svv.fields.edits import IDENTITY, MOST_UNDO_STEPS, edits_of, with_edits
 from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.io import scene_file
@@ -117,10 +117,10 @@ def test_a_new_edit_forgets_what_was_undone(cube: Scene) -> None:
 
 def test_the_history_is_bounded(cube: Scene) -> None:
     scene = cube
-    for number in range(STEPS + 10):
+    for number in range(MOST_UNDO_STEPS + 10):
         scene = scene.edited(0, opacity=float(number))
-    assert len(scene.history.past) == STEPS
-    for _ in range(STEPS):
+    assert len(scene.history.past) == MOST_UNDO_STEPS
+    for _ in range(MOST_UNDO_STEPS):
         scene = scene.undone()
     assert scene.regions[0].opacity == 9.0
 

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from svv.bench.stability.scenes import KnownScene, Range
 from svv.cli.app import app
 from svv.core.cameras import Camera, look_at
-from svv.core.light import RIM, Lamp, blinn_phong
+from svv.core.light import RIM_COSINE, Lamp, blinn_phong
 from svv.core.shading import Shading
 from svv.dvr.views import make_views
 from svv.errors import BadInput, Cancelled, Progress, silent
@@ -76,7 +76,7 @@ def test_blinn_phong_is_its_equation_on_either_side(
     ambient, diffuse, specular, intensity = k
     coefficients = torch.tensor([[ambient, diffuse, specular, p]], dtype=torch.float64)
     got = blinn_phong(normal, facing, toward, intensity, coefficients)
-    rim = RIM * min(max(1.0 - float((facing * toward).sum()), 0.0), 1.0)
+    rim = RIM_COSINE * min(max(1.0 - float((facing * toward).sum()), 0.0), 1.0)
     if abs(float((normal * facing).sum())) > rim + 1e-6:  # a surface seen edge-on is not turned
         turned = blinn_phong(-normal, facing, toward, intensity, coefficients)
         torch.testing.assert_close(got, turned)

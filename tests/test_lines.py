@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from svv.bench.styles.statistics import StyleJudge
-from svv.core.lines import LEAST_INSIDE, MEASURES, StyleLines, find_ridges, interior, shuffled, traced, turned
+from svv.core.lines import LEAST_PIXELS, MEASURES, StyleLines, find_ridges, interior, shuffled, traced, turned
 from svv.errors import BadInput
 from svv.styles.gallery import gallery_picture
 from svv.styles.textures import style_picture
@@ -152,7 +152,7 @@ def test_what_lies_outside_the_mask_does_not_count(seed: int) -> None:
     picture = gaussian_filter(random.random((48, 56, 3)), (1, 1, 0))
     mask = gaussian_filter(random.random((48, 56)), 6) > 0.5
     lines = StyleLines.of(picture)
-    if interior(mask).sum() < LEAST_INSIDE:
+    if interior(mask).sum() < LEAST_PIXELS:
         return
     other = np.where(mask[..., None], picture, random.random(picture.shape))
     assert lines.distances(picture, mask) == lines.distances(other, mask)

@@ -167,7 +167,7 @@ def test_lattice_adam_is_adam_on_the_rows_it_uses(pull: float) -> None:
 
 
 def test_bias_corrections_are_those_of_every_age() -> None:
-    age = np.arange(1, numba_lattice.OLDEST + 1)
+    age = np.arange(1, numba_lattice.BIAS_CORRECTED_STEPS + 1)
     made = numba_lattice.bias_corrections(np.float32(0.9), np.float32(0.99))[1:]
     np.testing.assert_allclose(made, np.stack([1 - 0.9**age, 1 / (1 - 0.99**age)], axis=1), rtol=3e-5)
 
@@ -175,7 +175,7 @@ def test_bias_corrections_are_those_of_every_age() -> None:
 @given(st.integers(0, 10**6), st.sampled_from([(0.9, 0.99), (0.5, 0.999)]))
 def test_adam_is_its_plain_reference_at_any_age(seed: int, betas: tuple[float, float]) -> None:
     random = torch.Generator().manual_seed(seed)
-    age = torch.randint(0, 3 * numba_lattice.OLDEST, (40,), generator=random, dtype=torch.int32)
+    age = torch.randint(0, 3 * numba_lattice.BIAS_CORRECTED_STEPS, (40,), generator=random, dtype=torch.int32)
     age[:5] = torch.arange(5)
     table, gradient, first = torch.randn(3, 40, 2, generator=random)
     used = (torch.rand(40, generator=random) < 0.7).byte()

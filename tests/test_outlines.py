@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, label, map_coordinates
 
 from svv.core.cameras import Camera, look_at
-from svv.core.outlines import INK, THIN, WIDTH, Pen, outlined
+from svv.core.outlines import CREASE_WIDTH, INK, WIDTH, Pen, outlined
 from svv.errors import BadInput
 from svv.fields.scene import Scene
 from svv.io import scene_file
@@ -139,7 +139,9 @@ def test_the_edges_of_a_cube_are_thinner_than_its_silhouette() -> None:
     opposite = image[middle - int(0.5 * reach), middle - 20 : middle + 20].sum()
     outside = image[middle, : middle - 40].sum()
     assert {crease > 0.0, opposite > 0.0} == {True, False}, "three edges of six are seen"
-    assert max(crease, opposite) == pytest.approx(THIN * WIDTH, rel=0.25) and outside == pytest.approx(WIDTH, rel=0.25)
+    assert max(crease, opposite) == pytest.approx(CREASE_WIDTH * WIDTH, rel=0.25) and outside == pytest.approx(
+        WIDTH, rel=0.25
+    )
 
 
 def test_noise_of_depth_makes_no_dots() -> None:

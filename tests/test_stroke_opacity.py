@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from svv.core.cameras import sphere_cameras
 from svv.errors import BadInput
 from svv.fields.networks import UnrestrictedField
-from svv.fields.paint_light import SIZE, VIEWS
+from svv.fields.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
 from svv.fields.rendering import RayCaster, composite, march
 from svv.fields.scene import Scene
-from svv.fields.stroke_opacity import EXTREME, REACH, brightness, fade_of, strokes_of
+from svv.fields.stroke_opacity import LOG_FACTOR, MOST_DEVIATIONS, brightness, fade_of, strokes_of
 from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint, cube_scene
 
@@ -57,10 +57,10 @@ def of_one_colour(scene: Scene) -> Scene:
     return scene.painted(network, EVERY, {}, "grey")
 
 
-def opacities(scene: Scene, views: int = VIEWS) -> np.ndarray:
+def opacities(scene: Scene, views: int = LIGHT_VIEWS) -> np.ndarray:
     """Sum of each region's weights in images from all around."""
     sums = torch.zeros(len(scene.regions), dtype=torch.float64)
-    for camera in sphere_cameras(views, (0.0, 0.0, 0.0), 3.0, 0.5, SIZE):
+    for camera in sphere_cameras(views, (0.0, 0.0, 0.0), 3.0, 0.5, LIGHT_VIEW_SIZE):
         rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, scene._marching_as_edited("styled"))
         _, region, sigma = scene.shade(samples, rays, "styled")
@@ -94,7 +94,7 @@ def test_that_holds_of_regions_as_they_are_edited(painted: Scene, opacity: float
 
 @pytest.mark.parametrize("amount", [0.6, -0.6])
 def test_strokes_of_one_side_get_more_opaque_and_those_of_the_other_less(painted: Scene, amount: float) -> None:
-    """Above 0 the dark ones: a factor that depends on brightness alone, one deviation from the mean exp(REACH a)."""
+    """Above 0 the dark ones: a factor of brightness alone, one deviation from the mean exp(LOG_FACTOR a)."""
     scene = painted.with_stroke_opacity(amount)
     strokes = strokes_of(scene)
     assert strokes is not None
@@ -105,11 +105,13 @@ def test_strokes_of_one_side_get_more_opaque_and_those_of_the_other_less(painted
     assert scene.styled is not None
     dark = strokes[region, 2] - brightness(scene.styled(samples.position))
     assert torch.all(factor * dark * amount >= -1e-6)
-    assert float(factor.abs().max()) == pytest.approx(REACH * EXTREME * abs(amount), abs=1e-4), "it is clipped"
-    middle = (factor.abs() > 1e-3) & (factor.abs() < 0.99 * REACH * EXTREME * abs(amount))
+    assert float(factor.abs().max()) == pytest.approx(LOG_FACTOR * MOST_DEVIATIONS * abs(amount), abs=1e-4), (
+        "it is clipped"
+    )
+    middle = (factor.abs() > 1e-3) & (factor.abs() < 0.99 * LOG_FACTOR * MOST_DEVIATIONS * abs(amount))
     torch.testing.assert_close((factor / dark)[middle], strokes[region[middle], 1], rtol=1e-2, atol=1e-3)
     for region_ in range(3):  # the slope is that of a deviation's reach, over a deviation of less than half the range
-        assert 2.0 * REACH < float(strokes[region_, 1]) / amount < 100.0
+        assert 2.0 * LOG_FACTOR < float(strokes[region_, 1]) / amount < 100.0
 
 
 @pytest.mark.parametrize("amount", [0.8, -0.8])

@@ -15,7 +15,7 @@ from torch import Tensor
 from svv.core.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled, silent
 from svv.fields.image import image_kernels_of
-from svv.fields.model import JOINED
+from svv.fields.model import JOINED_WEIGHT
 from svv.fields.networks import FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import carve
 from svv.fields.scene import Scene
@@ -114,7 +114,7 @@ def test_images_take_as_few_samples_as_they_allow(
     for scene in (opaque, fog):
         found, reason = with_fewest_samples(scene, views.cameras)
         camera = unseen.cameras[0].resized(200, 200)
-        fine, few = (s.render(camera).rgba for s in (replace(scene, stride=1.0, joined=JOINED), found))
+        fine, few = (s.render(camera).rgba for s in (replace(scene, stride=1.0, joined=JOINED_WEIGHT), found))
         error = np.square((fine[..., :3] - 1) * fine[..., 3:] - (few[..., :3] - 1) * few[..., 3:]).mean()
         assert -10 * np.log10(error + 1e-12) > 47
     assert (found.stride, found.joined) == (2.0, 1 / 32), reason

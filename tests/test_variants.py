@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from svv.errors import BadInput
 from svv.fields.scene import Scene
-from svv.fields.variants import LONGEST, UNNAMED
+from svv.fields.variants import LONGEST_NAME, UNNAMED
 from svv.io import scene_file
 from tests.cube import cube_camera, cube_paint
 
@@ -115,7 +115,7 @@ def test_a_variant_without_a_name_is_replaced(cube: Scene) -> None:
     assert [r.style for r in again.regions] == [None, "b", None]
 
 
-@pytest.mark.parametrize("name", ["", "  ", "a\nb", "x" * (LONGEST + 1)])
+@pytest.mark.parametrize("name", ["", "  ", "a\nb", "x" * (LONGEST_NAME + 1)])
 def test_names_that_cannot_be(cube: Scene, name: str) -> None:
     with pytest.raises(BadInput, match="name must be"):
         cube.free_name(name)

@@ -13,11 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.box import Box
+from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.errors import BadInput
-
-LEAST, MOST = -3.0, 8.5
-"""Exponents of the extinction (1 / box unit) of what is empty and of what is opaque: within these bounds it can be
-interpolated, and goes on learning."""
 
 
 def grid_shape(box: Box, cells: int) -> NDArray[np.int64]:
@@ -53,8 +50,9 @@ class ClassifiedVolume:
     Args:
         box: The box, world units.
         cells: Cells of the grid per box unit, a power of two.
-        exponent: Natural logarithm of the extinction in 1 / box unit, in [``LEAST``, ``MOST``]; vertex (i, j, k) lies
-            at (i, j, k) / ``cells`` of the box. (X + 1, Y + 1, Z + 1) float16
+        exponent: Natural logarithm of the extinction in 1 / box unit, from :data:`EMPTY_LOG_EXTINCTION` to
+            :data:`OPAQUE_LOG_EXTINCTION`; vertex (i, j, k) lies at (i, j, k) / ``cells`` of the box.
+            (X + 1, Y + 1, Z + 1) float16
         owner: The range that most of a vertex' extinction is of, also where there is none: the next one in value.
             (X + 1, Y + 1, Z + 1) uint8
         ranges: The visible ranges of the transfer function, in ascending order of their values.
@@ -81,20 +79,22 @@ class ClassifiedVolume:
             raise BadInput(f"The exponents of this extinction must be float16 on {expected} vertices.")
         if self.owner.dtype != np.uint8 or self.owner.shape != expected or self.owner.max() >= len(self.ranges):
             raise BadInput(f"The owners must be numbers of the {len(self.ranges)} ranges, on {expected} vertices.")
-        if not ((self.exponent >= LEAST) & (self.exponent <= MOST)).all():
-            raise BadInput(f"The exponents of an extinction must lie between {LEAST} and {MOST}.")
+        if not ((self.exponent >= EMPTY_LOG_EXTINCTION) & (self.exponent <= OPAQUE_LOG_EXTINCTION)).all():
+            raise BadInput(
+                f"The exponents of an extinction must lie between {EMPTY_LOG_EXTINCTION} and {OPAQUE_LOG_EXTINCTION}."
+            )
 
     def at_vertices(self, vertices: NDArray[np.integer], resolution: int) -> NDArray[np.float32]:
         """Exponents at ``vertices / resolution``: (V, 3) whole numbers -> (V,).
 
-        ``resolution`` must divide ``cells``. Outside the grid it is ``LEAST``.
+        ``resolution`` must divide ``cells``. Outside the grid it is ``EMPTY_LOG_EXTINCTION``.
         """
         if self.cells % resolution:
             raise ValueError(f"resolution {resolution} does not divide {self.cells}")
         i = np.asarray(vertices) * (self.cells // resolution)
         last = np.array(self.exponent.shape) - 1
         values = self.exponent[tuple(np.clip(i, 0, last).T)].astype(np.float32)
-        return np.where(((i >= 0) & (i <= last)).all(axis=1), values, np.float32(LEAST))
+        return np.where(((i >= 0) & (i <= last)).all(axis=1), values, np.float32(EMPTY_LOG_EXTINCTION))
 
     def occupied(self, cells: int, least: float) -> NDArray[np.uint8]:
         """Cells of a grid with ``cells`` per box unit in which an extinction reaches ``least`` (1 / box unit).

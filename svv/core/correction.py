@@ -20,7 +20,7 @@ from svv.errors import BadInput
 
 RGB = tuple[float, float, float]
 
-ALIKE = 2.5 / 255.0
+ALIKE_DIFFERENCE = 2.5 / 255.0
 """Colours whose channels are no farther apart count as the same."""
 
 
@@ -204,7 +204,7 @@ def _check_apart(entries: list[Entry], known: bool) -> None:
 
 
 def _alike(some: RGB, other: RGB) -> bool:
-    return bool(np.abs(np.subtract(some, other)).max() <= ALIKE)
+    return bool(np.abs(np.subtract(some, other)).max() <= ALIKE_DIFFERENCE)
 
 
 def _and(numbers: Sequence[int]) -> str:

@@ -25,46 +25,46 @@ Indices = NDArray[np.intp]
 VIEW = 800
 """Shorter side of the image in whose pixels lengths are given."""
 
-SIGMA = 1.6
+CHANGE_DEVIATION = 1.6
 """Standard deviation over which change is measured,"""
-AGAIN = 1.2
+SMOOTHING_DEVIATION = 1.2
 """and of what smooths the measure, so that its ridges are continuous;"""
-LEAST = 0.8
+LEAST_DEVIATION = 0.8
 """in pixels of the image itself, neither is less."""
-SAMPLED = 5.0 / 12.0
+SAMPLING_VARIANCE = 5.0 / 12.0
 """Variance, in pixels squared, by which a pixel and a difference between its neighbours widen an edge."""
 
-STEP = 0.2
+DEPTH_JUMP = 0.2
 """Jump in depth, in sides of the box, that counts as much as the end of what is opaque,"""
-STEP_PIXELS = 8.0
+DEPTH_JUMP_PIXELS = 8.0
 """but at least so many pixels at that depth; of rendered fields, depth is noisy by about one."""
 
-WEAK, STRONG = 0.14, 0.4
+WEAK_CHANGE, STRONG_CHANGE = 0.14, 0.4
 """Between these measures of change, see :func:`_silhouettes`, a line's strength goes from 0 to 1."""
 
-FOLD = (1.2, 1.5)
+FOLD_BOUNDS = (1.2, 1.5)
 """Likewise of a crease: the length by which the unit normal changes across it, 1 for 60 degrees, 1.4 for 90."""
-FOLD_SIGMA = 4.5
+FOLD_DEVIATION = 4.5
 """Standard deviation over which normals are averaged,"""
 FOLD_BOX = 0.011
 """and at least so much of the box: the noise of depth is a part of the sampling distance, however near one looks."""
-BAND = 2.0
+BAND_DEVIATION = 2.0
 """Standard deviation of the band beside silhouettes in which normals are not used: depth mixes two surfaces there."""
 
-OPAQUE = (0.93, 0.995)
+OPAQUE_ALPHAS = (0.93, 0.995)
 """Between these alphas depth begins to count; in fog it is the depth of nothing in particular."""
 
-EVEN = 4.0
+EVENING_DEVIATION = 4.0
 """Standard deviation along a line over which its strength is averaged, in pixels of the image itself at least that;
 along creases 1.8 times that of normals."""
-WHOLE = (0.3, 0.55)
+WHOLE_BOUNDS = (0.3, 0.55)
 """Between these parts of a line's surroundings along itself that are there, ink goes from 0 to 1; at an end half is."""
 STRIDE = 1.5
 """Distance in pixels of the image between places that are averaged."""
-TURN = (0.4, 0.8)
+TURN_COSINES = (0.4, 0.8)
 """Cosines of the angle between two neighbours of an edge from which on they are of one line."""
 
-REACH = 2.0
+PARTED_REACH = 2.0
 """How far from an edge one looks for what it parts."""
 
 
@@ -108,14 +108,16 @@ def lines_of(
         box: Longest side of the scene's box in world units.
         scale: Shorter side of the whole image in :data:`VIEW`; the images may be a part of it.
     """
-    sigma = max(LEAST, SIGMA * scale)
+    sigma = max(LEAST_DEVIATION, CHANGE_DEVIATION * scale)
     share = _gauss(alpha, sigma)
     seen = np.where(np.isnan(depth), 0.0, depth).astype(np.float32)
     smooth = _gauss(alpha * seen, sigma) / np.maximum(share, 1e-4)
     edges = _silhouettes(alpha, smooth, share, region, footprint, box, scale)
-    strength = _along(edges, _ramp(edges.change, WEAK, STRONG), alpha.shape, EVEN * max(scale, 1.0))
+    strength = _along(
+        edges, _ramp(edges.change, WEAK_CHANGE, STRONG_CHANGE), alpha.shape, EVENING_DEVIATION * max(scale, 1.0)
+    )
     # A translucent shell has as faint a line as it is itself.
-    strength *= maximum_filter(alpha, 2 * int(np.ceil(REACH * scale)) + 1)[pixels_of(edges, alpha.shape)]
+    strength *= maximum_filter(alpha, 2 * int(np.ceil(PARTED_REACH * scale)) + 1)[pixels_of(edges, alpha.shape)]
     return (edges, strength), _creases(edges, strength, smooth, share, footprint, box, scale)
 
 
@@ -131,16 +133,18 @@ def _silhouettes(
     """Edges of alpha, regions and depth together, so that where several change there is one line.
 
     The measure is log(1 + s), s the length of the gradient that a jump of 1 from one region's alpha to another's, or of
-    :data:`STEP` in depth, has at its middle. A logarithm, for a high jump would hide the lower ones beside it.
+    :data:`DEPTH_JUMP` in depth, has at its middle. A logarithm, for a high jump would hide the lower ones beside it.
     """
-    sigma = max(LEAST, SIGMA * scale)
+    sigma = max(LEAST_DEVIATION, CHANGE_DEVIATION * scale)
     square = np.zeros_like(alpha)
     for number in np.flatnonzero(np.bincount(region[region >= 0])):
         square += _square(_gauss(np.where(region == number, alpha, np.float32(0.0)), sigma))
-    step = np.maximum(STEP * box, STEP_PIXELS * footprint * scale * depth)
-    square += _square(depth) * (_ramp(share, *OPAQUE) / np.maximum(step, 1e-30)) ** 2
+    step = np.maximum(DEPTH_JUMP * box, DEPTH_JUMP_PIXELS * footprint * scale * depth)
+    square += _square(depth) * (_ramp(share, *OPAQUE_ALPHAS) / np.maximum(step, 1e-30)) ** 2
     change = np.log1p(np.sqrt(square) * _spread(sigma) * np.sqrt(2.0 * np.pi))
-    return _ridges(change.astype(np.float32), sigma, max(LEAST, AGAIN * scale), 0.5 * WEAK)
+    return _ridges(
+        change.astype(np.float32), sigma, max(LEAST_DEVIATION, SMOOTHING_DEVIATION * scale), 0.5 * WEAK_CHANGE
+    )
 
 
 def _creases(
@@ -148,7 +152,9 @@ def _creases(
 ) -> tuple[Edges, Floats]:
     """Edges of the surface's normal, and how much ink each point of them gets. (E,)"""
     away = float((share * depth).sum() / max(float(share.sum()), 1e-30))
-    sigma = max(2.0 * LEAST, FOLD_SIGMA * scale, min(FOLD_BOX * box / max(footprint * away, 1e-30), 32.0 * scale))
+    sigma = max(
+        2.0 * LEAST_DEVIATION, FOLD_DEVIATION * scale, min(FOLD_BOX * box / max(footprint * away, 1e-30), 32.0 * scale)
+    )
     factor = min(max(1, int(sigma / 1.5)), 3)  # so smooth an image loses nothing by being smaller
     right, down = _gradient(depth)
     toward = footprint * depth
@@ -157,8 +163,8 @@ def _creases(
     beside[pixels_of(silhouettes, depth.shape)] = ink
     small = [_pooled(image, factor) for image in
              (right / np.maximum(length, 1e-30), down / np.maximum(length, 1e-30), toward / np.maximum(length, 1e-30),
-              _ramp(share, *OPAQUE), beside)]  # fmt: skip
-    band = BAND * scale / factor
+              _ramp(share, *OPAQUE_ALPHAS), beside)]  # fmt: skip
+    band = BAND_DEVIATION * scale / factor
     free = small[3] * np.clip(1.0 - _gauss(small[4], band) * (factor * band * 4.0 * np.sqrt(2.0 * np.pi)), 0.0, 1.0)
     sigma /= factor
     known = _gauss(free, sigma)
@@ -168,8 +174,8 @@ def _creases(
     for component in normal:
         square += _square(component / length)
     change = np.sqrt(square) * (_spread(sigma) * np.sqrt(2.0 * np.pi)) * free
-    edges = _ridges(change.astype(np.float32), sigma, 0.7 * sigma, 0.6 * FOLD[0])
-    there = _ramp(edges.change, *FOLD) * _ramp(known[pixels_of(edges, known.shape)], 0.5, 0.8)
+    edges = _ridges(change.astype(np.float32), sigma, 0.7 * sigma, 0.6 * FOLD_BOUNDS[0])
+    there = _ramp(edges.change, *FOLD_BOUNDS) * _ramp(known[pixels_of(edges, known.shape)], 0.5, 0.8)
     strength = _along(edges, there, known.shape, 1.8 * sigma)
     return edges.scaled(factor), strength
 
@@ -199,7 +205,7 @@ def _ridges(change: Floats, sigma: float, again: float, least: float) -> Edges:
 
 
 def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) -> Floats:
-    """Strength averaged along the lines, whose points follow one another, twice; see :data:`EVEN`. (E,)"""
+    """Strength averaged along the lines, whose points follow one another, twice; see :data:`EVENING_DEVIATION`. (E,)"""
     count, (height, width) = len(edges.x), shape
     at = np.full((height + 2, width + 2), count, np.intp)
     row, column = pixels_of(edges, shape)
@@ -217,7 +223,7 @@ def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) 
             j = at[np.clip(np.rint(py).astype(np.intp), -1, height) + 1,
                    np.clip(np.rint(px).astype(np.intp), -1, width) + 1]  # fmt: skip
             cosine, hit = tx[j] * dx + ty[j] * dy, j < count
-            one = one * np.where(hit, _ramp(np.abs(cosine), *TURN), 1.0)
+            one = one * np.where(hit, _ramp(np.abs(cosine), *TURN_COSINES), 1.0)
             turned = np.where(cosine < 0.0, -1.0, 1.0)
             foot = (px - x[j]) * tx[j] + (py - y[j]) * ty[j]
             dx, dy = np.where(hit, turned * tx[j], dx), np.where(hit, turned * ty[j], dy)
@@ -226,7 +232,7 @@ def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) 
     total = 1.0 + 2.0 * weights.sum()
     for _ in range(2):
         known = np.append(strength, 0.0)
-        strength = _ramp(sum(known[j] * weight for j, weight in path) / total, *WHOLE)
+        strength = _ramp(sum(known[j] * weight for j, weight in path) / total, *WHOLE_BOUNDS)
     return strength.astype(np.float32)
 
 
@@ -235,7 +241,7 @@ def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) 
 
 def _spread(sigma: float) -> float:
     """Standard deviation, in pixels, of the gradient across a jump in an image that was smoothed by ``sigma``."""
-    return float(np.sqrt(sigma**2 + SAMPLED))
+    return float(np.sqrt(sigma**2 + SAMPLING_VARIANCE))
 
 
 def _ramp(values: Any, low: float, high: float) -> Any:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-CANDIDATES = 24
+CANDIDATE_PIECES = 24
 """Pieces that are tried at each place; the one that fits what lies there already is taken."""
 
-SMALLEST = 3
+SMALLEST_HALF_SIDE = 3
 """Half side of a piece in pixels, below which the nearest pixel inside of the mask is repeated instead."""
 
 
@@ -19,8 +19,8 @@ def filled(picture: NDArray[np.float32], mask: NDArray[np.bool_], seed: int = 0)
     """The picture with everything outside of a mask replaced by texture from inside of it.
 
     Square pieces that lie wholly inside are laid over each place outside, in rows, each the best fitting of
-    :data:`CANDIDATES` to what it overlaps, with soft rims (after Efros and Freeman 2001). Where the mask is too thin
-    for pieces, the nearest pixel inside is taken.
+    :data:`CANDIDATE_PIECES` to what it overlaps, with soft rims (after Efros and Freeman 2001). Where the mask is too
+    thin for pieces, the nearest pixel inside is taken.
 
     Args:
         picture: (h, w, 3).
@@ -38,7 +38,7 @@ def filled(picture: NDArray[np.float32], mask: NDArray[np.bool_], seed: int = 0)
     half = int(min(max(np.quantile(room[mask], 0.85), 0.6 * room.max()) / 1.5, max(mask.shape) / 12))
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     nearest = picture[rows, columns]
-    if half < SMALLEST:
+    if half < SMALLEST_HALF_SIDE:
         return np.asarray(nearest, dtype=np.float32)
     rng = np.random.default_rng(seed)
     # A square of half side s fits where the nearest place outside is more than s sqrt(2) away; a little less will do.
@@ -69,7 +69,7 @@ def _covered(
             here = np.ix_(ys, xs)
             if not len(ys) or not len(xs) or mask[here].all():
                 continue
-            picks = centres[rng.integers(0, len(centres), CANDIDATES)]
+            picks = centres[rng.integers(0, len(centres), CANDIDATE_PIECES)]
             pieces = np.stack([
                 nearest[np.ix_(np.clip(cy + ys - y, 0, height - 1), np.clip(cx + xs - x, 0, width - 1))]
                 for cy, cx in picks

@@ -22,7 +22,7 @@ RELATIVE, ABSOLUTE = 0.01, 0.5
 BOUNDARY_RELATIVE, BOUNDARY_ABSOLUTE = 0.01, 0.002
 """The flow's slope from which on a pixel counts as a motion boundary."""
 
-FAINTEST = -500.0
+LEAST_LOG_WEIGHT = -500.0
 """Exponent below the largest at which a splatted pixel stops losing weight, so that no sum of weights becomes 0."""
 
 
@@ -115,7 +115,7 @@ def splatted(
     target = (_pixels(height, width) + flow)[there]
     source, level = np.asarray(values, np.float64)[there], np.asarray(importance, np.float64)[there]
     total, arrived = np.zeros((channels + 1, height * width)), np.zeros(height * width)
-    factor = np.exp(np.maximum(level - level.max(), FAINTEST)) if level.size else level
+    factor = np.exp(np.maximum(level - level.max(), LEAST_LOG_WEIGHT)) if level.size else level
     corner = np.floor(target)
     for right, below in ((0, 0), (1, 0), (0, 1), (1, 1)):
         place = corner + np.array([right, below])

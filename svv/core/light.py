@@ -18,11 +18,11 @@ COEFFICIENTS = ("ambient", "diffuse", "specular", "shininess")
 """What a surface makes of light, in the order in which tensors hold it: parts of the light that are >= 0, and the
 exponent of the highlight."""
 
-RIM = 0.3
+RIM_COSINE = 0.3
 """Cosine by which a surface may look away from the viewer and yet not be turned, under light that comes from beside:
 what is seen of the back of an outline would shine on the dark side. Under a headlight 0."""
 
-GRAZING = 1e-4
+LEAST_COSINE = 1e-4
 """Smallest cosine that is raised to a power: its logarithm is finite."""
 
 NORMAL_SCALE = 10.0
@@ -108,8 +108,8 @@ def blinn_phong(
 ) -> tuple[Tensor, Tensor]:
     """Highlight c_s = i k_s (n . h)^p and shade m = k_a + i k_d max(n . l, 0), for h = (l + v) / |l + v|.
 
-    (Blinn 1977.) The normal n is turned to the viewer first, if n . v < -RIM (1 - v . l): surfaces have two sides, as
-    VTK's ray casters shade volumes. One shorter than 1 is lit so much less. No highlight where n . l <= 0.
+    (Blinn 1977.) The normal n is turned to the viewer first, if n . v < -RIM_COSINE (1 - v . l): surfaces have two
+    sides, as VTK's ray casters shade volumes. One shorter than 1 is lit so much less. No highlight where n . l <= 0.
 
     Args:
         normal: Of either side. (S, 3)
@@ -122,10 +122,10 @@ def blinn_phong(
         c_s and m, (S,) each.
     """
     ambient, diffuse, specular, shininess = coefficients.unbind(1)
-    rim = RIM * (1.0 - (facing * toward).sum(1)).clamp(0.0, 1.0)
+    rim = RIM_COSINE * (1.0 - (facing * toward).sum(1)).clamp(0.0, 1.0)
     side = torch.where((normal * facing).sum(1) < -rim, -1.0, 1.0)
     cosine = (side * (normal * toward).sum(1)).clamp(min=0.0)
     half = torch.nn.functional.normalize(toward + facing, dim=1)
-    highlight = (side * (normal * half).sum(1)).clamp(min=GRAZING).pow(shininess)
+    highlight = (side * (normal * half).sum(1)).clamp(min=LEAST_COSINE).pow(shininess)
     highlight = torch.where(cosine > 0.0, highlight, 0.0)
     return intensity * specular * highlight, ambient + intensity * diffuse * cosine

@@ -25,21 +25,21 @@ from svv.errors import BadInput
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-SMOOTHING = 1.0
+SMOOTHING_DEVIATION = 1.0
 """Standard deviation of the derivatives and of the tensor in which lines are found, pixels."""
-SCALES = (2.0, 4.0, 8.0)
+COHERENCE_DEVIATIONS = (2.0, 4.0, 8.0)
 """Standard deviations at which coherence is measured, pixels."""
-STRONG, WEAK = 1.0, 0.5
+STRONG_THRESHOLD, WEAK_THRESHOLD = 1.0, 0.5
 """Thresholds of the hysteresis, as parts of the style's root mean square strength."""
-FAINTEST = 0.01
+LEAST_STRENGTH = 0.01
 """Strength that counts as one, where the style has less: a few levels of 8 bits over a line."""
-STEADY = np.radians(30)
+STEADY_ANGLE = np.radians(30)
 """Two neighbours whose directions differ by more are not on one line."""
-LONGEST = 48
+LONGEST_LINE = 48
 """Pixels: a line that is longer counts as one of this length, since regions cut theirs."""
-STEPS = (3, 6, 12)
+TURNING_STEPS = (3, 6, 12)
 """How far along a line its turning is looked at, pixels."""
-LEAST_INSIDE = 64
+LEAST_PIXELS = 64
 """Pixels that must be left of a mask."""
 
 
@@ -61,7 +61,7 @@ class Ridges:
     thin: Mask
     """No neighbour across the line is stronger. (H, W)"""
     coherence: tuple[Floats, ...]
-    """(l1 - l2) / (l1 + l2) of the tensor at each of :data:`SCALES`, 0 to 1. (H, W) each"""
+    """(l1 - l2) / (l1 + l2) of the tensor at each of :data:`COHERENCE_DEVIATIONS`, 0 to 1. (H, W) each"""
     energy: Floats
     """Squared length of the gradient. (H, W)"""
     inside: Mask
@@ -69,8 +69,8 @@ class Ridges:
 
     @property
     def scale(self) -> float:
-        """Root mean square strength, or :data:`FAINTEST`."""
-        return max(FAINTEST, float(np.sqrt(np.square(self.strength[self.inside]).mean())))
+        """Root mean square strength, or :data:`LEAST_STRENGTH`."""
+        return max(LEAST_STRENGTH, float(np.sqrt(np.square(self.strength[self.inside]).mean())))
 
 
 def interior(cover: Mask) -> Mask:
@@ -98,15 +98,17 @@ def find_ridges(picture: NDArray[np.floating], mask: NDArray[np.floating | np.bo
     if cover.shape != picture.shape[:2]:
         raise BadInput("The mask must have the picture's size.")
     inside = interior(cover)
-    if inside.sum() < LEAST_INSIDE:
-        raise BadInput(f"Less than {LEAST_INSIDE} pixels lie inside the mask: render the picture larger.")
+    if inside.sum() < LEAST_PIXELS:
+        raise BadInput(f"Less than {LEAST_PIXELS} pixels lie inside the mask: render the picture larger.")
     values = np.asarray(picture, np.float64)
     if not cover.all():
         values = values[tuple(distance_transform_edt(~cover, return_distances=False, return_indices=True))]
-    dy, dx = (gaussian_filter(values, SMOOTHING, order=o, axes=(0, 1), mode="nearest") for o in ((1, 0), (0, 1)))
+    dy, dx = (
+        gaussian_filter(values, SMOOTHING_DEVIATION, order=o, axes=(0, 1), mode="nearest") for o in ((1, 0), (0, 1))
+    )
     products = [(a * b).sum(2) for a, b in ((dx, dx), (dx, dy), (dy, dy))]  # xx, xy, yy
     weight = inside.astype(np.float64)
-    xx, xy, yy = (gaussian_filter(p, SMOOTHING, mode="nearest") for p in products)
+    xx, xy, yy = (gaussian_filter(p, SMOOTHING_DEVIATION, mode="nearest") for p in products)
     apart = np.hypot(xx - yy, 2 * xy)
     strength = np.sqrt(np.maximum(xx + yy + apart, 0) / 2)
     across = np.arctan2(2 * xy, xx - yy) / 2
@@ -116,7 +118,7 @@ def find_ridges(picture: NDArray[np.floating], mask: NDArray[np.floating | np.bo
         for s in (-1, 1)
     ]
     coherence = []
-    for scale in SCALES:
+    for scale in COHERENCE_DEVIATIONS:
         xx, xy, yy = (gaussian_filter(p * weight, scale, mode="nearest") for p in products)
         coherence.append(np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, 1e-12))
     angle = np.where(across > 0, across - np.pi / 2, across + np.pi / 2)
@@ -127,8 +129,8 @@ def find_ridges(picture: NDArray[np.floating], mask: NDArray[np.floating | np.bo
 def traced(ridges: Ridges, scale: float) -> NDArray[np.int64]:
     """Lines: thin ridges over the weak threshold, linked where they go on, of which one pixel at least is strong.
 
-    Neighbours (of eight) are linked if their directions agree within :data:`STEADY` and one lies on from the other:
-    the hysteresis of Canny (1986), along lines and not across them.
+    Neighbours (of eight) are linked if their directions agree within :data:`STEADY_ANGLE` and one lies on from the
+    other: the hysteresis of Canny (1986), along lines and not across them.
 
     Args:
         ridges: Of the picture.
@@ -137,7 +139,7 @@ def traced(ridges: Ridges, scale: float) -> NDArray[np.int64]:
     Returns:
         Number of the line, 0 and up, or -1 where there is none. (H, W)
     """
-    there = ridges.thin & (ridges.strength >= WEAK * scale)
+    there = ridges.thin & (ridges.strength >= WEAK_THRESHOLD * scale)
     number = np.full(there.shape, -1)
     number[there] = np.arange(there.sum())
     padded = np.pad(number, 1, constant_values=-1)
@@ -149,14 +151,14 @@ def traced(ridges: Ridges, scale: float) -> NDArray[np.int64]:
         both = there & (other >= 0)
         a, b = number[both], other[both]
         on = np.arctan2(down, right)
-        fits = (turned(angles[a], angles[b]) <= STEADY) & (turned(angles[a], on) <= np.pi / 3)
+        fits = (turned(angles[a], angles[b]) <= STEADY_ANGLE) & (turned(angles[a], on) <= np.pi / 3)
         pairs.append((a[fits], b[fits]))
     first, second = (np.concatenate(p) for p in zip(*pairs))
     count = len(angles)
     graph = coo_array((np.ones(len(first), bool), (first, second)), shape=(count, count))
     found, line = connected_components(graph, directed=False) if count else (0, np.zeros(0, int))
     strong = np.zeros(found, bool)
-    strong[line[ridges.strength[there] >= STRONG * scale]] = True
+    strong[line[ridges.strength[there] >= STRONG_THRESHOLD * scale]] = True
     result = np.full(there.shape, -1)
     result[there] = np.where(strong[line], line, -1)
     return result
@@ -183,7 +185,7 @@ def _lengths(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
     if not len(number):
         return Sample(np.zeros(1), np.ones(1))
     pixels = np.bincount(number)[number]
-    return Sample(np.log2(np.minimum(pixels, LONGEST)), np.ones(len(number)))
+    return Sample(np.log2(np.minimum(pixels, LONGEST_LINE)), np.ones(len(number)))
 
 
 def _turns(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
@@ -194,7 +196,7 @@ def _turns(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
     rows, columns = np.nonzero(lines >= 0)
     here, found = ridges.angle[rows, columns], [np.zeros(0)]
     height, width = lines.shape
-    for step in (*STEPS, *(-s for s in STEPS)):
+    for step in (*TURNING_STEPS, *(-s for s in TURNING_STEPS)):
         y, x = np.rint(rows + step * np.sin(here)).astype(int), np.rint(columns + step * np.cos(here)).astype(int)
         known = (y >= 1) & (x >= 1) & (y < height - 1) & (x < width - 1)
         known[known] = ridges.inside[y[known], x[known]]
@@ -226,7 +228,7 @@ MEASURES: dict[str, tuple[Callable[[Ridges, NDArray[np.int64], float], Sample], 
     "strength": (_strengths, 0.25),
     "length": (_lengths, 1.5),
     "turn": (_turns, 0.3),
-    **{f"coherence {scale:g}": (_coherences(level), 0.3) for level, scale in enumerate(SCALES)},
+    **{f"coherence {scale:g}": (_coherences(level), 0.3) for level, scale in enumerate(COHERENCE_DEVIATIONS)},
 }
 """Distribution, and its least unit: where a style is much like noise, as all are in strength and mosaics in coherence,
 differences would count out of all proportion in units of noise."""

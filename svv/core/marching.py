@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-FAR = 1e30
+FAR_DISTANCE = 1e30
 """Farther than any box."""
 
-PARALLEL = 1e-9
+PARALLEL_COMPONENT = 1e-9
 """Part of a direction along an axis from which on a ray counts as parallel to the axis' planes."""
 
 _MIX = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
@@ -35,12 +35,12 @@ def uniform(seed: int, a: Tensor, b: Tensor) -> Tensor:
 
 def box_span(origins: Tensor, directions: Tensor, extent: Tensor) -> tuple[Tensor, Tensor]:
     """Where rays (R, 3) enter and leave the box from 0 to ``extent`` (3,); a ray that misses it leaves first. (R,)"""
-    along = directions.abs() < PARALLEL
+    along = directions.abs() < PARALLEL_COMPONENT
     inverse = 1.0 / torch.where(along, 1.0, directions)
     a, b = -origins * inverse, (extent - origins) * inverse
     outside = (origins < 0) | (origins > extent)
     near = torch.where(along, 0.0, torch.minimum(a, b)).amax(1).clamp(min=0.0)
-    far = torch.where(along, torch.where(outside, -1.0, FAR), torch.maximum(a, b)).amin(1)
+    far = torch.where(along, torch.where(outside, -1.0, FAR_DISTANCE), torch.maximum(a, b)).amin(1)
     return near, far
 
 
@@ -87,22 +87,23 @@ def march(
     sigma = torch.zeros_like(x[:, :, 0])
     sigma[there] = extinction(x[there])
     kept, skipped = torch.zeros_like(there), torch.zeros_like(sigma)
-    tau, depth = torch.zeros_like(near), torch.zeros_like(near)
+    # Optical depth left out since the last kept sample, and from the beginning of the ray. (R,)
+    left_out, tau = torch.zeros_like(near), torch.zeros_like(near)
     going = torch.ones_like(there[:, 0])
     for k in range(number.shape[1]):
         here = there[:, k] & going
         thickness = torch.where(here, sigma[:, k] * step, 0.0)
-        before = tau if merge else torch.zeros_like(tau)
+        before = left_out if merge else torch.zeros_like(left_out)
         weight = 1.0 - torch.exp(-thickness - before)
-        weight = torch.where(weight >= least_weight, weight * torch.exp(fade * (before - depth)), weight)
+        weight = torch.where(weight >= least_weight, weight * torch.exp(fade * (before - tau)), weight)
         chosen = weight >= least_weight
         if keep > 0:
             chosen |= uniform(seed, ray, number[:, k] + 1) < keep
         kept[:, k] = chosen & here
-        skipped[:, k] = tau - before
+        skipped[:, k] = left_out - before
         sigma[:, k] += before / step
-        tau = torch.where(kept[:, k], 0.0, tau + thickness)
-        depth = depth + thickness
-        going = going & ~(fade * depth > stop)
+        left_out = torch.where(kept[:, k], 0.0, left_out + thickness)
+        tau = tau + thickness
+        going = going & ~(fade * tau > stop)
     rays = (ray[:, None].expand(kept.shape)[kept]).int()
-    return x[kept], sigma[kept], skipped[kept], rays, kept.sum(1), tau
+    return x[kept], sigma[kept], skipped[kept], rays, kept.sum(1), left_out

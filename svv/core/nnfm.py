@@ -12,12 +12,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-CHUNK = 2048
-"""Render vectors compared with all of the style at a time: bounds the similarity table to CHUNK x M numbers."""
+VECTORS_AT_A_TIME = 2048
+"""Render vectors compared with all of the style at a time: bounds the table of similarities to so many times M."""
 
 
 @torch.no_grad()
-def nearest(features: Tensor, style: Tensor, balance: float | None = None, chunk: int = CHUNK) -> Tensor:
+def nearest(features: Tensor, style: Tensor, balance: float | None = None, chunk: int = VECTORS_AT_A_TIME) -> Tensor:
     """Index of the style vector that each feature vector of the render is matched with.
 
     Without ``balance`` it is the one with the smallest cosine distance d_ij. A smooth render then finds the few smooth
@@ -47,7 +47,7 @@ def nnfm_loss(
     style: Tensor,
     weights: Tensor | None = None,
     balance: float | None = None,
-    chunk: int = CHUNK,
+    chunk: int = VECTORS_AT_A_TIME,
 ) -> Tensor:
     """Mean over the render of the cosine distance to its nearest of the style (StyleRF-VolVis, eq. 8).
 

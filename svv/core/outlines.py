@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.edges import REACH, VIEW, Edges, Floats, Indices, lines_of, pixels_of
+from svv.core.edges import PARTED_REACH, VIEW, Edges, Floats, Indices, lines_of, pixels_of
 from svv.errors import BadInput
 
 WIDTH = 2.0
@@ -22,10 +22,10 @@ INK = (0.06, 0.05, 0.05)
 """its colour."""
 WIDEST = 16.0
 
-THIN = 0.6
+CREASE_WIDTH = 0.6
 """Width of creases in that of silhouettes."""
 
-PRESSURE = 0.45
+PRESSURE_SHARE = 0.45
 """Part of a line's width that goes with its strength, as with a pen that is pressed."""
 
 LEAST_COVERAGE = 1.0 / 512.0
@@ -91,7 +91,7 @@ def _draw(
     alpha = np.ascontiguousarray(rgba[..., 3])
     silhouettes, creases = lines_of(alpha, depth, region, footprint, box, scale)
     coverage, source = np.zeros(alpha.size, np.float32), np.full(alpha.size, -1, np.intp)
-    for found, strokes, thin in ((*silhouettes, 1.0), (*creases, THIN)):
+    for found, strokes, thin in ((*silhouettes, 1.0), (*creases, CREASE_WIDTH)):
         side, owner = _sides(found, depth, region, pens, scale)
         strength, width = (np.array([getattr(pen, name) for pen in pens], np.float32)[owner]
                            for name in ("strength", "width"))  # fmt: skip
@@ -120,7 +120,7 @@ def _sides(
     best, pixel = np.full(len(edges.x), -1.0), np.full(len(edges.x), -1, np.intp)
     nearest = float(np.nanmin(depth))
     for way in (-1.0, 1.0, 0.0):  # what is thinner than the reach is found at the point itself
-        reach = way * max(1.0, REACH * scale)
+        reach = way * max(1.0, PARTED_REACH * scale)
         at = np.ravel_multi_index(pixels_of(edges, region.shape, reach), region.shape)
         distance = np.nan_to_num(depth.reshape(-1)[at], nan=np.inf)
         # Strength first, and of two the same the nearer: a summand below any difference of strengths that is seen.
@@ -137,7 +137,7 @@ def _strokes(
     """Draw a piece of each edge's tangent, ``width`` pixels wide, into the flat images; the most ink counts."""
     if not len(edges.x):
         return
-    width = width * (1.0 - PRESSURE + PRESSURE * ink)
+    width = width * (1.0 - PRESSURE_SHARE + PRESSURE_SHARE * ink)
     row, column = pixels_of(edges, shape)
     fx, fy = column - edges.x, row - edges.y
     reach = int(np.ceil(0.5 * float(width.max()) + 1.0)) + edges.spacing

@@ -23,13 +23,13 @@ from svv.errors import BadInput
 
 Array = NDArray[np.float64]
 WHITE = np.ones((1, 3))
-GRID = 20
+CELLS_AN_EDGE = 20
 """Cells of the RGB cube along an edge: a cell is as wide as colours that count as the same."""
-CLIPPED = 0.99
+CLIPPED_CHANNEL = 0.99
 """Channel value from which a highlight may have been cut off."""
-DARKEST = 1e-6
+LEAST_BRIGHTNESS = 1e-6
 """Brightness below which a colour is black and has no hue to be scaled up."""
-PLAIN_HUE = 5.0 / GRID
+LEAST_CHROMA = 5.0 / CELLS_AN_EDGE
 """Saturation times brightness from which on the colours of a cell are of about one hue."""
 
 
@@ -146,9 +146,11 @@ def _bins(
         visible = np.random.default_rng(seed).choice(visible, settings.max_pixels, replace=False)
     rgb = np.clip(np.asarray(pixels[visible], dtype=np.float64), 0, 1)
     weight = np.asarray(weights[visible], dtype=np.float64)
-    cell = np.minimum((rgb * GRID).astype(np.int64), GRID - 1) @ np.array([GRID**2, GRID, 1])
-    mass = np.bincount(cell, weight, GRID**3)
-    sums = np.stack([np.bincount(cell, weight * rgb[:, channel], GRID**3) for channel in range(3)], 1)
+    cell = np.minimum((rgb * CELLS_AN_EDGE).astype(np.int64), CELLS_AN_EDGE - 1) @ np.array(
+        [CELLS_AN_EDGE**2, CELLS_AN_EDGE, 1]
+    )
+    mass = np.bincount(cell, weight, CELLS_AN_EDGE**3)
+    sums = np.stack([np.bincount(cell, weight * rgb[:, channel], CELLS_AN_EDGE**3) for channel in range(3)], 1)
     # a hull obeys its outliers, so cells with hardly a pixel have no say, unless all are like that
     filled = mass > min(2e-5 * mass.sum(), 0.5 * mass.max())
     return sums[filled] / mass[filled, None], mass[filled] / mass[filled].sum()
@@ -184,8 +186,8 @@ def _mix(colours: Array, generators: Array) -> tuple[Array, Array]:
     Generators are scaled to a brightness of 1, so coefficients compare as amounts of light. A channel that a
     highlight has clipped is only a lower bound: a mixture that exceeds it there is no farther away.
     """
-    matrix = (generators / np.maximum(generators.max(1, keepdims=True), DARKEST)).T
-    clipped = colours >= CLIPPED
+    matrix = (generators / np.maximum(generators.max(1, keepdims=True), LEAST_BRIGHTNESS)).T
+    clipped = colours >= CLIPPED_CHANNEL
     solved = [
         nnls(np.concatenate((matrix, -np.eye(3)[:, over]), 1) if over.any() else matrix, colour)
         for colour, over in zip(colours, clipped)
@@ -241,7 +243,7 @@ def _peaks(colours: Array, mass: Array, edges: NDArray[np.int64], settings: Pale
     """
     hue, saturation, brightness = hsb_array(colours).T
     # one cell of dark or pale pixels holds many hues, of which its mean would be a pile that is none
-    weight = mass * ((saturation >= settings.grey_saturation) & (saturation * brightness >= PLAIN_HUE))
+    weight = mass * ((saturation >= settings.grey_saturation) & (saturation * brightness >= LEAST_CHROMA))
     width = settings.peak_width
 
     def held(middle: float, reach: float) -> float:
@@ -296,7 +298,7 @@ def _measure(colours: Array, mass: Array, palette: Array, highlights: Array) -> 
     """
     mixed, distance = _mix(colours, np.concatenate((palette, highlights)))
     behind = _mix(colours, palette)[0].argmax(1)
-    purity = mixed[:, : len(palette)].max(1) / np.maximum(mixed.sum(1) + distance, DARKEST)
+    purity = mixed[:, : len(palette)].max(1) / np.maximum(mixed.sum(1) + distance, LEAST_BRIGHTNESS)
     measured = palette.copy()
     for i in range(len(palette)):
         mine = np.flatnonzero(behind == i)
@@ -304,7 +306,7 @@ def _measure(colours: Array, mass: Array, palette: Array, highlights: Array) -> 
             pure = _heaviest(mine, purity, mass, 0.2)
             tint = mass[pure] @ colours[pure]
             light = mixed[_heaviest(mine, mixed[:, i], mass, 0.02)[-1], i]
-            measured[i] = tint / max(tint.max(), DARKEST) * np.clip(light, 0, 1)
+            measured[i] = tint / max(tint.max(), LEAST_BRIGHTNESS) * np.clip(light, 0, 1)
     return measured, np.asarray(np.bincount(behind, mass, len(palette)), dtype=np.float64)
 
 

@@ -33,7 +33,7 @@ def representatives(
     before = torch.zeros(len(count), dtype=torch.float64, device=ray.device)
     before[there] = (total - both)[start[there]]
     behind = total - before[ray]  # optical depth from the ray's beginning to the sample's end
-    begin, end = (-torch.expm1(-depth).float() / every + shift[ray] for depth in (behind - own, behind))
+    begin, end = (-torch.expm1(-tau).float() / every + shift[ray] for tau in (behind - own, behind))
     taken = end.floor() > begin.floor()
     cut = torch.zeros(len(before), dtype=torch.bool, device=ray.device)
     cut[ray[taken]] = True

@@ -25,16 +25,16 @@ Mask = NDArray[np.bool_]
 SUPERPIXELS = 900
 """How many a picture is cut into, about: 30 along each side of a square one."""
 
-APART = 1.5
+APART_FACTOR = 1.5
 """Regions that do not touch are joined only if they are this much more alike: squares of distances."""
 
-TEXTURE = 1.4
+TEXTURE_WEIGHT = 1.4
 """Weight of texture beside colour: a deviation of lightness of 1 counts as this much difference of colour."""
 
 LINKS, LIKENESS = 12, 0.35
 """Neighbours in looks that every superpixel is tied to for a selection, and how strongly beside those in space."""
 
-OTHERWISE = 0.17
+NEITHER_WEIGHT = 0.17
 """How much everything counts as not meant: what is like neither kind of point is not selected."""
 
 
@@ -57,7 +57,7 @@ def looks(picture: NDArray[np.floating], labels: Labels) -> NDArray[np.float64]:
     light = lab[..., 0]
     fine, coarse = gaussian_filter(light, 0.08 * side), gaussian_filter(light, 0.35 * side)
     details = [gaussian_filter(d**2, 0.5 * side) ** 0.5 for d in (light - fine, fine - coarse)]
-    planes = [gaussian_filter(lab[..., c], 0.35 * side) for c in range(3)] + [TEXTURE * d for d in details]
+    planes = [gaussian_filter(lab[..., c], 0.35 * side) for c in range(3)] + [TEXTURE_WEIGHT * d for d in details]
     size = np.bincount(labels.ravel())
     return np.stack([np.bincount(labels.ravel(), plane.ravel()) / size for plane in planes], 1)
 
@@ -76,7 +76,8 @@ def regions(picture: NDArray[np.floating], count: int) -> Labels:
     """Cut a picture into ``count`` regions by colour and texture.
 
     Superpixels are joined two by two, each time those whose union loses least of what tells them apart (Ward 1963):
-    n_a n_b / (n_a + n_b) |f_a - f_b|^2. Those that do not touch may be joined, too, at :data:`APART` times the price.
+    n_a n_b / (n_a + n_b) |f_a - f_b|^2. Those that do not touch may be joined, too, at the price times
+    :data:`APART_FACTOR`.
 
     Args:
         picture: (h, w, 3) sRGB in [0, 1].
@@ -92,7 +93,7 @@ def regions(picture: NDArray[np.floating], count: int) -> Labels:
     touch[tuple(neighbours(labels).T)] = True
     touch |= touch.T
     owner = np.arange(total)
-    cost = _prices(mean, size, mean, size) * np.where(touch, 1.0, APART)
+    cost = _prices(mean, size, mean, size) * np.where(touch, 1.0, APART_FACTOR)
     np.fill_diagonal(cost, np.inf)
     for _ in range(total - count):
         a, b = np.unravel_index(int(cost.argmin()), cost.shape)
@@ -105,7 +106,7 @@ def regions(picture: NDArray[np.floating], count: int) -> Labels:
         alive[b] = False
         row = np.full(total, np.inf)
         row[alive] = _prices(mean[a : a + 1], size[a : a + 1], mean[alive], size[alive])[0]
-        row[alive] *= np.where(touch[a, alive], 1.0, APART)
+        row[alive] *= np.where(touch[a, alive], 1.0, APART_FACTOR)
         cost[a], cost[:, a] = row, row
         cost[b], cost[:, b] = np.inf, np.inf
     areas = np.bincount(owner[labels].ravel(), minlength=total)
@@ -158,7 +159,7 @@ def selection(
         spread = _spread(features, scale)
         towards = np.exp(-_nearest(features, chosen) / spread)
         # What looks unlike the chosen is not meant, the less so where it is said what is not.
-        unlike = OTHERWISE if len(refused) else 2 * OTHERWISE
+        unlike = NEITHER_WEIGHT if len(refused) else 2 * NEITHER_WEIGHT
         away = np.maximum(np.exp(-_nearest(features, refused) / spread), unlike)
         weight = 0.25
     system = laplacian + weight * diags_array(towards + away + 1e-9)

@@ -2,7 +2,7 @@
 
 The optical model is that of Max (1995): absorption and emission along a ray, opacity by Beer's law.
 
-Letters: K known values, V voxels.
+Letters: K known values, V voxels; sigma is extinction in 1 / box unit.
 """
 
 from __future__ import annotations
@@ -18,30 +18,31 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkImagingCore import vtkImageReslice
 
 from svv.core.box import Box
-from svv.core.classified import LEAST, MOST, ClassifiedVolume, ValueRange, grid_shape
+from svv.core.classified import ClassifiedVolume, ValueRange, grid_shape
+from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.dvr.grids import to_array
 from svv.dvr.mappers import processors
 from svv.dvr.stage import Stage
 
 Array = NDArray[np.float64]
 
-FINEST = 256
+MOST_CELLS = 256
 """Cells along the longest side at most."""
 
-A_VOXEL = 2
-"""Cells a voxel at least, as far as ``FINEST`` allows: between two voxels a transfer function may do a lot."""
+CELLS_A_VOXEL = 2
+"""Cells a voxel at least, as far as ``MOST_CELLS`` allows: between two voxels a transfer function may do a lot."""
 
-WIDTH = 1.0
+AVERAGING_WIDTH = 1.0
 """Of the averaging, in cells: found by comparing rays dimmed by it with the ray caster's alpha."""
 
-SPREAD = 0.2
+COLOUR_SPREAD = 0.2
 """Root mean square distance in RGB to their mean up to which the colours of one range count as one: offsets of the
 palette express it."""
 
 MOST_RANGES = 8
 """Ranges of a transfer function that are told apart at most."""
 
-COUNTED = 4_000_000
+COUNTED_VOXELS = 4_000_000
 """Voxels whose values are counted at most."""
 
 
@@ -56,13 +57,13 @@ def classified(stage: Stage) -> ClassifiedVolume:
         stage: A volume with its transfer function and unit distance.
 
     Returns:
-        Extinction and ranges over the visible box of the world, with ``A_VOXEL`` cells a voxel but not more than
-        ``FINEST`` along the longest side.
+        Extinction and ranges over the visible box of the world, with ``CELLS_A_VOXEL`` cells a voxel but not more than
+        ``MOST_CELLS`` along the longest side.
     """
     box = Box.of_bounds(*stage.bounds)
     voxels = float((stage.visible_size / np.array(stage.image.GetSpacing()) * stage.scale).max())
-    cells = FINEST
-    while cells > 16 and cells // 2 >= A_VOXEL * voxels:
+    cells = MOST_CELLS
+    while cells > 16 and cells // 2 >= CELLS_A_VOXEL * voxels:
         cells //= 2
     shape = grid_shape(box, cells) + 1
     turn = stage.scale * stage.rotation.T
@@ -82,36 +83,36 @@ def classified(stage: Stage) -> ClassifiedVolume:
     reslice.SetBackgroundLevel(float("nan"))
     reslice.Update()
     values = vtk_to_numpy(reslice.GetOutput().GetPointData().GetScalars()).reshape(shape[::-1])
-    known, depth = _optical_depths(stage, box)
-    colour, weight = stage.tf.colour_at(known), _weights(stage, known, depth)
-    starts = _ranges(known, depth, colour, weight)
+    known, sigma = _extinction(stage, box)
+    colour, weight = stage.tf.colour_at(known), _weights(stage, known, sigma)
+    starts = _ranges(known, sigma, colour, weight)
     ranges = []
     for a, b in pairwise([*starts, len(known)]):
-        inside = a + np.flatnonzero(depth[a:b] > 0)
+        inside = a + np.flatnonzero(sigma[a:b] > 0)
         low, high = (float(f"{(known[inside[i]] - stage.offset) / stage.gain:.9g}") for i in (0, -1))
         mean = np.average(colour[inside], axis=0, weights=weight[inside])
         ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
-    exponent, owner = _averaged(values, known, depth, starts)
+    exponent, owner = _averaged(values, known, sigma, starts)
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges))
 
 
-def _optical_depths(stage: Stage, box: Box) -> tuple[Array, Array]:
+def _extinction(stage: Stage, box: Box) -> tuple[Array, Array]:
     """Values that miss no extremum of the function, ascending, and their extinction in 1 / box unit. (K,), (K,)"""
     image = to_array(stage.image)
     low, high = float(image.min()), float(image.max())
     known = np.unique(np.concatenate([stage.tf.samples(low, high), np.linspace(low, high, 4097)]))
-    depth = -np.log1p(-np.minimum(stage.tf.opacity_at(known), 1.0 - 1e-6)) / stage.unit_distance
-    return known, depth * stage.scale * box.size
+    sigma = -np.log1p(-np.minimum(stage.tf.opacity_at(known), 1.0 - 1e-6)) / stage.unit_distance
+    return known, sigma * stage.scale * box.size
 
 
-def _ranges(known: Array, depth: Array, colour: Array, weight: Array) -> list[int]:
+def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[int]:
     """Where each range begins among the known values; together they hold all values.
 
     A range is an interval in which something is visible. One whose colours differ too much is cut where its parts are
     most alike inside, and while there are too many, the two neighbours that are most alike are joined: both by the
     variance of the colours (K, 3) within the ranges (Ward 1963), with the values' weights (K,).
     """
-    seen = np.flatnonzero(depth > 0)
+    seen = np.flatnonzero(sigma > 0)
     parts = np.split(seen, 1 + np.flatnonzero(np.diff(seen) > 1))
 
     def scatter(part: NDArray[np.intp]) -> float:
@@ -122,7 +123,7 @@ def _ranges(known: Array, depth: Array, colour: Array, weight: Array) -> list[in
     while len(parts) < MOST_RANGES:
         spread = [scatter(part) / weight[part].sum() for part in parts]
         widest = int(np.argmax(spread))
-        if spread[widest] <= SPREAD**2:
+        if spread[widest] <= COLOUR_SPREAD**2:
             break
         w, c = weight[parts[widest]], colour[parts[widest]]
         before, behind = np.cumsum(w)[:-1], np.cumsum(w[::-1])[-2::-1]
@@ -138,19 +139,19 @@ def _ranges(known: Array, depth: Array, colour: Array, weight: Array) -> list[in
     return [0, *np.searchsorted(known, middles).tolist()]
 
 
-def _weights(stage: Stage, known: Array, depth: Array) -> Array:
+def _weights(stage: Stage, known: Array, sigma: Array) -> Array:
     """How much the known values weigh: how often they occur, times their extinction. (K,)"""
     values = to_array(stage.image).ravel()
-    values = values[:: max(1, len(values) // COUNTED)]
+    values = values[:: max(1, len(values) // COUNTED_VOXELS)]
     nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)
     counts = np.bincount(nearest, minlength=len(known)) / len(values)
     # Between the values of voxels there are all others; as if each occurred at least once in a while. No value that is
     # visible may weigh nothing.
-    return np.asarray((counts + 1e-6) * np.maximum(depth, 1e-9 * depth.max()) * (depth > 0), np.float64)
+    return np.asarray((counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0), np.float64)
 
 
 def _averaged(
-    values: NDArray[np.float32], known: Array, depth: Array, starts: list[int]
+    values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int]
 ) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
     """Logarithms of the mean extinction around each vertex, and the range that most of it is of.
 
@@ -161,20 +162,20 @@ def _averaged(
     Args:
         values: (Z, Y, X), NaN outside of the volume, where there is no extinction.
         known: Ascending values. (K,)
-        depth: Their extinction, 1 / box unit. (K,)
+        sigma: Their extinction, 1 / box unit. (K,)
         starts: Where each range begins among them.
 
     Returns:
         Exponents and owners, (X, Y, Z) each.
     """
     low, high = known[0], known[-1]
-    integral = _integral(known, depth)
+    integral = _integral(known, sigma)
     borders = known[starts[1:]]
     least = 1e-4 * (high - low)  # half the values' spread at least, for differences of the integral to be exact
     # Values below the first and above the last known one are not met, but a volume may have a single one.
-    lit = np.concatenate([[False], depth[:1] > 0, (depth[1:] > 0) | (depth[:-1] > 0), depth[-1:] > 0, [False]])
+    lit = np.concatenate([[False], sigma[:1] > 0, (sigma[1:] > 0) | (sigma[:-1] > 0), sigma[-1:] > 0, [False]])
     edges = np.concatenate([[-np.inf], known, [np.inf]])[lit[1:] != lit[:-1]]
-    exponent = np.full(values.shape[::-1], LEAST, np.float16)
+    exponent = np.full(values.shape[::-1], EMPTY_LOG_EXTINCTION, np.float16)
     owner = np.empty(values.shape[::-1], np.uint8)
 
     def average(k: int) -> None:
@@ -183,7 +184,7 @@ def _averaged(
         squared = np.square(np.nan_to_num(slope))
         for axis in (0, 1):
             squared += np.square(np.nan_to_num(np.gradient(layer, axis=axis)))
-        half = np.maximum(0.5 * WIDTH * np.sqrt(squared), least)
+        half = np.maximum(0.5 * AVERAGING_WIDTH * np.sqrt(squared), least)
         start, stop = np.clip(layer - half, low, high), np.clip(layer + half, low, high)
         own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN counts as the last
         passed = np.searchsorted(edges, start)
@@ -191,12 +192,12 @@ def _averaged(
         start, stop = start[shown], stop[shown]
         inside = np.interp(stop, known, integral) - np.interp(start, known, integral)
         spread = stop - start
-        here = np.interp(layer[shown], known, depth)  # of a volume of one value, which has no spread
+        here = np.interp(layer[shown], known, sigma)  # of a volume of one value, which has no spread
         found = np.where(spread > 0, inside / np.where(spread > 0, spread, 1.0), here)
-        exponent[:, :, k].T[shown] = np.log(np.clip(found, np.exp(LEAST), np.exp(MOST)))
+        exponent[:, :, k].T[shown] = np.log(np.clip(found, np.exp(EMPTY_LOG_EXTINCTION), np.exp(OPAQUE_LOG_EXTINCTION)))
         across = np.searchsorted(borders, start) < np.searchsorted(borders, stop)
         chosen = tuple(index[across] for index in shown)
-        own[chosen] = _heaviest(start[across], stop[across], own[chosen], known, depth, starts)
+        own[chosen] = _heaviest(start[across], stop[across], own[chosen], known, sigma, starts)
         owner[:, :, k] = own.T
 
     with ThreadPoolExecutor(processors()) as threads:  # numpy works without the interpreter's lock
@@ -205,17 +206,17 @@ def _averaged(
 
 
 def _heaviest(
-    start: Array, stop: Array, own: NDArray[np.intp], known: Array, depth: Array, starts: list[int]
+    start: Array, stop: Array, own: NDArray[np.intp], known: Array, sigma: Array, starts: list[int]
 ) -> NDArray[np.intp]:
     """The range that most of the extinction from value to value is of; ``own`` where there is none. (V,)"""
     parts = np.empty((len(starts), len(start)))
     numbers = np.arange(len(known))
     for i, (a, b) in enumerate(pairwise([*starts, len(known)])):
-        integral = _integral(known, np.where((numbers >= a) & (numbers < b), depth, 0.0))
+        integral = _integral(known, np.where((numbers >= a) & (numbers < b), sigma, 0.0))
         parts[i] = np.interp(stop, known, integral) - np.interp(start, known, integral)
     return np.where(parts.max(axis=0) > 0, parts.argmax(axis=0), own)
 
 
-def _integral(known: Array, depth: Array) -> Array:
+def _integral(known: Array, sigma: Array) -> Array:
     """Integral of the extinction over the values, from the first one on. (K,)"""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (depth[1:] + depth[:-1]) * np.diff(known))])
+    return np.concatenate([[0.0], np.cumsum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(known))])

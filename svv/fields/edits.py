@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light")
 """Fields of a region that are no edits: they come from training and painting."""
 
-STEPS = 50
+MOST_UNDO_STEPS = 50
 """Edits that can be undone at most; older ones are forgotten."""
 
 Edits = dict[str, Any]
@@ -79,7 +79,7 @@ class History:
 
     def after(self, what: str, before: EditedModel) -> History:
         """The history with one more step, from ``before`` on; what was undone cannot be redone any more."""
-        return History((*self.past, before.as_step(what))[-STEPS:])
+        return History((*self.past, before.as_step(what))[-MOST_UNDO_STEPS:])
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for the scene's header."""
@@ -95,7 +95,7 @@ class History:
             told = [edits_of(with_edits(region, e)) for region, e in zip(regions, edits, strict=True)]
             return Step(str(values["what"]), tuple(told), Lamp(**_with_tuples(values.get("lamp", {}))))
 
-        return cls(*(tuple(step(values) for values in content[name])[-STEPS:] for name in ("past", "future")))
+        return cls(*(tuple(step(values) for values in content[name])[-MOST_UNDO_STEPS:] for name in ("past", "future")))
 
 
 @dataclass(frozen=True)

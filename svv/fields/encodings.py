@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Lattice
 
-PIECE = 1 << 18
+VERTICES_AT_A_TIME = 1 << 18
 """Vertices that are looked at together where millions would take hundreds of megabytes."""
 
 
@@ -211,7 +211,7 @@ class SparseLattice(Encoding):
         table, index = self.table.detach().cpu().numpy(), self.index.cpu().numpy()
         shapes, bases = self.shapes.cpu().numpy(), self.bases.cpu().numpy()
         total = np.zeros((len(vertices), self.features), np.float32)
-        pieces = [slice(start, start + PIECE) for start in range(0, len(vertices), PIECE)]
+        pieces = [slice(start, start + VERTICES_AT_A_TIME) for start in range(0, len(vertices), VERTICES_AT_A_TIME)]
         for piece, (level, resolution) in itertools.product(pieces, enumerate(self.resolutions)):
             low, rest = np.divmod(vertices[piece], finest // resolution)
             part = (rest * (resolution / finest)).astype(np.float32)

@@ -20,7 +20,7 @@ from svv.fields.rendering import Marching
 NETWORKS = ("base", "pcn", "styled")
 """Names of a scene's networks, the plainest first."""
 
-JOINED = 1.0 / 64.0
+JOINED_WEIGHT = 1.0 / 64.0
 """Samples are joined until they weigh this much in the pixel: half as many colours in a translucent scene, for
 0.02 dB (an opaque one: 0.07 dB); 1/32 would cost 0.1 to 0.2 dB."""
 
@@ -41,7 +41,7 @@ class Model:
     made: dict[str, Any] = field(default_factory=dict)
     stride: float = 1.0
     """Sample distance of images in steps of the training's, and"""
-    joined: float = JOINED
+    joined: float = JOINED_WEIGHT
     """the weight in a pixel until which samples are joined: both as :mod:`svv.train.sampling` chose them."""
     lamp: Lamp = field(default_factory=Lamp)
     """The light, of a scene whose lighting is ``phong``."""

@@ -13,10 +13,11 @@ import torch
 from torch import Tensor, nn
 
 from svv.core import palette_shading
+from svv.core.extinction import MOST_LOG_EXTINCTION
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.phong import Beams, PhongLight
-from svv.fields.rendering import CEILING, Extinction
+from svv.fields.rendering import Extinction
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Samples
 
@@ -139,7 +140,7 @@ class BaseField(nn.Module):
             return sigma, features
         assert self.density_mlp is not None
         h = self.density_mlp(features)
-        return torch.exp(h[:, 0].clamp(max=CEILING)), h[:, 1:]
+        return torch.exp(h[:, 0].clamp(max=MOST_LOG_EXTINCTION)), h[:, 1:]
 
     def extinction(self, samples: Samples) -> Tensor:
         """Extinction alone, without a graph. (S,)"""
@@ -171,7 +172,7 @@ class PaletteColours:
         return self.weights.argmax(dim=1)
 
     def diffuse(self, colours: Tensor) -> Tensor:
-        """Diffuse colour (S, 3), see :func:`svv.core.palette_shading.diffuse`; palette colours with their offsets (S, P, 3)."""
+        """Diffuse colour (S, 3) of offset palette colours (S, P, 3), see :func:`svv.core.palette_shading.diffuse`."""
         return palette_shading.diffuse(self.intensity, self.weights, colours)
 
 

@@ -22,11 +22,11 @@ from svv.fields.region import PAINT_LIGHT
 from svv.fields.rendering import RayCaster, composite, march
 from svv.io.images import DRAWN
 
-VIEWS, SIZE = 12, 64
+LIGHT_VIEWS, LIGHT_VIEW_SIZE = 12, 64
 """Views all around, and their side in pixels, over which a region's light is averaged: the mean over 42 views of
 twice the size is the same within 1 %."""
 
-DARKEST = 0.05
+LEAST_MEAN_SHADE = 0.05
 """Least mean that a shade is divided by: a region that light hardly reaches has no form to be shown by it."""
 
 _known: WeakKeyDictionary[PaletteField, tuple[tuple[float, float], ...]] = WeakKeyDictionary()
@@ -78,7 +78,7 @@ def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
     if palette not in _known:
         sums = torch.zeros(3, len(scene.regions), dtype=torch.float64, device=scene.device)
         rig = scene.camera_rig
-        for camera in () if rig is None else rig.sphere(VIEWS, SIZE):
+        for camera in () if rig is None else rig.sphere(LIGHT_VIEWS, LIGHT_VIEW_SIZE):
             rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
             samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
             if not len(samples):
@@ -94,6 +94,6 @@ def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
             sums[2].index_add_(0, parts.region, (weight * parts.specular).double())
         whole = sums.sum(dim=1) if bool(sums.any()) else sums.new_tensor([1.0, 1.0, 0.0])
         weight, shade, specular = torch.where(sums[0] > 0.0, sums, whole[:, None])
-        means = (shade / weight).clamp(min=DARKEST), specular / weight
+        means = (shade / weight).clamp(min=LEAST_MEAN_SHADE), specular / weight
         _known[palette] = tuple(zip(*(mean.tolist() for mean in means), strict=True))
     return _known[palette]

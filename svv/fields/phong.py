@@ -15,28 +15,29 @@ from torch import Tensor, nn
 from torch.nn.functional import softplus
 
 from svv.core.cameras import Camera
+from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.core.light import COEFFICIENTS, NORMAL_SCALE, Lamp, blinn_phong, normals_of
 from svv.core.shading import Shading
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import CEILING, Rays
+from svv.fields.rendering import Rays
 
-LONGEST = 2.0
+LONGEST_VECTOR = 2.0
 """Length of v beyond which it says nothing more; shorter ones fit into bytes more exactly."""
 
-SHININESS = 10.0
+SHININESS_UNIT = 10.0
 """Unit of the highlight's exponent while learning."""
 
-START = {"ambient": 0.08, "diffuse": 0.9, "specular": 0.05, "shininess": 13.0}
+START_COEFFICIENTS = {"ambient": 0.08, "diffuse": 0.9, "specular": 0.05, "shininess": 13.0}
 """Coefficients at the start, where the views do not say how they were shaded."""
 
-LEAST = {"ambient": 0.02, "diffuse": 0.05, "specular": 0.01, "shininess": 1.0}
+LEAST_COEFFICIENTS = {"ambient": 0.02, "diffuse": 0.05, "specular": 0.01, "shininess": 1.0}
 """Smallest coefficients at the start, for a softplus hardly learns from 0."""
 
-FLATTEN = 0.25
+EXTINCTION_POWER = 0.25
 """Power of the extinction whose gradient the normals begin with: 1 would leave faint surfaces hardly any."""
 
-BLUR = 1.0
+GRADIENT_DEVIATION = 1.0
 """Width of the Gaussian whose derivatives give that gradient, cells."""
 
 
@@ -85,16 +86,16 @@ class PhongLight(nn.Module):
 
     def coefficients(self) -> Tensor:
         """Ambient, diffuse, specular (>= 0) and shininess (> 0) of each region. (P, 4)"""
-        return softplus(self.raw) * self.raw.new_tensor([1.0, 1.0, 1.0, SHININESS])
+        return softplus(self.raw) * self.raw.new_tensor([1.0, 1.0, 1.0, SHININESS_UNIT])
 
     def start(self, density: SparseLattice, occupancy: Occupancy, shading: Shading | None, seed: int) -> None:
         """Begin with the gradient of the extinction, and with what the views say of how they were shaded."""
-        said = START
+        said = START_COEFFICIENTS
         if shading is not None:
             told = shading.ambient, shading.diffuse, shading.specular, shading.specular_power
             said = dict(zip(COEFFICIENTS, told, strict=True))
-        values = [max(float(said[name]), LEAST[name]) for name in COEFFICIENTS]
-        values[3] = min(values[3], 60.0) / SHININESS  # a sharper highlight falls between pixels and learns nothing
+        values = [max(float(said[name]), LEAST_COEFFICIENTS[name]) for name in COEFFICIENTS]
+        values[3] = min(values[3], 60.0) / SHININESS_UNIT  # a sharper highlight falls between pixels and learns nothing
         self.normals.randomize(0.001, torch.Generator().manual_seed(seed))
         with torch.no_grad():
             self.raw.copy_(self.raw.new_tensor(values).expm1().log())
@@ -108,7 +109,7 @@ class PhongLight(nn.Module):
         device = self.raw.device
         self.normals = self.normals.summed(occupancy.occupied, occupancy.cells).to(device)
         length = NORMAL_SCALE * self.normals.table.norm(dim=1, keepdim=True)
-        self.normals.table.mul_(LONGEST / length.clamp(min=LONGEST))
+        self.normals.table.mul_(LONGEST_VECTOR / length.clamp(min=LONGEST_VECTOR))
 
     def normal(self, position: Tensor) -> Tensor:
         """Normals, of either side, shorter than 1 where there is no surface. (S, 3) -> (S, 3)"""
@@ -134,12 +135,13 @@ def gradient_of(density: SparseLattice, occupancy: Occupancy, resolution: int) -
     end = torch.tensor(occupancy.box.extent, dtype=torch.float32)
     places = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
     points = torch.minimum(torch.from_numpy(places), end)
-    exponent = density(points.to(density.table.device)).sum(dim=1).clamp(-6.0, CEILING).cpu().numpy()
-    field = np.full(tuple(lattice.shapes[0].tolist()), np.exp(-6.0 * FLATTEN), np.float32)
-    field[x, y, z] = np.exp(FLATTEN * exponent)
+    exponent = density(points.to(density.table.device)).sum(dim=1)
+    exponent = exponent.clamp(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION).cpu().numpy()
+    field = np.full(tuple(lattice.shapes[0].tolist()), np.exp(LEAST_LOG_EXTINCTION * EXTINCTION_POWER), np.float32)
+    field[x, y, z] = np.exp(EXTINCTION_POWER * exponent)
     found = np.empty((len(vertices), 3), np.float32)
     for axis in range(3):
         order = [int(k == axis) for k in range(3)]
-        found[:, axis] = -gaussian_filter(field, BLUR, order=order, mode="nearest")[x, y, z]
+        found[:, axis] = -gaussian_filter(field, GRADIENT_DEVIATION, order=order, mode="nearest")[x, y, z]
     length = np.linalg.norm(found, axis=1, keepdims=True)
     return torch.from_numpy(found / (length + 1e-3))

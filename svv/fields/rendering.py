@@ -16,13 +16,11 @@ from torch import Tensor
 
 from svv.core.box import Box
 from svv.core.cameras import Camera
+from svv.core.extinction import MOST_LOG_EXTINCTION
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Limits, Samples
-
-CEILING = 9.0
-"""Largest exponent of the extinction (a clipped exponential): e^9 in 1 / box unit is opaque within any step."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +106,8 @@ def march(rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: 
     limits = (how.least_weight, how.keep, how.stop, how.fade) if density is not None else (-1.0, 0.0, 0.0, 0.0)
     samples, occupancy.samples_a_ray = kernels_for(rays.origins).march(
         rays.origins, rays.directions, occupancy.distance_on(rays.origins.device), occupancy.cells,
-        occupancy.box.extent, lattice.layout, lattice.table, CEILING, Limits(how.step, *limits, how.merge), seed,
-        occupancy.samples_a_ray,
+        occupancy.box.extent, lattice.layout, lattice.table, MOST_LOG_EXTINCTION, Limits(how.step, *limits, how.merge),
+        seed, occupancy.samples_a_ray,
     )  # fmt: skip
     return samples
 

@@ -17,19 +17,19 @@ from torch import Tensor
 
 from svv.fields.model import Model
 from svv.fields.networks import UnrestrictedField
-from svv.fields.paint_light import SIZE, VIEWS
+from svv.fields.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
 from svv.fields.rendering import RayCaster, composite, march
 from svv.kernels.types import Samples
 
-REACH = 0.8
+LOG_FACTOR = 0.8
 """Logarithm of the extinction's factor a standard deviation of the paint's brightness from its mean, at amount 1,"""
-EXTREME = 2.0
+MOST_DEVIATIONS = 2.0
 """and after how many deviations the factor no longer changes: it stays within exp(1.6), which is 5, times the gain."""
 
-FLAT = 0.01
+LEAST_DEVIATION = 0.01
 """A region whose paint deviates less in brightness has no strokes, but noise."""
 
-KEPT, ITERATIONS, YIELDS = 2e-3, 20, (0.15, 1.0)
+OPACITY_TOLERANCE, ITERATIONS, YIELD_BOUNDS = 2e-3, 20, (0.15, 1.0)
 """Part of a region's opacity by which it may miss what it is to be, after how many steps it may miss it by more, and
 how much of the logarithm of a gain is taken to be seen in that of the opacity: all in fog, little of what is opaque."""
 
@@ -94,11 +94,11 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
     assert scene.palette is not None
     opacity = scene.palette.colours.new_tensor([r.seen_opacity for r in scene.regions])
     asked = opacity.new_tensor(amounts)
-    reach = REACH * EXTREME * asked.abs()
+    reach = LOG_FACTOR * MOST_DEVIATIONS * asked.abs()
     fade = float((opacity * (-reach).exp()).min())
     views = []
     rig = scene.camera_rig
-    for camera in () if rig is None else rig.sphere(VIEWS, SIZE):
+    for camera in () if rig is None else rig.sphere(LIGHT_VIEWS, LIGHT_VIEW_SIZE):
         rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, replace(scene.marching_for_images, fade=fade))
         if len(samples):
@@ -118,19 +118,19 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
     whole, first, second = summed(None, 3)
     mean = first / whole.clamp(min=1e-12)
     deviation = (second / whole.clamp(min=1e-12) - mean.square()).clamp(min=0.0).sqrt()
-    striped = (deviation > FLAT) & (asked != 0.0)
-    slope = torch.where(striped, REACH * asked / deviation.clamp(min=FLAT), 0.0)
+    striped = (deviation > LEAST_DEVIATION) & (asked != 0.0)
+    slope = torch.where(striped, LOG_FACTOR * asked / deviation.clamp(min=LEAST_DEVIATION), 0.0)
     strokes = torch.stack([torch.zeros_like(mean), slope, mean, reach], dim=1).to(opacity) * striped[:, None]
     before, moved, yields = torch.zeros_like(mean), torch.zeros_like(mean), torch.ones_like(mean)
     for _ in range(ITERATIONS):
         missing = torch.where(striped, (whole / summed(strokes)[0].clamp(min=1e-12)).log(), 0.0)
         # What the last step yielded says how far to go: little of a gain is seen where all is nearly opaque.
-        told = moved.abs() > KEPT
-        yields = torch.where(told, (before - missing) / torch.where(told, moved, 1.0), yields).clamp(*YIELDS)
+        told = moved.abs() > OPACITY_TOLERANCE
+        yields = torch.where(told, (before - missing) / torch.where(told, moved, 1.0), yields).clamp(*YIELD_BOUNDS)
         # At -b no factor is above 1 and at b none below it, so the gain lies between.
         gain = (strokes[:, 0] + missing / yields).clamp(-strokes[:, 3], strokes[:, 3])
         before, moved = missing, gain - strokes[:, 0]
-        if not bool(((missing.abs() > KEPT) & (moved != 0.0)).any()):
+        if not bool(((missing.abs() > OPACITY_TOLERANCE) & (moved != 0.0)).any()):
             break
         strokes[:, 0] = gain
     return strokes

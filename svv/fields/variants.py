@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 UNNAMED = "styled"
 """Name of the variant that was given none."""
 
-LONGEST = 64
+LONGEST_NAME = 64
 """Characters of a variant's name at most."""
 
 
@@ -109,8 +109,8 @@ class PaintedModel(EditedModel):
         """
         if name is None:
             return UNNAMED
-        if not name.strip() or len(name) > LONGEST or not name.isprintable():
-            raise BadInput(f"A variant's name must be 1 to {LONGEST} printable characters, not '{name}'.")
+        if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
+            raise BadInput(f"A variant's name must be 1 to {LONGEST_NAME} printable characters, not '{name}'.")
         if name in self.variants:
             raise BadInput(f"There is a variant '{name}' already: choose another name, or drop it first.")
         return name

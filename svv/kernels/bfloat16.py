@@ -12,10 +12,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-LEAST = 4096
+LEAST_SAMPLES = 4096
 """Samples from which on it pays; fewer are multiplied in float32."""
 
-WHOLE = 1024
+SAMPLES_MULTIPLE = 1024
 """The number of samples is rounded up to a multiple of it: a product is prepared for each new shape of its matrices,
 which takes longer than the product itself."""
 
@@ -26,7 +26,7 @@ def cpu_has_bfloat16() -> bool:
     ask = getattr(torch.cpu, "get_capabilities", None)  # torch before 2.7 has no such question
     if ask is None or not ask().get("amx_bf16") or not hasattr(torch.ops.mkldnn, "_linear_pointwise"):
         return False
-    x = torch.zeros(WHOLE, 16, dtype=torch.bfloat16)
+    x = torch.zeros(SAMPLES_MULTIPLE, 16, dtype=torch.bfloat16)
     try:
         torch.ops.mkldnn._linear_pointwise(x, x[:16], None, "none", [], "")
     except RuntimeError:  # oneDNN may be held back (ONEDNN_MAX_CPU_ISA), and there is no question for that
@@ -63,7 +63,7 @@ class HalfNetwork(torch.autograd.Function):
 
 def _padded(x: Tensor) -> Tensor:
     """As bfloat16, with zeros behind."""
-    out = torch.empty(-(-len(x) // WHOLE) * WHOLE, x.shape[1], dtype=torch.bfloat16)
+    out = torch.empty(-(-len(x) // SAMPLES_MULTIPLE) * SAMPLES_MULTIPLE, x.shape[1], dtype=torch.bfloat16)
     out[: len(x)] = x
     out[len(x) :] = 0.0
     return out

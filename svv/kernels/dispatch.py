@@ -16,7 +16,7 @@ from svv.kernels.types import Kernels
 
 CPU = torch.device("cpu")
 
-KERNELS = "SVV_KERNELS"
+KERNELS_VARIABLE = "SVV_KERNELS"
 """Environment variable that, set to ``reference``, has the plain torch reference run instead of faster kernels.
 
 ``torch`` means the same: the reference was called so before."""
@@ -29,9 +29,9 @@ def kernels_of(kind: str) -> Kernels:
     Raises:
         BadInput: the environment's ``SVV_KERNELS`` is neither ``reference`` (or ``torch``, its former name) nor empty.
     """
-    wanted = os.environ.get(KERNELS, "")
+    wanted = os.environ.get(KERNELS_VARIABLE, "")
     if wanted not in ("", "reference", "torch"):
-        raise BadInput(f"{KERNELS} can be 'reference', for plain torch, or unset, not '{wanted}'.")
+        raise BadInput(f"{KERNELS_VARIABLE} can be 'reference', for plain torch, or unset, not '{wanted}'.")
     name = "reference" if wanted else "numba_kernels" if kind == "cpu" else "triton_kernels"
     try:
         kernels: Any = import_module(f"svv.kernels.{name}")

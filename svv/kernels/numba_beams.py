@@ -8,13 +8,13 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-TILE = 8
+TILE_SIDE = 8
 """Pixels along the side of a tile."""
 
-SHORTEST = 0.1
+LEAST_ADVANCE = 0.1
 """Part of a cell: a beam that can only advance by less counts as one that meets something."""
 
-MARGIN = 1e-5
+POSITION_ERROR = 1e-5
 """Box units by which single precision may misplace a sample."""
 
 
@@ -53,8 +53,8 @@ def tiles_in_sight(rotation, position, focal, width, height, distance, cells, ex
         reach += max(abs(position[axis]), abs(extent[axis] - position[axis])) ** 2
     reach = math.sqrt(reach)  # to the farthest corner of the box
     for tile in prange(seen.size):
-        top, left = tile // seen.shape[1] * TILE, tile % seen.shape[1] * TILE
-        bottom, right = min(top + TILE, height) - 1, min(left + TILE, width) - 1
+        top, left = tile // seen.shape[1] * TILE_SIDE, tile % seen.shape[1] * TILE_SIDE
+        bottom, right = min(top + TILE_SIDE, height) - 1, min(left + TILE_SIDE, width) - 1
         a, b, c = _direction(0.5 * (left + right), 0.5 * (top + bottom), focal, width, height)
         spread = 0.0
         for corner in range(4):
@@ -71,8 +71,8 @@ def tiles_in_sight(rotation, position, focal, width, height, distance, cells, ex
                 cell[axis] = min(int(inside * cells), distance.shape[axis] - 1)
             # From outside, nothing in the box is nearer than the box.
             free = max(away, (float(distance[cell[0], cell[1], cell[2]]) - 1.0) * side)
-            step = free - t * spread - MARGIN
-            if step < SHORTEST * side:
+            step = free - t * spread - POSITION_ERROR
+            if step < LEAST_ADVANCE * side:
                 seen[tile // seen.shape[1], tile % seen.shape[1]] = 1
                 break
             t += step
@@ -80,7 +80,7 @@ def tiles_in_sight(rotation, position, focal, width, height, distance, cells, ex
 
 def pixels_of(seen: NDArray[np.uint8], width: int, height: int) -> NDArray[np.int64]:
     """Flat indices of the pixels of the tiles that are marked, tile by tile, so that neighbours stay together."""
-    row, column = (TILE * place[:, None, None] for place in np.nonzero(seen))
-    rows, columns = np.broadcast_arrays(row + np.arange(TILE)[:, None], column + np.arange(TILE))
+    row, column = (TILE_SIDE * place[:, None, None] for place in np.nonzero(seen))
+    rows, columns = np.broadcast_arrays(row + np.arange(TILE_SIDE)[:, None], column + np.arange(TILE_SIDE))
     within = (rows < height) & (columns < width)
     return (rows * width + columns)[within]

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.compositing import LEAST_ALPHA
-from svv.core.light import GRAZING, NORMAL_SCALE, NORMAL_SOFTNESS, RIM
+from svv.core.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
-from svv.kernels.numba_marching import BLOCK
-from svv.kernels.numba_trilinear import ONE, cell_at, mean_of, weights_of
+from svv.kernels.numba_marching import RAYS_A_BLOCK
+from svv.kernels.numba_trilinear import ONE32, cell_at, mean_of, weights_of
 from svv.kernels.types import Lattice, Samples, Surface
 
-RIM32, GRAZING32 = np.float32(RIM), np.float32(GRAZING)
+RIM32, GRAZING32 = np.float32(RIM_COSINE), np.float32(LEAST_COSINE)
 """In single precision: a float beside would make numba calculate in double."""
 
 
@@ -79,8 +79,11 @@ def _material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-u
 
 @njit(fastmath=True, inline="always")
 def _lit(colour, i, factor, shade, specular):  # type: ignore[no-untyped-def]
-    """Light a sample's diffuse ``colour`` (S, 3), in place: :func:`svv.core.palette_shading.lit` for f, a m and f (c_s - b)."""
-    shade = max(ONE + factor * (shade - ONE), np.float32(0.0))
+    """Light a sample's diffuse ``colour`` (S, 3), in place, for f, a m and f (c_s - b).
+
+    See :func:`svv.core.palette_shading.lit`.
+    """
+    shade = max(ONE32 + factor * (shade - ONE32), np.float32(0.0))
     for c in range(3):
         colour[i, c] = colour[i, c] * shade + specular
 
@@ -92,9 +95,9 @@ def _light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
     ``lights`` (P, 3): what each region makes of it (:func:`svv.fields.paint_light.lights_of`).
     """
     for i in prange(raw.shape[0]):
-        shade, r = ONE, region[i]
+        shade, r = ONE32, region[i]
         if raw.shape[1] > 1:
-            shade = np.float32(2.0) / (ONE + np.exp(-raw[i, 1]))
+            shade = np.float32(2.0) / (ONE32 + np.exp(-raw[i, 1]))
         specular = lights[r, 0] * (_softplus(raw[i, 0] + shift) - lights[r, 2])
         _lit(colour, i, lights[r, 0], lights[r, 1] * shade, specular)
 
@@ -131,8 +134,8 @@ def _phong(  # type: ignore[no-untyped-def]
             total += share
         r = ray[i]
         long = scale / math.sqrt(soft * soft + scale * scale * (nx * nx + ny * ny + nz * nz))
-        aside = ONE - facing[r, 0] * toward[r, 0] - facing[r, 1] * toward[r, 1] - facing[r, 2] * toward[r, 2]
-        rim = RIM32 * min(max(aside, np.float32(0.0)), ONE)
+        aside = ONE32 - facing[r, 0] * toward[r, 0] - facing[r, 1] * toward[r, 1] - facing[r, 2] * toward[r, 2]
+        rim = RIM32 * min(max(aside, np.float32(0.0)), ONE32)
         if long * (nx * facing[r, 0] + ny * facing[r, 1] + nz * facing[r, 2]) < -rim:
             long = -long
         cosine = max(long * (nx * toward[r, 0] + ny * toward[r, 1] + nz * toward[r, 2]), np.float32(0.0))
@@ -155,15 +158,15 @@ def _composite(  # type: ignore[no-untyped-def]
     region is that which holds most of a pixel's weight. ``size``: world units of a box unit.
     """
     rays, regions = start.shape[0], opacity.shape[0]
-    for block in prange((rays + BLOCK - 1) // BLOCK):
+    for block in prange((rays + RAYS_A_BLOCK - 1) // RAYS_A_BLOCK):
         shares = np.zeros(regions, np.float32)
-        for r in range(block * BLOCK, min(rays, (block + 1) * BLOCK)):
-            t, red, green, blue, far = ONE, np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for r in range(block * RAYS_A_BLOCK, min(rays, (block + 1) * RAYS_A_BLOCK)):
+            t, red, green, blue, far = ONE32, np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
             shares[:] = 0.0
             for j in range(start[r], start[r] + count[r]):
                 t *= np.exp(-skipped[j])
                 e = np.exp(-sigma[j] * opacity[region[j]] * step)
-                w = t * (ONE - e)
+                w = t * (ONE32 - e)
                 red += w * colour[j, 0]
                 green += w * colour[j, 1]
                 blue += w * colour[j, 2]
@@ -173,12 +176,12 @@ def _composite(  # type: ignore[no-untyped-def]
                 far += w * math.sqrt(x * x + y * y + z * z)
                 shares[region[j]] += w
                 t *= e
-            alpha = ONE - t * np.exp(-tail[r])
+            alpha = ONE32 - t * np.exp(-tail[r])
             if alpha > faint:
-                back = ONE / alpha
-                rgba[r, 0] = min(max(red * back, np.float32(0.0)), ONE)
-                rgba[r, 1] = min(max(green * back, np.float32(0.0)), ONE)
-                rgba[r, 2] = min(max(blue * back, np.float32(0.0)), ONE)
+                back = ONE32 / alpha
+                rgba[r, 0] = min(max(red * back, np.float32(0.0)), ONE32)
+                rgba[r, 1] = min(max(green * back, np.float32(0.0)), ONE32)
+                rgba[r, 2] = min(max(blue * back, np.float32(0.0)), ONE32)
                 rgba[r, 3] = alpha
                 depth[r] = far * back * size
                 seen[r] = np.argmax(shares)

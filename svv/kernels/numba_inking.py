@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-FACING = 0.3
+SAME_SIDE_COSINE = 0.3
 """Cosine of two normals from which on they are of one side of a surface."""
 
 
@@ -35,7 +35,7 @@ def look(p, n, t, side, slot, points, normals, tangents, tones, out):  # type: i
                 x, y, z = points[s, 0] - p[0], points[s, 1] - p[1], points[s, 2] - p[2]
                 near = x * x + y * y + z * z
                 facing = n[0] * normals[s, 0] + n[1] * normals[s, 1] + n[2] * normals[s, 2]
-                if near >= reach or facing < FACING:
+                if near >= reach or facing < SAME_SIDE_COSINE:
                     continue
                 w = (1.0 - near / reach) ** 2 * facing
                 along = t[0] * tangents[s, 0] + t[1] * tangents[s, 1] + t[2] * tangents[s, 2]
@@ -80,7 +80,7 @@ def flat_distance(x, y, z, n, m, depth, thin):  # type: ignore[no-untyped-def]
     """
     height = x * n[0] + y * n[1] + z * n[2]
     facing = n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
-    if abs(height) > (depth if facing >= FACING else thin if facing < -2.0 * FACING else -1.0):
+    if abs(height) > (depth if facing >= SAME_SIDE_COSINE else thin if facing < -2.0 * SAME_SIDE_COSINE else -1.0):
         return np.inf
     return np.sqrt(max(x * x + y * y + z * z - height * height, 0.0))
 

@@ -81,7 +81,7 @@ def pixels_in_sight(
 ) -> Tensor:  # fmt: skip
     """Whole tiles that look past all occupied cells are left out: to march their rays takes as long as any others."""
     rotation, position, focal = (part.numpy().astype(np.float64) for part in camera)
-    seen = np.zeros((-(-height // numba_beams.TILE), -(-width // numba_beams.TILE)), np.uint8)
+    seen = np.zeros((-(-height // numba_beams.TILE_SIDE), -(-width // numba_beams.TILE_SIDE)), np.uint8)
     numba_beams.tiles_in_sight(
         rotation, position, float(focal), width, height, distance.numpy(), float(cells), np.asarray(extent, np.float64),
         seen,
@@ -96,12 +96,12 @@ def march(
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
 ) -> tuple[Samples, int]:  # fmt: skip
     """Every block of rays writes into a part of its own, which is then moved together."""
-    count, blocks = len(origins), -(-len(origins) // numba_marching.BLOCK)
+    count, blocks = len(origins), -(-len(origins) // numba_marching.RAYS_A_BLOCK)
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
     while True:
         # Room for the longest possible ray would be hundreds of times what is needed, so it is found by trying.
-        buffers = _sample_buffers(blocks * numba_marching.BLOCK * room)
+        buffers = _sample_buffers(blocks * numba_marching.RAYS_A_BLOCK * room)
         full = np.zeros(blocks, np.uint8)
         numba_marching.march(
             origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
@@ -160,7 +160,7 @@ def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
 
 
 def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
-    if rough and len(x) >= bfloat16.LEAST and bfloat16.cpu_has_bfloat16():
+    if rough and len(x) >= bfloat16.LEAST_SAMPLES and bfloat16.cpu_has_bfloat16():
         return bfloat16.HalfNetwork.apply(x, *weights)
     return reference.network(x, weights, rough)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.numba_trilinear import NEXT, ONE, cell_at, mean_of, weights_of
+from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at, mean_of, weights_of
 
 
 @njit(parallel=True, fastmath=True, cache=True)
@@ -45,30 +45,33 @@ def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used
             ix, iy, iz = min(int(fx), nx - 2), min(int(fy), ny - 2), min(int(fz), nz - 2)
             wx, wy, wz = fx - np.float32(ix), fy - np.float32(iy), fz - np.float32(iz)
             beyond = (ix ^ odd) & 1
-            w = wx if beyond else ONE - wx
-            near, far = w * (ONE - wy), w * wy
+            w = wx if beyond else ONE32 - wx
+            near, far = w * (ONE32 - wy), w * wy
             at = np.uint64(bases[level] + ((ix + beyond) * ny + iy) * nz + iz)
             a, b = np.uint64(index[at]), np.uint64(index[at + np.uint64(nz)])
-            weights = near * (ONE - wz), near * wz, far * (ONE - wz), far * wz
-            rows = (a, a + NEXT, b, b + NEXT)
+            weights = near * (ONE32 - wz), near * wz, far * (ONE32 - wz), far * wz
+            rows = (a, a + NEXT_ROW, b, b + NEXT_ROW)
             for k in range(4):
                 used[rows[k]] = 1
                 for f in range(features):
                     g_table[rows[k], np.uint64(f)] += weights[k] * g_out[i, column + f]
 
 
-OLDEST = 10000
+BIAS_CORRECTED_STEPS = 10000
 """Steps after which the bias correction of Adam is the same for good."""
 
 
 @njit(fastmath=True, cache=True)
 def bias_corrections(beta1, beta2):  # type: ignore[no-untyped-def]
-    """1 - beta1^n and 1 / (1 - beta2^n) of the ages n = 0 to :data:`OLDEST`: float32 (OLDEST + 1, 2), row 0 unused."""
-    out = np.ones((OLDEST + 1, 2), np.float32)
-    for age in range(1, OLDEST + 1):
+    """1 - beta1^n and 1 / (1 - beta2^n) of the ages n = 0 to :data:`BIAS_CORRECTED_STEPS`, float32; row 0 is unused.
+
+    (BIAS_CORRECTED_STEPS + 1, 2)
+    """
+    out = np.ones((BIAS_CORRECTED_STEPS + 1, 2), np.float32)
+    for age in range(1, BIAS_CORRECTED_STEPS + 1):
         n = np.float32(age)
-        out[age, 0] = ONE - np.exp(n * np.log(beta1))
-        out[age, 1] = ONE / (ONE - np.exp(n * np.log(beta2)))
+        out[age, 0] = ONE32 - np.exp(n * np.log(beta1))
+        out[age, 1] = ONE32 / (ONE32 - np.exp(n * np.log(beta2)))
     return out
 
 
@@ -88,7 +91,7 @@ def adam(  # type: ignore[no-untyped-def]
         if used[v]:
             used[v] = 0
             age[v] += 1
-            n = min(age[v], OLDEST)
+            n = min(age[v], BIAS_CORRECTED_STEPS)
             a, b = rate / corrections[n, 0], corrections[n, 1]
             back = pull if v >= finer else np.float32(0.0)
             for f in range(features):

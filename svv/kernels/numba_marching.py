@@ -14,9 +14,9 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.numba_trilinear import NEXT, ONE, cell_at
+from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at
 
-BLOCK = 64
+RAYS_A_BLOCK = 64
 """Rays that one thread marches in a row; a block's samples are written contiguously."""
 
 
@@ -26,9 +26,9 @@ def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: i
     total = np.float32(0.0)
     for level in range(shapes.shape[0]):
         a, b, c, d, wx, wy, wz = cell_at(x, y, z, level, shapes, scales, bases, index)
-        ux, uy, uz = ONE - wx, ONE - wy, ONE - wz
-        near = uy * (uz * table[a] + wz * table[a + NEXT]) + wy * (uz * table[b] + wz * table[b + NEXT])
-        far = uy * (uz * table[c] + wz * table[c + NEXT]) + wy * (uz * table[d] + wz * table[d + NEXT])
+        ux, uy, uz = ONE32 - wx, ONE32 - wy, ONE32 - wz
+        near = uy * (uz * table[a] + wz * table[a + NEXT_ROW]) + wy * (uz * table[b] + wz * table[b + NEXT_ROW])
+        far = uy * (uz * table[c] + wz * table[c + NEXT_ROW]) + wy * (uz * table[d] + wz * table[d + NEXT_ROW])
         total += ux * near + wx * far
     return total
 
@@ -104,14 +104,14 @@ def march(  # type: ignore[no-untyped-def]
     block that would need more marks itself in ``full`` (blocks,) and stops.
     """
     rays = origins.shape[0]
-    blocks = (rays + BLOCK - 1) // BLOCK
+    blocks = (rays + RAYS_A_BLOCK - 1) // RAYS_A_BLOCK
     capacity = sigma.shape[0] // blocks
     nx, ny, nz = distance.shape
     side, rate = np.float32(1.0) / cells, np.float32(1.0) / step
     for block in prange(blocks):
         n = block * capacity
         end = n + capacity
-        for r in range(block * BLOCK, min(rays, (block + 1) * BLOCK)):
+        for r in range(block * RAYS_A_BLOCK, min(rays, (block + 1) * RAYS_A_BLOCK)):
             start[r] = n
             ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
             dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
@@ -124,9 +124,9 @@ def march(  # type: ignore[no-untyped-def]
                 else:
                     a, b = -o / d, (e - o) / d
                     near, far = max(near, min(a, b)), min(far, max(a, b))
-            tau = np.float32(0.0)
-            depth = np.float32(0.0)
-            front = ONE  # at least the transmittance in front of the next sample
+            left_out = np.float32(0.0)  # optical depth since the last kept sample
+            tau = np.float32(0.0)  # optical depth from the beginning of the ray
+            front = ONE32  # at least the transmittance in front of the next sample
             if near < far:
                 ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)
                 shift = np.float32(0.5)
@@ -154,29 +154,29 @@ def march(  # type: ignore[no-untyped-def]
                     raw = interpolate_scalar(x, y, z, shapes, scales, bases, index, table)
                     s = np.exp(min(raw, ceiling))
                     thickness = s * step
-                    before = tau if merge else np.float32(0.0)
+                    before = left_out if merge else np.float32(0.0)
                     weight = (thickness + before) * front  # it cannot weigh more, which spares most exponentials
                     if weight >= least_weight:
-                        front = np.exp(fade * (before - depth))
-                        weight = front * (ONE - np.exp(-thickness - before))
+                        front = np.exp(fade * (before - tau))
+                        weight = front * (ONE32 - np.exp(-thickness - before))
                     if n == end:
                         full[block] = 1
                         break
                     if weight >= least_weight or (keep > 0 and uniform(jitter_seed, r, i + 1) < keep):
                         position[n, 0], position[n, 1], position[n, 2] = x, y, z
-                        skipped[n] = tau - before
+                        skipped[n] = left_out - before
                         sigma[n] = s + before * rate
                         ray[n] = r
                         n += 1
-                        tau = np.float32(0.0)
+                        left_out = np.float32(0.0)
                     else:
-                        tau += thickness
-                    depth += thickness
-                    if fade * depth > stop:
+                        left_out += thickness
+                    tau += thickness
+                    if fade * tau > stop:
                         break
                     i += 1
             count[r] = n - start[r]
-            tail[r] = tau
+            tail[r] = left_out
 
 
 @njit(parallel=True, cache=True)
@@ -244,11 +244,11 @@ def cut(skipped, own, start, count, every, shift, begin, end, taken):  # type: i
     by the ray's ``shift`` (R,), and how many samples of each ray are ``taken`` (R,).
     """
     for r in prange(start.shape[0]):
-        depth, number = np.float64(0.0), 0
+        tau, number = np.float64(0.0), 0
         for j in range(start[r], start[r] + count[r]):
-            depth += np.float64(skipped[j] + own[j])
-            begin[j] = np.float32(-np.expm1(own[j] - depth)) / every + shift[r]
-            end[j] = np.float32(-np.expm1(-depth)) / every + shift[r]
+            tau += np.float64(skipped[j] + own[j])
+            begin[j] = np.float32(-np.expm1(own[j] - tau)) / every + shift[r]
+            end[j] = np.float32(-np.expm1(-tau)) / every + shift[r]
             number += np.floor(end[j]) > np.floor(begin[j])
         taken[r] = max(number, min(count[r], 1))
 
@@ -266,7 +266,7 @@ def choose(start, count, begin, end, first, rows, place):  # type: ignore[no-unt
             if np.floor(end[j]) > np.floor(begin[j]) or (j == last and at < first[r]):
                 at += 1
                 rows[at] = j
-                coming = np.floor(begin[j]) + ONE
+                coming = np.floor(begin[j]) + ONE32
                 for i in range(waiting, j):
                     middle = np.float32(0.5) * (begin[i] + end[i])
                     nearer = at > first[r] and middle - np.floor(end[rows[at - 1]]) < coming - middle

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-ONE = np.float32(1.0)
-NEXT = np.uint64(1)
+ONE32 = np.float32(1.0)
+NEXT_ROW = np.uint64(1)
 
 
 @njit(fastmath=True)
@@ -36,7 +36,7 @@ def cell_at(x, y, z, level, shapes, scales, bases, index):  # type: ignore[no-un
 @njit(fastmath=True)
 def weights_of(wx, wy, wz):  # type: ignore[no-untyped-def]
     """Weights of the eight corners, the neighbours in z side by side."""
-    ux, uy, uz = ONE - wx, ONE - wy, ONE - wz
+    ux, uy, uz = ONE32 - wx, ONE32 - wy, ONE32 - wz
     uu, uw, wu, ww = ux * uy, ux * wy, wx * uy, wx * wy
     return uu * uz, uu * wz, uw * uz, uw * wz, wu * uz, wu * wz, ww * uz, ww * wz
 
@@ -46,11 +46,11 @@ def mean_of(table, a, b, c, d, w, f):  # type: ignore[no-untyped-def]
     """Column ``f`` of the rows of a cell (see :func:`cell_at`), weighted by ``w`` (see :func:`weights_of`)."""
     return (
         w[0] * table[a, f]
-        + w[1] * table[a + NEXT, f]
+        + w[1] * table[a + NEXT_ROW, f]
         + w[2] * table[b, f]
-        + w[3] * table[b + NEXT, f]
+        + w[3] * table[b + NEXT_ROW, f]
         + w[4] * table[c, f]
-        + w[5] * table[c + NEXT, f]
+        + w[5] * table[c + NEXT_ROW, f]
         + w[6] * table[d, f]
-        + w[7] * table[d + NEXT, f]
+        + w[7] * table[d + NEXT_ROW, f]
     )

@@ -20,7 +20,7 @@ RAYS = 1 << 16
 SAMPLES = 1 << 16
 IMAGE: ImageKernels | None = None
 
-POINTS = 1 << 22
+STEPS_AT_A_TIME = 1 << 22
 """Steps of rays that are looked at together."""
 
 
@@ -97,7 +97,7 @@ def march(
         return torch.exp(lattice_encode(x, where, table).sum(dim=1).clamp(max=ceiling))
 
     steps = math.ceil(math.sqrt(sum(e * e for e in extent)) / limits.step) + 1
-    chunk = max(1, POINTS // steps)
+    chunk = max(1, STEPS_AT_A_TIME // steps)
     parts = [
         marching.march(
             origins[k : k + chunk], directions[k : k + chunk], occupied, cells, extent, limits.step, extinction,

@@ -28,7 +28,7 @@ from torch.autograd.function import once_differentiable
 
 from svv.core.networks import relu_layers
 
-WIDEST = 64
+WIDEST_LAYER = 64
 """Widest layer that a program takes: backward it holds the gradients of all weights at once."""
 
 AMPERE = (8, 0)
@@ -160,13 +160,13 @@ def network_backward(  # type: ignore[no-untyped-def]
 
 
 def fits(x: Tensor, weights: Sequence[Tensor]) -> bool:
-    """Whether the kernels take a network: one or two hidden layers of one width, none wider than :data:`WIDEST`."""
+    """Whether the kernels take a network: one or two hidden layers of one width, at most :data:`WIDEST_LAYER`."""
     width = weights[0].shape[0]
     return (
         _has_tensor_cores(x.device)
         and len(weights) in (2, 3)
         and all(w.shape == (width, width) for w in weights[1:-1])
-        and max(x.shape[1], width, weights[-1].shape[0]) <= WIDEST
+        and max(x.shape[1], width, weights[-1].shape[0]) <= WIDEST_LAYER
     )
 
 

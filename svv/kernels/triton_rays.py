@@ -162,7 +162,8 @@ def march(  # type: ignore[no-untyped-def]
     going = hit & (i <= last)
     side = 1.0 / cells
     rate = 1.0 / step
-    tau, depth = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
+    # Optical depth left out since the last kept sample, and from the beginning of the ray.
+    left_out, tau = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
     n = tl.zeros((BLOCK,), tl.int64)
     if WRITES:
         n = tl.load(start + r, mask=there, other=0)
@@ -185,11 +186,11 @@ def march(  # type: ignore[no-untyped-def]
         raw = exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS)
         s = tl.exp(tl.minimum(raw, ceiling))
         thickness = tl.where(inside, s * step, 0.0)
-        before = tl.zeros_like(tau)
+        before = tl.zeros_like(left_out)
         if MERGE:
-            before = tau
+            before = left_out
         weight = 1.0 - tl.exp(-thickness - before)
-        weight = tl.where(weight >= least_weight, weight * tl.exp(fade * (before - depth)), weight)
+        weight = tl.where(weight >= least_weight, weight * tl.exp(fade * (before - tau)), weight)
         kept = weight >= least_weight
         if KEEPS:
             kept = kept | (uniform(seed, r, i + 1) < keep)
@@ -198,17 +199,17 @@ def march(  # type: ignore[no-untyped-def]
             tl.store(position + 3 * n, x, mask=kept)
             tl.store(position + 3 * n + 1, y, mask=kept)
             tl.store(position + 3 * n + 2, z, mask=kept)
-            tl.store(skipped + n, tau - before, mask=kept)
+            tl.store(skipped + n, left_out - before, mask=kept)
             tl.store(sigma + n, s + before * rate, mask=kept)
             tl.store(ray + n, r, mask=kept)
         n += kept.to(tl.int64)
-        tau = tl.where(kept, 0.0, tau + thickness)
-        depth += thickness
+        left_out = tl.where(kept, 0.0, left_out + thickness)
+        tau += thickness
         i = tl.where(inside, i + 1, tl.maximum(i + 1, behind.to(tl.int32)))
-        going = going & (i <= last) & (fade * depth <= stop)
+        going = going & (i <= last) & (fade * tau <= stop)
     if not WRITES:
         tl.store(count + r, n, mask=there)
-        tl.store(tail + r, tau, mask=there)
+        tl.store(tail + r, left_out, mask=there)
 
 
 @triton.jit(do_not_specialize=["cuts"])
@@ -220,14 +221,14 @@ def cuts_of_rays(  # type: ignore[no-untyped-def]
     first = tl.load(start + r, mask=r < rays, other=0)
     length = tl.load(count + r, mask=r < rays, other=0)
     moved = tl.load(shift + r, mask=r < rays, other=0.0)
-    depth = tl.zeros((BLOCK,), tl.float32)
+    tau = tl.zeros((BLOCK,), tl.float32)
     number = tl.zeros((BLOCK,), tl.int64)
     for k in range(tl.max(length, axis=0)):
         inside = k < length
-        depth += tl.load(skipped + first + k, mask=inside, other=0.0)
-        low = (1.0 - tl.exp(-depth)) * cuts + moved
-        depth += tl.load(sigma + first + k, mask=inside, other=0.0) * step
-        high = (1.0 - tl.exp(-depth)) * cuts + moved
+        tau += tl.load(skipped + first + k, mask=inside, other=0.0)
+        low = (1.0 - tl.exp(-tau)) * cuts + moved
+        tau += tl.load(sigma + first + k, mask=inside, other=0.0) * step
+        high = (1.0 - tl.exp(-tau)) * cuts + moved
         tl.store(begin + first + k, low, mask=inside)
         tl.store(end + first + k, high, mask=inside)
         number += (inside & (tl.floor(high) > tl.floor(low))).to(tl.int64)

@@ -61,8 +61,8 @@ class Samples:
 class Surface:
     """What samples look like before light falls on them.
 
-    ``raw`` (S, 1 + 4 P): what the palette MLP says (:func:`svv.core.palette_shading.material`); ``region`` (S,) int64: of the
-    largest palette weight; ``colour`` (S, 3): diffuse, to which :meth:`ImageKernels.light` and its like add the light.
+    ``raw`` (S, 1 + 4 P): what the palette MLP says (:func:`svv.core.palette_shading.material`); ``region`` (S,) int64:
+    of the largest palette weight; ``colour`` (S, 3): diffuse, until :meth:`ImageKernels.light` and its like light it.
     """
 
     raw: Tensor
@@ -85,7 +85,7 @@ class ImageKernels(Protocol):
         """
 
     def material(self, raw: Tensor, colours: Tensor) -> Surface:
-        """Equation 4 without light (:func:`svv.core.palette_shading.diffuse`): (S, 1 + 4 P) and palette colours (P, 3)."""
+        """Equation 4 without light (:mod:`svv.core.palette_shading`): (S, 1 + 4 P) and palette colours (P, 3)."""
 
     def light(self, surface: Surface, raw: Tensor, lights: Tensor) -> None:
         """Light the surface's colour, in place, as the lighting MLP says: ``raw`` (S, 1 or 2).

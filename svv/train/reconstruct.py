@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.classified import ClassifiedVolume
+from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.errors import Progress
 from svv.fields.encodings import LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.occupancy import Occupancy, carve
-from svv.fields.rendering import CEILING, Extinction, Marching, Rays, composite, march, representatives
+from svv.fields.rendering import Extinction, Marching, Rays, composite, march, representatives
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.kernels.types import Samples
@@ -25,14 +26,11 @@ from svv.train.checkpoint import Checkpoint
 from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, falling, network_adam
 
-FAINTEST = 0.05
+LEAST_EXTINCTION_SHARE = 0.05
 """Part of a volume's largest extinction that is looked at, however faint that is."""
 
 
-LEAST_EXPONENT = -6.0
-"""Of the extinction in 1 / box unit: a box of it would dim a ray by 1/400."""
-
-MORE = 0.1
+LEAST_GAIN = 0.1
 """dB that the last tenth of a schedule must bring for a longer one to be said to pay."""
 
 DENSITY_COST = 0.25
@@ -167,7 +165,7 @@ class Reconstruction:
             where = self.occupancy.occupied, self.occupancy.cells
             self.field.density = self.field.density.summed(*where)
             with torch.no_grad():  # beyond, nothing can be told apart, but it would cost a scene's file precision
-                self.field.density.table.clamp_(LEAST_EXPONENT, CEILING)
+                self.field.density.table.clamp_(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION)
             self.field.encoding = self.field.encoding.restricted(*where)
         self.field.requires_grad_(False)
         return self.field, self.occupancy
@@ -185,7 +183,7 @@ def largest_extinction(field: BaseField, occupancy: Occupancy) -> Tensor:
         # A cell's far corners belong to the next cell, of which nothing may be stored: a float nearer they do not.
         points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())
         largest = torch.maximum(largest, _exponent(field, points))
-    return torch.exp(largest.clamp(max=CEILING))
+    return torch.exp(largest.clamp(max=MOST_LOG_EXTINCTION))
 
 
 def _exponent(field: BaseField, points: Tensor) -> Tensor:
@@ -249,7 +247,7 @@ def _why_there(loop: Loop, limit: float | None) -> str:
     gain = loop.last_gain()
     if gain is None:
         return text
-    more = "a longer schedule would add to that" if gain >= MORE else "a longer schedule would add little"
+    more = "a longer schedule would add to that" if gain >= LEAST_GAIN else "a longer schedule would add little"
     return f"{text}; the last tenth of them brought {gain:.2f} dB: {more}"
 
 
@@ -268,7 +266,9 @@ def first_occupancy(
         reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
     else:
         # Below the first nothing stays when the training prunes; of a fog that is all below it, the most of it counts.
-        least = min(settings.prune_least * known.cells, FAINTEST * float(np.exp(np.float64(known.exponent.max()))))
+        least = min(
+            settings.prune_least * known.cells, LEAST_EXTINCTION_SHARE * float(np.exp(np.float64(known.exponent.max())))
+        )
         occupied = known.occupied(settings.cells, least)
         occupancy = Occupancy(known.box, settings.cells, occupied)
         reason = (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
-from svv.fields.model import JOINED
+from svv.fields.model import JOINED_WEIGHT
 from svv.fields.scene import Scene
 
 CHOICES = ((2.0, 1 / 32), (2.0, 1 / 64), (1.5, 1 / 32), (1.5, 1 / 64))
@@ -31,7 +31,7 @@ def with_fewest_samples(scene: Scene, cameras: Sequence[Camera]) -> tuple[Scene,
         scene: Trained, unedited.
         cameras: Of the training views; three of them, small, decide.
     """
-    finest = replace(scene, stride=1.0, joined=JOINED)
+    finest = replace(scene, stride=1.0, joined=JOINED_WEIGHT)
     if scene.base.density is None:
         # Every sample goes through the networks: samples are not joined, and the pictures would take half a minute.
         return finest, "images take all samples, as the density is a network's"

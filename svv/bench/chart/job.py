@@ -13,7 +13,7 @@ from svv.bench.chart.scenes import ChartScene, read_scenes
 from svv.bench.chart.table import Row, read_row
 from svv.errors import Progress, part
 from svv.io.atomic import make_folder
-from svv.kernels.dispatch import KERNELS
+from svv.kernels.dispatch import KERNELS_VARIABLE
 
 RENDER_SECONDS = 25.0
 DRAW_SECONDS = 25.0
@@ -114,7 +114,7 @@ class Chart:
                 "device": run.device,
                 "volume": scene.as_task(),
             }
-        run_apart(task, progress, {KERNELS: "reference" if run.kernels == "reference" else ""})
+        run_apart(task, progress, {KERNELS_VARIABLE: "reference" if run.kernels == "reference" else ""})
 
     def rows(self) -> list[Row]:
         """One row for each run of this command and rendered size that is done, in the command's order."""

@@ -14,16 +14,16 @@ from numba import njit, prange
 from svv.bench.profile.work import Work
 from svv.kernels.bfloat16 import cpu_has_bfloat16
 
-STREAM = 1 << 25
+STREAM_NUMBERS = 1 << 25
 """Numbers that are copied from one place to another: 128 MB, more than a cache of one's own."""
 
-SIDE = 1024
+MATRIX_SIDE = 1024
 """Of the matrices that are multiplied."""
 
-READS = 1 << 21
+RANDOM_READS = 1 << 21
 """Random reads of a measurement."""
 
-NEAR, FAR = 1 << 18, 1 << 24
+NEAR_NUMBERS, FAR_NUMBERS = 1 << 18, 1 << 24
 """Numbers of the tables that are read: 1 MB, which the caches of the cores hold, and 64 MB, which they do not."""
 
 REPEATS = 7
@@ -62,20 +62,20 @@ class Ceilings:
 
 def measure_ceilings() -> Ceilings:
     """Takes about two seconds and 0.3 GB."""
-    a, b = torch.zeros(STREAM), torch.ones(STREAM)
-    stream = 8 * STREAM / _best(partial(a.copy_, b))
+    a, b = torch.zeros(STREAM_NUMBERS), torch.ones(STREAM_NUMBERS)
+    stream = 8 * STREAM_NUMBERS / _best(partial(a.copy_, b))
     rate = {}
     for kind in (torch.float32, torch.bfloat16):
         if kind == torch.float32 or cpu_has_bfloat16():
-            x, y = torch.ones(SIDE, SIDE, dtype=kind), torch.ones(SIDE, SIDE, dtype=kind)
-            rate[kind] = 2 * SIDE**3 / _best(partial(torch.matmul, x, y))
-    rows = np.random.default_rng(0).integers(0, FAR, READS, dtype=np.int64)
+            x, y = torch.ones(MATRIX_SIDE, MATRIX_SIDE, dtype=kind), torch.ones(MATRIX_SIDE, MATRIX_SIDE, dtype=kind)
+            rate[kind] = 2 * MATRIX_SIDE**3 / _best(partial(torch.matmul, x, y))
+    rows = np.random.default_rng(0).integers(0, FAR_NUMBERS, RANDOM_READS, dtype=np.int64)
     sums = np.zeros(torch.get_num_threads(), np.float32)
     reads = {}
-    for size in (NEAR, FAR):
+    for size in (NEAR_NUMBERS, FAR_NUMBERS):
         table, places = np.ones(size, np.float32), rows % size
-        reads[size] = READS / _best(partial(_gather, table, places, sums))
-    return Ceilings(stream, rate[torch.float32], rate.get(torch.bfloat16), reads[NEAR], reads[FAR])
+        reads[size] = RANDOM_READS / _best(partial(_gather, table, places, sums))
+    return Ceilings(stream, rate[torch.float32], rate.get(torch.bfloat16), reads[NEAR_NUMBERS], reads[FAR_NUMBERS])
 
 
 def _best(work: Callable[[], object]) -> float:

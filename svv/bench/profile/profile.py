@@ -30,7 +30,7 @@ from svv.train.recolour import Recolouring, palette_of
 from svv.train.reconstruct import Reconstruction, first_occupancy
 from svv.train.sampling import with_fewest_samples
 
-COUNTED = 2
+COUNTED_STEPS = 2
 """Steps whose work is counted, after those that are timed."""
 
 
@@ -58,7 +58,7 @@ def profile_views(
     Raises:
         BadInput: fewer steps than are needed, or what a training refuses.
     """
-    if steps < (least := 2 * (timed + COUNTED)):
+    if steps < (least := 2 * (timed + COUNTED_STEPS)):
         raise BadInput(f"{steps} steps are too few to time {timed} of each half; give at least {least}.")
     chosen = preset(preset_name)
     progress(0.0, "ceilings of this machine")
@@ -86,13 +86,13 @@ class _Steps:
     @property
     def looked_at(self) -> int:
         """Steps that a profile takes."""
-        return self.timed + COUNTED
+        return self.timed + COUNTED_STEPS
 
     def take(self, name: str, rays: int, step: Callable[[], object]) -> None:
         """Time and count a step, which is done again and again."""
         with self.watch.on():
             times = self.watch.time(step, self.timed)
-            work = self.watch.count(step, COUNTED)
+            work = self.watch.count(step, COUNTED_STEPS)
         self.profiles.append(profile_of(name, rays, times, work, self.ceilings))
 
 

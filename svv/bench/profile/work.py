@@ -21,16 +21,16 @@ from svv.train.batches import RayPool
 from svv.train.ranges import Owners
 from svv.train.reconstruct import Reconstruction
 
-FLOAT = 4
+FLOAT_BYTES = 4
 """Bytes."""
 
-PAIRS = 4
+READS_A_CELL = 4
 """A cell's eight vertices lie in pairs side by side: so many random reads, and as many more for where they lie."""
 
-EXPONENTIAL = 15
+EXPONENTIAL_OPERATIONS = 15
 """Operations of an exponential in single precision: a polynomial, and the scaling before and after it."""
 
-LOCATE = 30
+LOCATE_OPERATIONS = 30
 """Operations that find a position's cell on a level and the weights of its vertices."""
 
 
@@ -112,8 +112,13 @@ def _march(march: Callable[..., Any], a: Sequence[Any]) -> Work:
     levels = len(a[5].scales)
     points, rays = len(seen), len(a[0])
     rows = _distinct(seen.position, a[5])
-    moved = 24 * rays + 24 * len(kept) + 20 * rays + (FLOAT + FLOAT) * rows
-    return Work(points, moved, points * (levels * (LOCATE + 16) + 20 + EXPONENTIAL), points * (1 + 2 * PAIRS * levels))
+    moved = 24 * rays + 24 * len(kept) + 20 * rays + (FLOAT_BYTES + FLOAT_BYTES) * rows
+    return Work(
+        points,
+        moved,
+        points * (levels * (LOCATE_OPERATIONS + 16) + 20 + EXPONENTIAL_OPERATIONS),
+        points * (1 + 2 * READS_A_CELL * levels),
+    )
 
 
 def _distinct(x: Tensor, lattice: Lattice) -> int:
@@ -123,42 +128,48 @@ def _distinct(x: Tensor, lattice: Lattice) -> int:
 
 
 def _choose(samples: int) -> Work:
-    return Work(samples, 24 * samples, (2 * EXPONENTIAL + 10) * samples)
+    return Work(samples, 24 * samples, (2 * EXPONENTIAL_OPERATIONS + 10) * samples)
 
 
 def _encode(x: Tensor, lattice: Lattice, features: int, passes: int) -> Work:
     """Forward (1) or backward (2: rows are read and written)."""
     samples, levels = len(x), len(lattice.scales)
     rows = _distinct(x, lattice)
-    moved = samples * (12 + FLOAT * levels * features) + rows * FLOAT * (1 + passes * features)
-    return Work(samples, moved, samples * levels * (LOCATE + 16 * features), samples * levels * 2 * PAIRS)
+    moved = samples * (12 + FLOAT_BYTES * levels * features) + rows * FLOAT_BYTES * (1 + passes * features)
+    return Work(
+        samples, moved, samples * levels * (LOCATE_OPERATIONS + 16 * features), samples * levels * 2 * READS_A_CELL
+    )
 
 
 def _hash(samples: int, levels: int, features: int, passes: int) -> Work:
     """As :func:`_encode`; every corner is hashed to a place of its own, and may be read only once."""
     corners = 8 * samples * levels
-    moved = samples * (12 + FLOAT * levels * features)
-    return Work(samples, moved, samples * levels * (LOCATE + 40 + 16 * features), corners)
+    moved = samples * (12 + FLOAT_BYTES * levels * features)
+    return Work(samples, moved, samples * levels * (LOCATE_OPERATIONS + 40 + 16 * features), corners)
 
 
 def _features(a: Sequence[Any]) -> Work:
     samples, harmonics, lattice, tables = a
-    moved = FLOAT * len(samples) * harmonics.shape[1]
+    moved = FLOAT_BYTES * len(samples) * harmonics.shape[1]
     return _encode(samples.position, lattice, tables.shape[1], 1) + Work(0, moved)
 
 
 def _material(samples: int, outputs: int) -> Work:
     colours = (outputs - 1) // 4
-    return Work(samples, samples * (FLOAT * outputs + 20), samples * (colours * (2 * EXPONENTIAL + 12) + 40))
+    return Work(
+        samples, samples * (FLOAT_BYTES * outputs + 20), samples * (colours * (2 * EXPONENTIAL_OPERATIONS + 12) + 40)
+    )
 
 
 def _composite(samples: int, rays: int, channels: int, passes: int) -> Work:
     """Forward (1), or backward (2: values are read and their gradients written)."""
-    moved = samples * FLOAT * (3 + passes * channels) + rays * FLOAT * (5 + 2 * passes * channels)
-    return Work(samples, moved, samples * (2 * EXPONENTIAL + 4 + 4 * passes * channels))
+    moved = samples * FLOAT_BYTES * (3 + passes * channels) + rays * FLOAT_BYTES * (5 + 2 * passes * channels)
+    return Work(samples, moved, samples * (2 * EXPONENTIAL_OPERATIONS + 4 + 4 * passes * channels))
 
 
 def _adam(a: Sequence[Any]) -> Work:
     table, _, used = a[:3]
     rows, features = int(used.sum()), table.shape[1]
-    return Work(rows, len(used) + rows * (8 + FLOAT * 8 * features), rows * (2 * EXPONENTIAL + 14 * features))
+    return Work(
+        rows, len(used) + rows * (8 + FLOAT_BYTES * 8 * features), rows * (2 * EXPONENTIAL_OPERATIONS + 14 * features)
+    )

@@ -13,7 +13,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.core.lines import LEAST_INSIDE, StyleLines, interior, shuffled
+from svv.core.lines import LEAST_PIXELS, StyleLines, interior, shuffled
 from svv.errors import BadInput
 from svv.train.lpips import MIN_SIZE, Lpips
 
@@ -147,7 +147,7 @@ class StyleJudge:
             :meth:`svv.core.lines.StyleLines.distances`. Nothing for a picture of which too little lies inside the mask.
         """
         inside = np.ones(picture.shape[:2], bool) if mask is None else np.asarray(mask) > 0.9
-        if interior(inside).sum() < LEAST_INSIDE:
+        if interior(inside).sum() < LEAST_PIXELS:
             return {}
         found = self.lines.distances(picture, inside)
         if self.network is None or min(picture.shape[:2]) < MIN_SIZE:

@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+import coverage
 import pytest
 
 from svv.errors import BadInput
@@ -118,9 +119,15 @@ def display(paraview: start.ParaView) -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def environ(paraview: start.ParaView, display: str) -> dict[str, str]:
-    """The variables that our launcher would set."""
-    return {**start.environ_for(paraview), "DISPLAY": display}
+def environ(paraview: start.ParaView, display: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The variables that our launcher would set, and what measures coverage where that is asked for."""
+    ours = {**start.environ_for(paraview), "DISPLAY": display}
+    if "COVERAGE_PROCESS_CONFIG" in os.environ:
+        folder = tmp_path_factory.mktemp("coverage")
+        (folder / "coverage").symlink_to(Path(coverage.__file__).parent)
+        (folder / "sitecustomize.py").write_text("import coverage\ncoverage.process_startup()\n")
+        ours["PYTHONPATH"] += os.pathsep + str(folder)
+    return ours
 
 
 @pytest.fixture(scope="session")

@@ -177,7 +177,7 @@ def test_features_are_judged_by_likeness_to_the_style(tmp_path: Path, monkeypatc
     view, out = tmp_path / "view.png", tmp_path / "out"
     write_png(view, np.concatenate([np.full((64, 64, 3), 0.5), np.ones((64, 64, 1))], axis=2))
     table = judge(view, [], out, 64, 6, ["cosine patches, ours without energy"])
-    rows = list(csv.DictReader((out / "table.csv").open()))
+    rows = list(csv.DictReader((out / "table.csv").read_text().splitlines()))
     assert [row["style"] for row in rows] == ["stippling"]
     assert "| cosine patches, ours without energy |" in table
     for row in rows:

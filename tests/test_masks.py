@@ -128,7 +128,8 @@ def test_regions_are_masks_that_can_be_refined(picture: Path, monkeypatch: pytes
     assert call("style-mask", picture, "--regions", "2", "--out", "parts", monkeypatch=monkeypatch) == 0
     masks = [read_mask(f"parts/region-{k}.png") for k in (0, 1)]
     np.testing.assert_array_equal(masks[0], ~masks[1])
-    assert Image.open("parts/overlay.png").size == (W, H)
+    with Image.open("parts/overlay.png") as overlay:
+        assert overlay.size == (W, H)
     x = 10 if masks[0][30, 10] else 70
     arguments = ["--refine", "parts/region-0.png", "--negative", f"{x},30", "--out", "less.png"]
     assert call("style-mask", picture, *arguments, monkeypatch=monkeypatch) == 0

@@ -231,7 +231,8 @@ def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
 def _read_classified(file: Path) -> ClassifiedVolume:
     names = ("low", "size", "extent", "cells", "exponent", "owner", "ranges")
     try:
-        with np.load(file, allow_pickle=False) as arrays:
+        # NumPy would leave a damaged file open.
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             low, size, extent, cells, exponent, owner, values = (arrays[k] for k in names)
         box = Box(tuple(low.tolist()), float(size), tuple(extent.tolist()))
         ranges = tuple(ValueRange(start, stop, tuple(colour)) for start, stop, *colour in values.tolist())

@@ -44,9 +44,8 @@ def run_apart(task: dict[str, Any], progress: Progress, variables: Mapping[str, 
         )  # fmt: skip
         assert process.stdin is not None and process.stdout is not None
         try:
-            with suppress(BrokenPipeError):  # it ended at once; its code and its words say why
+            with suppress(BrokenPipeError), process.stdin:  # it ended at once; its code and its words say why
                 process.stdin.write(json.dumps(task))
-                process.stdin.close()
             _listen(process.stdout, progress)
             code = process.wait()
         except BaseException:
@@ -68,8 +67,9 @@ def _listen(lines: IO[str], progress: Progress) -> None:
     heard: queue.Queue[str | None] = queue.Queue()
 
     def read() -> None:
-        for line in lines:
-            heard.put(line)
+        with lines:
+            for line in lines:
+                heard.put(line)
         heard.put(None)
 
     threading.Thread(target=read, daemon=True).start()

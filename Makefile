@@ -2,7 +2,7 @@
 #   make demo       the whole job on generated data; the result is demo/report.html
 #   make test       style, types and tests, those in ParaView included
 #   make test-processors   the tests outside ParaView with the arithmetic of other processors
-#   make coverage   the tests outside ParaView, and which lines and branches they leave out, as pages in build/coverage
+#   make coverage   all tests, and which lines and branches they leave out, as pages in build/coverage
 #   make docs       the documentation, as pages in build/docs
 #   make paraview   what ParaView needs to run svv; with PARAVIEW=DIR for one that is unpacked in DIR
 # TORCH=cpu|cuda|keep chooses torch's build; else cuda where there is an NVIDIA GPU, cpu elsewhere, and what is there stays.
@@ -40,8 +40,8 @@ test-processors: $(TOOLS)
 		$(PYTEST) --ignore=tests/paraview
 	$(PYTEST) --ignore=tests/paraview -p tests.amx
 
-coverage: $(TOOLS)
-	$(PYTEST) --ignore=tests/paraview --cov --cov-report=html:build/coverage --cov-report=term:skip-covered
+coverage: $(TOOLS) paraview
+	$(PYTEST) --cov --cov-report=html:build/coverage --cov-report=term:skip-covered
 
 check: $(TOOLS)
 	"$(BIN)/ruff" check .

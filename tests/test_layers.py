@@ -193,7 +193,7 @@ def test_an_upward_import_is_found(path: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("svv/core/x.py", "from .colour import parse_hex\nfrom svv._version import __version__\nimport numpy, torch"),
+        ("svv/core/x.py", "from .colour import to_hex\nfrom svv._version import __version__\nimport numpy, torch"),
         ("svv/dvr/__init__.py", "from .views import draw\nfrom ..core import cameras"),
         ("svv/dvr/x.py", "from vtkmodules.vtkCommonCore import vtkObject"),
         ("svv/pv/x.py", "from paraview import simple"),

@@ -136,7 +136,7 @@ def test_a_mask_of_everything_changes_nothing() -> None:
     np.testing.assert_array_equal(filled(picture, np.ones((H, W), bool)), picture)
 
 
-# --- SAM -------------------------------------------------------------------------------------------------------------
+# --- SAM, with a stand-in for its package and weights ----------------------------------------------------------------
 
 
 class FakePredictor:

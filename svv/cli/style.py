@@ -88,7 +88,8 @@ def style_mask(
         Path | None, typer.Option(metavar="MASK.png", help="Start from this mask and the points stored beside it.")
     ] = None,
     by: Annotated[
-        SegmenterName, typer.Option("--with", help="What finds the part; sam needs its package and weights.")
+        SegmenterName,
+        typer.Option("--with", help="What finds the part; sam is experimental and needs its package and weights."),
     ] = SegmenterName.scikit_image,
 ) -> None:
     """Select the part of a style picture that `svv stylize --style-mask` learns from.

@@ -6,7 +6,6 @@ brightness, all in [0, 1]; hue is a circle on which 0 and 1 are the same red.
 
 from __future__ import annotations
 
-import re
 from typing import TypeVar
 
 import numpy as np
@@ -14,14 +13,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.errors import BadInput
-
 GREY_SATURATION = 0.02
 """Below it a hue is noise: eight bits cannot tell it."""
 
 Hue = TypeVar("Hue", float, NDArray[np.float64], Tensor)
-
-_HEX = re.compile(r"#?([0-9a-f]{6})", re.IGNORECASE)
 
 
 def rgb_to_hsb(rgb: Tensor) -> Tensor:
@@ -102,15 +97,6 @@ def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
     shifted = hsb_to_rgb(torch.cat((hue[..., None], rest), -1))
     edited = (palette != target).any(-1, keepdim=True)  # (P, 1)
     return torch.where(edited, shifted, colours)
-
-
-def parse_hex(code: str) -> tuple[float, float, float]:
-    """RGB in [0, 1] of '#rrggbb' (the hash may be missing). Raises BadInput for anything else."""
-    match = _HEX.fullmatch(code.strip())
-    if match is None:
-        raise BadInput(f"'{code}' is not a colour; write it as '#rrggbb', for example '#ff8800'.")
-    red, green, blue = bytes.fromhex(match.group(1))
-    return red / 255, green / 255, blue / 255
 
 
 def to_hex(rgb: NDArray[np.floating] | tuple[float, float, float]) -> str:

@@ -1,7 +1,8 @@
 """What finds parts of a style picture: scikit-image's superpixels, or SAM where it is installed; one interface.
 
 :class:`Superpixels` is the default and needs nothing more. :class:`SegmentAnything` (Kirillov et al. 2023) is what the
-paper uses; neither its package nor its weights come with this one.
+paper uses; neither its package nor its weights come with this one, and it is experimental: tests show how its package
+is called and how its answers are used, with a stand-in for the model, never what the model itself finds.
 """
 
 from __future__ import annotations

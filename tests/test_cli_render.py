@@ -102,10 +102,10 @@ def test_depth_and_regions_as_pictures(svv: Callable[..., None]) -> None:
     svv("--size", "60", "--what", "depth", "--out", "d.png")
     svv("--size", "60", "--what", "region", "--out", "r.png")
     with Image.open("d.png") as written:
-        depth_text = {name: float(text) for name, text in written.info.items() if name.startswith("svv:")}
+        near = float(written.info["svv:near"])
     depth, region = picture("d.png"), Image.open("r.png")
     assert depth.dtype == np.uint16
-    assert depth_text["svv:near"] == pytest.approx(3.0, abs=0.01)
+    assert near == pytest.approx(3.0, abs=0.01)
     indices = np.asarray(region)
     np.testing.assert_array_equal(depth == 0, indices == EMPTY_REGION)
     assert indices[20, 30] == 0

@@ -38,7 +38,7 @@ def commands() -> Iterator[str]:
     yield "# Commands\n"
     yield OPEN
     yield "`svv COMMAND --help` says the same in a terminal. How commands end, what they read and what they resume: "
-    yield "[the command](../how-to/command.md).\n"
+    yield "[conventions](command-line.md).\n"
     for name, (function, examples) in COMMANDS.items():
         yield from _command(f"svv {name}", function, examples)
     for function in (paraview.paraview, paraview.pvpython, paraview.pvbatch, paraview.pvserver):

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import importlib
 import re
+import shlex
+import shutil
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 
 from svv.bench.stability.scenes import EASY
 from svv.dvr.views import make_views
 from svv.train.config import PRESETS, ReconstructSettings, StylizeSettings
+from tests.doc_blocks import blocks, commands, fill, run
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE = DOCS / "tutorials" / "python.md"
+PYTHON_TUTORIAL = DOCS / "tutorials" / "python.md"
+
+GUIDES = sorted([*(DOCS / "tutorials").glob("*.md"), *(DOCS / "how-to").glob("*.md"), DOCS.parent / "README.md"])
+"""Pages whose blocks are run."""
+
+NOT_RUN = {"needs ParaView": 5, "needs a GPU": 1}
+"""Why blocks of these pages are only compiled or left alone, and how many there are."""
 
 SHORT = replace(
     PRESETS["draft"], reconstruct=ReconstructSettings(iterations=150, rays=1024, cells=32),
@@ -64,21 +72,63 @@ def test_reference_pages_are_what_the_code_says(name: str, monkeypatch: pytest.M
     assert "\n".join(getattr(made, name)()) + "\n" == (DOCS / "reference" / f"{name}.md").read_text()
 
 
-def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(PRESETS, "draft", SHORT)
+@pytest.fixture(scope="module")
+def views(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of views that is trained on in seconds."""
+    folder = tmp_path_factory.mktemp("documentation") / "views"
     train, _ = make_views(EASY.volume(32), EASY.transfer_function(), 16, 64, mapper="cpu")
-    train.write("views")
-    for number, name in enumerate(("brush", "ink")):
-        noise = np.random.default_rng(number).integers(0, 255, (64, 64, 3)).astype(np.uint8)
-        Image.fromarray(noise).save(f"{name}.png")
-    examples = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    assert len(examples) >= 4
+    train.write(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path: Path, views: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where a page is worked through: with views, scenes and pictures, and a preset that takes a second."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SVV_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setitem(PRESETS, "draft", SHORT)
+    shutil.copytree(views, "views")
+    fill(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", [p for p in GUIDES if p != PYTHON_TUTORIAL], ids=lambda page: page.stem)
+def test_python_blocks_run(page: Path, folder: Path) -> None:
     names: dict[str, object] = {}
-    for example in examples:
-        exec(compile(example, str(PAGE), "exec"), names)
+    for block in blocks(page, "python"):
+        code = compile(block.text, str(block), "exec")
+        if block.not_run is None:
+            exec(code, names)
+
+
+@pytest.mark.parametrize("page", GUIDES, ids=lambda page: page.stem)
+def test_commands_are_commands(page: Path, folder: Path) -> None:
+    for block in blocks(page, "sh"):
+        if block.not_run is None:
+            for words in commands(block):
+                try:
+                    run(words)
+                except Exception as error:
+                    raise AssertionError(f"{block}: {shlex.join(words)}") from error
+
+
+def test_what_is_not_run_says_why() -> None:
+    found = Counter(block.not_run for page in GUIDES for block in blocks(page, "python", "sh") if block.not_run)
+    assert found == NOT_RUN
+
+
+def test_every_block_has_a_language() -> None:
+    for page in GUIDES:
+        fences = re.findall(r"^```(.*)$", page.read_text(), re.MULTILINE)
+        assert all(fences[::2]), page
+
+
+def test_the_python_tutorial_does_what_it_says(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, object] = {}
+    for block in blocks(PYTHON_TUTORIAL, "python"):
+        exec(compile(block.text, str(block), "exec"), names)
     said = capsys.readouterr().out
     assert "region 0: colour #cc1a1a, opacity 0.5" in said
     assert "('brush', 'ink') ink" in said
     assert "Region 0 is styled" in said
-    assert {p.name for p in tmp_path.iterdir()} >= {"scene.svv", "red.png", "ink.svv"}
+    assert {p.name for p in folder.iterdir()} >= {"scene.svv", "red.png", "ink.svv"}

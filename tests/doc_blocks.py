@@ -1,0 +1,186 @@
+"""Code blocks of the documentation, and what it takes to run them: scenes, pictures, and a stand-in for the shell."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import typer
+from PIL import Image
+
+from svv.cli.app import app
+from svv.fields.scene import Scene
+from tests.cube import cube_paint, cube_scene, lit_cube_scene
+
+ROOT = Path(__file__).resolve().parents[1]
+
+BLOCK = re.compile(r"(?:<!-- not run: ([^\n]+) -->\n\n?)?^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+QUICK = {"info", "edit", "render", "style-mask", "features", "cache"}
+"""Commands that are run as they stand, but for the size and the number of their pictures."""
+
+LEARNING = {"train", "palette", "stylize"}
+"""Commands that are not run; a scene that nobody trained takes the place of what they would write."""
+
+PROGRAMS = {
+    "cd",
+    "cmake",
+    "ctest",
+    "conda",
+    "export",
+    "mpiexec",
+    "paraview",
+    "pip",
+    "pytest",
+    "sudo",
+    "~/svv/bin/svv-paraview",
+}
+"""Other programs that pages may name; nothing about their lines is checked."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page: its language, its text, and why it is not run, if it is not."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+    not_run: str | None
+
+    def __str__(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+
+def blocks(page: Path, *languages: str) -> Iterator[Block]:
+    """The blocks of a page in the given languages, in order."""
+    text = page.read_text(encoding="utf-8")
+    for found in BLOCK.finditer(text):
+        why, language, inside = found.groups()
+        if language in languages:
+            yield Block(page, text.count("\n", 0, found.start(2)) + 1, language, inside, why)
+
+
+def commands(block: Block) -> Iterator[list[str]]:
+    """The commands of a block for the shell: words without comments; a trailing backslash continues a line."""
+    for line in re.sub(r"\\\n\s*", " ", block.text).splitlines():
+        for command in re.split(r" && ", line):
+            words = shlex.split(command, comments=True)
+            if words:
+                yield words
+
+
+def fill(folder: Path) -> None:
+    """Write what the examples start from: scenes, style pictures, a mask and a camera."""
+    cube, lit = cube_scene(), lit_cube_scene()
+    cube.save(folder / "scene.svv")
+    lit.save(folder / "lit.svv")
+    paint(cube, "styled").save(folder / "styled.svv")
+    for number, name in enumerate(("brush.png", "ink.png", "a.jpg", "b.jpg", "brush.jpg")):
+        noise = np.random.default_rng(number).integers(0, 255, (64, 64, 3)).astype(np.uint8)
+        Image.fromarray(noise).save(folder / name)
+
+
+def paint(scene: Scene, variant: str) -> Scene:
+    """A scene painted at random under a variant's name, which may be there already."""
+    if variant in scene.variants:
+        scene = scene.without_variant(variant)
+    return scene.painted(cube_paint(scene, 1), dict.fromkeys(range(len(scene.regions)), "brush"), {}, variant)
+
+
+def run(words: Sequence[str]) -> None:
+    """Do what a line for the shell says, or check what can be known of it without doing it.
+
+    Raises:
+        AssertionError: A program, a target, a script or an option that is not there.
+        svv.errors.BadInput: A command that does not accept what it is given.
+    """
+    program, *arguments = words
+    if program in ("svv", ".venv/bin/svv"):
+        _svv(arguments)
+    elif program == "make":
+        targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        assert {a for a in arguments if "=" not in a} <= set(targets), words
+    elif program == ".venv/bin/python":
+        _python(arguments)
+    elif program == "mkdir":
+        Path(arguments[0]).mkdir()
+    else:
+        assert program in PROGRAMS, f"Nothing is known of {program}: {shlex.join(words)}"
+
+
+def _svv(arguments: Sequence[str]) -> None:
+    name, rest = "svv", list(arguments)
+    command: Any = typer.main.get_command(app)
+    while hasattr(command, "commands") and rest and not rest[0].startswith("-"):
+        name, *rest = rest
+        assert name in command.commands, f"There is no command {name}."
+        command = command.commands[name]
+    if name in ("pvpython", "pvbatch") and "paraview_scripts" in " ".join(rest):
+        _script(rest)
+        return
+    if rest in (["--help"], ["-h"]):
+        return
+    context = command.make_context(name, list(rest))
+    if name in QUICK and "--get" not in rest and "--from" not in rest:
+        app(_smaller(name, arguments), prog_name="svv", standalone_mode=False)
+    elif name in LEARNING:
+        _stand_in(name, context.params)
+
+
+def _smaller(name: str, arguments: Sequence[str]) -> list[str]:
+    """The same command with small pictures, and few of them."""
+    words = [re.sub(r"^\d+$", "2", word) if before == "--orbit" else word for before, word in _pairs(arguments)]
+    if name != "render":
+        return words
+    if "--size" in words:
+        at = words.index("--size")
+        del words[at : at + 2]
+    return [*words, "--size", "32"]
+
+
+def _pairs(words: Sequence[str]) -> Iterator[tuple[str, str]]:
+    return zip(("", *words[:-1]), words, strict=True)
+
+
+def _stand_in(name: str, parameters: dict[str, Any]) -> None:
+    """Write a scene where a command that trains would."""
+    if name == "train":
+        lit = getattr(parameters["lighting"], "value", parameters["lighting"]) in ("phong", "auto")
+        made = lit_cube_scene() if lit else cube_scene()
+    else:
+        made = Scene.load(parameters["scene"])
+        if name == "stylize":
+            made = paint(made, parameters["variant"] or "styled")
+    made.save(parameters["out"])
+
+
+def _script(arguments: Sequence[str]) -> None:
+    """A script of ours in pvpython: it is there, and has the options that it is given."""
+    path, *rest = (a for a in arguments if a != "--")
+    source = (ROOT / path).read_text()
+    names = {node.value for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Constant)}
+    shared = {
+        node.value
+        for node in ast.walk(ast.parse((ROOT / "svv/pv/scripts.py").read_text()))
+        if isinstance(node, ast.Constant)
+    }
+    missing = {a for a in rest if a.startswith("--")} - names - shared - {"--help"}
+    assert not missing, f"{path} has no {missing}"
+
+
+def _python(arguments: Sequence[str]) -> None:
+    option, *rest = arguments
+    if option == "-c":
+        exec(compile(rest[0], "-c", "exec"), {})
+    else:
+        assert option == "-m", arguments
+        assert all((ROOT / a).exists() for a in rest if "/" in a), arguments
+        assert rest[0] in (*sys.stdlib_module_names, "pytest", "sphinx", "docs.screenshots", "docs.pictures"), arguments

@@ -1,7 +1,7 @@
 """The pictures of "How it works": what every stage makes of the demo's volume, seen from the same camera.
 
-Run ``make demo``, then ``.venv/bin/python -m docs.pictures demo`` in the checkout. It writes ``docs/images/stage-*.jpg``
-from the views and scenes in the folder, in a few seconds.
+Run ``make demo``, then ``.venv/bin/python -m docs.pictures demo`` in the checkout. In a few
+seconds it writes ``docs/images/stage-*.jpg`` from the views and scenes in the folder.
 """
 
 from __future__ import annotations

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,11 @@ from typing import Any
 import numpy as np
 import typer
 from PIL import Image
+from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
+from svv.bench.stability.scenes import EASY
 from svv.cli.app import app
+from svv.dvr.views import make_views
 from svv.fields.scene import Scene
 from tests.cube import cube_paint, cube_scene, lit_cube_scene
 
@@ -26,7 +30,7 @@ BLOCK = re.compile(r"(?:<!-- not run: ([^\n]+) -->\n\n?)?^```(\w+)\n(.*?)^```", 
 QUICK = {"info", "edit", "render", "style-mask", "features", "cache"}
 """Commands that are run as they stand, but for the size and the number of their pictures."""
 
-LEARNING = {"train", "palette", "stylize"}
+LEARNING = {"run", "train", "palette", "stylize"}
 """Commands that are not run; a scene that nobody trained takes the place of what they would write."""
 
 PROGRAMS = {
@@ -78,21 +82,29 @@ def commands(block: Block) -> Iterator[list[str]]:
 
 
 def fill(folder: Path) -> None:
-    """Write what the examples start from: scenes, style pictures, a mask and a camera."""
-    cube, lit = cube_scene(), lit_cube_scene()
+    """Write what the examples start from: scenes, a volume with its transfer function, views and style pictures."""
+    cube = cube_scene()
     cube.save(folder / "scene.svv")
-    lit.save(folder / "lit.svv")
-    paint(cube, "styled").save(folder / "styled.svv")
+    lit_cube_scene().save(folder / "lit.svv")
+    paint(cube, "styled", ()).save(folder / "styled.svv")
     for number, name in enumerate(("brush.png", "ink.png", "a.jpg", "b.jpg", "brush.jpg")):
         noise = np.random.default_rng(number).integers(0, 255, (64, 64, 3)).astype(np.uint8)
         Image.fromarray(noise).save(folder / name)
+    volume, function = EASY.volume(32), EASY.transfer_function()
+    writer = vtkXMLImageDataWriter(file_name=str(folder / "head.vti"), input_data_object=volume)
+    writer.SetDataModeToBinary()
+    assert writer.Write()
+    (folder / "head.json").write_text(json.dumps(function.to_dict()))
+    train, _ = make_views(volume, function, 16, 64, mapper="cpu")
+    train.write(folder / "views")
 
 
-def paint(scene: Scene, variant: str) -> Scene:
-    """A scene painted at random under a variant's name, which may be there already."""
+def paint(scene: Scene, variant: str, keep: Collection[int]) -> Scene:
+    """A scene painted at random under a variant's name, which may be there already, but for some regions."""
     if variant in scene.variants:
         scene = scene.without_variant(variant)
-    return scene.painted(cube_paint(scene, 1), dict.fromkeys(range(len(scene.regions)), "brush"), {}, variant)
+    styles = {region: "brush" for region in range(len(scene.regions)) if region not in keep}
+    return scene.painted(cube_paint(scene, 1), styles, {}, variant)
 
 
 def run(words: Sequence[str]) -> None:
@@ -152,13 +164,17 @@ def _pairs(words: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _stand_in(name: str, parameters: dict[str, Any]) -> None:
     """Write a scene where a command that trains would."""
+    if name == "run":
+        parameters["out"].mkdir()
+        paint(cube_scene(), "styled", ()).save(parameters["out"] / "styled.svv")
+        return
     if name == "train":
         lit = getattr(parameters["lighting"], "value", parameters["lighting"]) in ("phong", "auto")
         made = lit_cube_scene() if lit else cube_scene()
     else:
         made = Scene.load(parameters["scene"])
         if name == "stylize":
-            made = paint(made, parameters["variant"] or "styled")
+            made = paint(made, parameters["variant"] or "styled", parameters["keep"] or ())
     made.save(parameters["out"])
 
 

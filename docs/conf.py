@@ -18,6 +18,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphin
 myst_heading_anchors = 3
 myst_enable_extensions = ["colon_fence"]
 html_theme, html_title = "furo", "svv"
+html_static_path, html_css_files = ["_static"], ["custom.css"]
 exclude_patterns = ["_build"]
 default_role = "any"
 autodoc_typehints = "none"

@@ -57,7 +57,7 @@ def main() -> None:
     def drawn(scene: Scene, network: str | None = None) -> Pixels:
         return np.asarray(scene.render(camera, network, WHITE).rgba[..., :3], np.float64)
 
-    write("base", [drawn(scene, network="base")])
+    write("base", [_shrunk(views, 45), drawn(scene, network="base")])
     regions = [drawn(scene.isolated(region)) for region in range(len(scene.regions))]
     write("palette", [drawn(scene), *regions])
     lines, shell = 0, 1  # most visible first

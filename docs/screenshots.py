@@ -24,8 +24,8 @@ IMAGES = Path(__file__).resolve().parent / "images"
 QUALITY = 82
 """Of the JPEG files: text stays sharp, and a window of 1280 x 1024 pixels stays below 150 kB."""
 
-FILTERS, STYLIZED_VIEW, CHOOSE_PRESET = (215, 10), (531, 512), (234, 828)
-"""Where the window of ParaView 5.11 has what is clicked: the menu, its item, the button of presets."""
+FILTERS, STYLIZED_VIEW, CHOOSE_PRESET, CLOSE = (215, 10), (531, 512), (234, 828), (1032, 724)
+"""Where the window of ParaView 5.11 has what is clicked: the menu, its item, the button of presets, its dialog's Close."""
 
 DIALOG = (139, 197, 1123, 748)
 """The box of the dialog of presets: left, upper, right, lower."""
@@ -159,10 +159,10 @@ def take(window: Window) -> None:
     window.keep("opened")
     window.do(VOLUME)
     window.do(IMPORT)
-    xdotool("mousemove", *CHOOSE_PRESET, "sleep", "1", "click", 1, "sleep", "10")
-
+    xdotool("mousemove", *CHOOSE_PRESET, "sleep", "1", "click", 1)
+    time.sleep(15.0)  # the dialog draws every preset
     window.keep("preset", DIALOG)
-    xdotool("key", "Escape", "sleep", "1", "key", "Escape", "sleep", "2")
+    xdotool("mousemove", *CLOSE, "sleep", "1", "click", 1, "sleep", "5")
     window.do(PRESET)
     window.keep("volume")
     xdotool("mousemove", *FILTERS, "sleep", "1", "click", 1, "sleep", "4", "key", "Up", "sleep", "2", "key", "Up")

@@ -25,7 +25,7 @@ QUALITY = 82
 """Of the JPEG files: text stays sharp, and a window of 1280 x 1024 pixels stays below 150 kB."""
 
 FILTERS, STYLIZED_VIEW, CHOOSE_PRESET, CLOSE = (215, 10), (531, 512), (234, 828), (1032, 724)
-"""Where the window of ParaView 5.11 has what is clicked: the menu, its item, the button of presets, its dialog's Close."""
+"""What is clicked in ParaView 5.11: the menu, its item, the button of presets, and Close of its dialog."""
 
 DIALOG = (139, 197, 1123, 748)
 """The box of the dialog of presets: left, upper, right, lower."""

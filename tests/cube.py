@@ -40,16 +40,16 @@ def cube_scene(seed: int = 0) -> Scene:
 def lit_cube_scene() -> Scene:
     """The cube under an explicit light, its normals the gradient of its extinction."""
     cube = cube_scene()
-    assert cube.palette is not None and cube.base.density is not None
+    assert cube.palette_network is not None and cube.base.density is not None
     field = replace(cube.settings, lighting="phong", headlight="axis")
-    palette = PaletteField(field, cube.occupancy, cube.base.geometry_width, cube.palette.colours.detach())
+    palette = PaletteField(field, cube.occupancy, cube.base.geometry_width, cube.palette_network.colours.detach())
     for name in ("encoding", "palette_mlp"):
-        getattr(palette, name).load_state_dict(getattr(cube.palette, name).state_dict())
+        getattr(palette, name).load_state_dict(getattr(cube.palette_network, name).state_dict())
     assert palette.phong is not None
     palette.phong.start(cube.base.density, cube.occupancy, None, 0)
     with torch.no_grad():
         palette.phong.raw.add_(torch.tensor([[0.0], [0.5], [-0.5]]))  # regions that differ
-    return replace(cube, settings=field, palette=palette.requires_grad_(False))
+    return replace(cube, settings=field, palette_network=palette.requires_grad_(False))
 
 
 def cube_paint(scene: Scene, seed: int, finer: tuple[int, ...] = ()) -> UnrestrictedField:

@@ -33,7 +33,7 @@ class Constant(torch.nn.Module):
 
 def size_of(logits: list[float], offsets: list[tuple[float, ...]]) -> tuple[float, np.ndarray]:
     """What is measured, and the palette weights, of a network with these offsets in all places."""
-    palette = SCENE.palette
+    palette = SCENE.palette_network
     assert palette is not None
     count = len(palette.colours)
     says = torch.tensor([0.5, *logits[:count], *np.ravel(offsets[:count])], dtype=torch.float32)

@@ -151,15 +151,15 @@ def test_one_flat_colour_needs_no_fine_levels() -> None:
     scene, notes = trained("opaque, one region")
     assert len(scene.settings.resolutions) == 1 and len(scene.settings.finer) >= 1
     assert "would add" in notes and "left out" in notes
-    assert scene.palette is not None
-    assert scene.base.encoding.levels == scene.palette.encoding.levels == 1  # type: ignore[union-attr]
+    assert scene.palette_network is not None
+    assert scene.base.encoding.levels == scene.palette_network.encoding.levels == 1  # type: ignore[union-attr]
 
 
 def test_fine_stripes_need_all_levels() -> None:
     scene, notes = trained("striped")
     count = len(scene.settings.resolutions)
     assert count > 1 and f"all {count} levels of features stay, for the borders" in notes
-    same, reason = with_fewest_levels(replace(scene, palette=None), views_of("striped"), 0)
+    same, reason = with_fewest_levels(replace(scene, palette_network=None), views_of("striped"), 0)
     assert same.settings == scene.settings and not same.settings.finer
     assert "adds" in reason and f"all {count} levels of features stay" in reason
 

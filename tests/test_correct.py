@@ -157,16 +157,16 @@ def test_a_stopped_correction_goes_on_to_the_same_scene(
     seen: list[float] = []
     found, _ = correct_palette(scene, train, correction, SHORT, progress=lambda f, _: seen.append(f), checkpoint=path)
     assert seen[0] > 0.2
-    assert found.palette is not None and expected.palette is not None
-    for name, value in expected.palette.state_dict().items():
-        torch.testing.assert_close(found.palette.state_dict()[name], value, atol=1e-5, rtol=1e-4)
+    assert found.palette_network is not None and expected.palette_network is not None
+    for name, value in expected.palette_network.state_dict().items():
+        torch.testing.assert_close(found.palette_network.state_dict()[name], value, atol=1e-5, rtol=1e-4)
 
 
 def test_corrections_that_cannot_be_are_one_sentence(nested: Drawn) -> None:
     scene, train = nested
     some = Correction(merge=((0, 1),))
     with pytest.raises(BadInput, match="no palette network"):
-        correct_palette(replace(scene, palette=None, regions=()), train, some, SHORT)
+        correct_palette(replace(scene, palette_network=None, regions=()), train, some, SHORT)
     with pytest.raises(BadInput, match="time limit"):
         correct_palette(scene, train, some, SHORT, time_limit=0.0)
     with pytest.raises(BadInput, match="no region 7"):

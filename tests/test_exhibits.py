@@ -30,10 +30,12 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def scene(tmp_path: Path, balls: Scene) -> Path:
     path = tmp_path / "balls.svv"
-    lit = replace(balls, palette=copy.deepcopy(balls.palette))
-    assert lit.palette is not None and lit.palette.lighting_mlp is not None
+    lit = replace(balls, palette_network=copy.deepcopy(balls.palette_network))
+    assert lit.palette_network is not None and lit.palette_network.lighting_mlp is not None
     with torch.no_grad():
-        list(lit.palette.lighting_mlp.parameters())[-1].mul_(10.0)  # the flat balls have next to no light of their own
+        list(lit.palette_network.lighting_mlp.parameters())[-1].mul_(
+            10.0
+        )  # the flat balls have next to no light of their own
     lit.save(path)
     return path
 
@@ -98,7 +100,7 @@ def test_bad_input_is_told_before_anything_is_painted(scene: Path, styles: list[
     with pytest.raises(BadInput, match="0 to 180"):
         Exhibit(frame=181)
     plain = tmp_path / "plain.svv"
-    replace(Scene.load(scene), palette=None, regions=()).save(plain)
+    replace(Scene.load(scene), palette_network=None, regions=()).save(plain)
     with pytest.raises(BadInput, match="no palette network"):
         paint_sheet([plain], styles, out, HOW)
     assert not out.exists()

@@ -144,14 +144,14 @@ def test_kernels_light_as_torch_does(lit_cube: Scene, number: int, monkeypatch: 
 
 
 def test_summed_normals_are_the_same(lit_cube: Scene) -> None:
-    palette = lit_cube.palette
+    palette = lit_cube.palette_network
     assert palette is not None and palette.phong is not None
     again = Scene.from_arrays(*lit_cube.to_arrays(packed=False))
-    assert again.palette is not None and again.palette.phong is not None
-    again.palette.phong.settle(again.occupancy)
-    assert again.palette.phong.normals.levels == 1
+    assert again.palette_network is not None and again.palette_network.phong is not None
+    again.palette_network.phong.settle(again.occupancy)
+    assert again.palette_network.phong.normals.levels == 1
     at = torch.rand(200, 3, generator=torch.Generator().manual_seed(0))
-    torch.testing.assert_close(again.palette.phong.normal(at), palette.phong.normal(at), atol=1e-4, rtol=0)
+    torch.testing.assert_close(again.palette_network.phong.normal(at), palette.phong.normal(at), atol=1e-4, rtol=0)
     kept = Scene.from_bytes(again.to_bytes())
     np.testing.assert_allclose(kept.render(cube_camera()).rgba, lit_cube.render(cube_camera()).rgba, atol=0.03)
 
@@ -181,7 +181,7 @@ def test_scenes_of_before_there_was_a_light_are_read(cube: Scene, lit: bool) -> 
     settings = {name: value for name, value in header["settings"].items() if name not in ("lighting", "headlight")}
     back = Scene.from_arrays({**old, "settings": {**settings, "lit": lit}}, tensors)
     assert back.settings.lighting == plain.settings.lighting and back.lamp == Lamp()
-    assert back.palette is not None and (back.palette.lighting_mlp is not None) == lit
+    assert back.palette_network is not None and (back.palette_network.lighting_mlp is not None) == lit
 
 
 def test_a_light_that_a_network_learned_says_why_it_cannot_be_moved(cube: Scene, lit_cube: Scene) -> None:
@@ -253,13 +253,13 @@ def surface(scene: Scene, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 def test_learned_normals_are_the_spheres(ball: tuple[Scene, dict[str, object]]) -> None:
     scene, _ = ball
-    assert scene.palette is not None and scene.palette.phong is not None
+    assert scene.palette_network is not None and scene.palette_network.phong is not None
     rng = np.random.default_rng(0)
     true = rng.normal(size=(2000, 3))
     true /= np.linalg.norm(true, axis=1, keepdims=True)
     box = scene.occupancy.box
     at = torch.from_numpy(box.to_box(true * RADIUS).astype(np.float32))
-    learned = torch.nn.functional.normalize(scene.palette.phong.normal(at), dim=1).numpy()
+    learned = torch.nn.functional.normalize(scene.palette_network.phong.normal(at), dim=1).numpy()
     away = np.degrees(np.arccos(np.abs((learned * true).sum(1)).clip(0, 1)))
     assert np.median(away) < 10.0
 
@@ -327,7 +327,7 @@ def test_same_seed_same_light_also_after_a_stop(
 def test_held_out_views_choose(
     views: ViewSet, ball: tuple[Scene, dict[str, object]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = replace(ball[0], palette=None, regions=())
+    scene = replace(ball[0], palette_network=None, regions=())
     for margin in (-100.0, 100.0):  # the network is taken, whatever the views say; and the explicit light
         monkeypatch.setattr("svv.train.lighting.MARGIN", margin)
         chosen, said = light_by_trial(scene, views, np.array([[0.9, 0.2, 0.15]]), SHORT.recolour, 0, None, None, silent)

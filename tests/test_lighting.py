@@ -41,8 +41,8 @@ def trained(request: pytest.FixtureRequest) -> tuple[bool, ViewSet, Scene, str]:
 
 def test_a_lighting_network_where_there_is_light(trained: tuple[bool, ViewSet, Scene, str]) -> None:
     shaded, _, scene, said = trained
-    assert scene.palette is not None
-    assert (scene.settings.lighting == "network") == shaded == (scene.palette.lighting_mlp is not None)
+    assert scene.palette_network is not None
+    assert (scene.settings.lighting == "network") == shaded == (scene.palette_network.lighting_mlp is not None)
     assert said.startswith("the views were drawn with" + (" shading" if shaded else "out shading"))
 
 

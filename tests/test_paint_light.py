@@ -27,8 +27,8 @@ KEPT = 0.01
 def dark_cube() -> Scene:
     """The cube under a learned light that takes away most of what it falls on."""
     cube = cube_scene()
-    assert cube.palette is not None and cube.palette.lighting_mlp is not None
-    last = dict(cube.palette.lighting_mlp.named_parameters())["4.weight"]
+    assert cube.palette_network is not None and cube.palette_network.lighting_mlp is not None
+    last = dict(cube.palette_network.lighting_mlp.named_parameters())["4.weight"]
     with torch.no_grad():  # what comes in is not negative, so the shade is below 1
         last.copy_(-last.abs() * torch.tensor([[1.0], [12.0]]))
     return Scene.from_bytes(cube.to_bytes())
@@ -37,9 +37,11 @@ def dark_cube() -> Scene:
 def dark_lit_cube() -> Scene:
     """The cube under an explicit light of which it gives little back."""
     cube = lit_cube_scene()
-    assert cube.palette is not None and cube.palette.phong is not None
+    assert cube.palette_network is not None and cube.palette_network.phong is not None
     with torch.no_grad():
-        cube.palette.phong.raw[:, :3] = torch.tensor([[-1.5, -1.0, -5.0], [-2.0, 0.0, -5.0], [-1.0, -1.0, -4.0]])
+        cube.palette_network.phong.raw[:, :3] = torch.tensor(
+            [[-1.5, -1.0, -5.0], [-2.0, 0.0, -5.0], [-1.0, -1.0, -4.0]]
+        )
     return cube
 
 
@@ -134,15 +136,15 @@ def test_kernels_and_torch_agree(painted: Scene, monkeypatch: pytest.MonkeyPatch
 
 def test_the_mean_of_a_constant_shade_is_that() -> None:
     cube = lit_cube_scene()
-    assert cube.palette is not None and cube.palette.phong is not None
+    assert cube.palette_network is not None and cube.palette_network.phong is not None
     with torch.no_grad():  # softplus(-60) is 0: no diffuse light, so that the shade is the ambient light everywhere
-        cube.palette.phong.raw[:, :3] = torch.tensor([-1.0, -60.0, -60.0])
+        cube.palette_network.phong.raw[:, :3] = torch.tensor([-1.0, -60.0, -60.0])
     expected = float(torch.nn.functional.softplus(torch.tensor(-1.0)))
     np.testing.assert_allclose(mean_lights(cube), [(expected, 0.0)] * 3, atol=1e-6)
     black = lit_cube_scene()
-    assert black.palette is not None and black.palette.phong is not None
+    assert black.palette_network is not None and black.palette_network.phong is not None
     with torch.no_grad():
-        black.palette.phong.raw.fill_(-60.0)
+        black.palette_network.phong.raw.fill_(-60.0)
     assert np.isfinite(black.painted(cube_paint(black, 1), EVERY, {}).render(cube_camera()).rgba).all()
 
 

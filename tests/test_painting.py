@@ -243,9 +243,9 @@ def target() -> StyleTarget:
 
 
 def started(scene: Scene, targets: dict[int, StyleTarget], seed: int = 0, before=None):  # type: ignore[no-untyped-def]
-    assert scene.palette is not None
+    assert scene.palette_network is not None
     views = visible_from(scene, stylization_cameras(scene, SHORT.stylize), silent)
-    colours = scene.palette.colours.detach().clone()
+    colours = scene.palette_network.colours.detach().clone()
     for region, wanted in targets.items():
         colours[region] = wanted.statistics[0]
     pixel = paint_pixel(scene, SHORT.stylize)
@@ -266,11 +266,11 @@ def test_the_start_is_painted_and_what_has_no_style_is_the_palette_s(balls: Scen
     deviation = target.picture.flatten(1).T.numpy().std(0).mean()
     assert seen(field, views, 0).std(0).mean() > 0.7 * deviation
     assert seen(flat, views, 0).std(0).mean() < 0.3 * deviation
-    assert balls.palette is not None
+    assert balls.palette_network is not None
     own = views[0].region == 1
     with torch.no_grad():
-        intensity, weights, offsets = balls.palette.material(views[0].position[own])
-        colours = intensity[:, None] * (weights[:, :, None] * (balls.palette.colours + offsets)).sum(1)
+        intensity, weights, offsets = balls.palette_network.material(views[0].position[own])
+        colours = intensity[:, None] * (weights[:, :, None] * (balls.palette_network.colours + offsets)).sum(1)
     assert np.abs(seen(field, views, 1) - colours.clamp(0, 1).numpy()).mean() < 0.05
     assert field.encoding.table.min() >= 0 and field.encoding.table.max() <= 1
 

@@ -138,12 +138,12 @@ def accuracy(views: ViewSet, preset: Preset) -> tuple[np.ndarray, list[float]]:
     volume = views.classified
     assert volume is not None
     scene, _ = train_scene(views, preset)
-    assert scene.palette is not None
+    assert scene.palette_network is not None
     batch = RayPool(views, scene.occupancy.box, 3, scene.device).batch(1, 8192)
     samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
     order = [[r.low for r in volume.ranges].index(region.values[0]) for region in scene.regions]  # type: ignore[index]
     true = torch.as_tensor(np.argsort(order))[Owners(volume, np.arange(len(order)), scene.device).of(samples.position)]
-    found = scene.palette.material(samples.position)[1].argmax(1)
+    found = scene.palette_network.material(samples.position)[1].argmax(1)
     count, sigma = len(order), scene.base.extinction(samples)
     both = shares_of(samples, sigma, torch.where(true == found, true, count), count + 1)[:count]
     either = shares_of(samples, sigma, true, count) + shares_of(samples, sigma, found, count) - both

@@ -55,7 +55,7 @@ def style(scene: Scene, styles: list[np.ndarray], **options) -> tuple[Scene, dic
 def shown(scene: Scene, region: int) -> np.ndarray:
     """Mean of a region's own colours, without light."""
     view = visible_from(scene, stylization_cameras(scene, SHORT.stylize)[:1], lambda fraction, label: None)[0]
-    assert scene.palette is not None and scene.styled is not None
+    assert scene.palette_network is not None and scene.styled is not None
     with torch.no_grad():
         colours = scene.styled(view.position[view.region == region])
     return colours.mean(0).numpy()

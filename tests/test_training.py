@@ -126,9 +126,9 @@ def test_an_image_shows_what_was_learned_since_the_last(
     trained: tuple[Scene, dict[str, object]], unseen: ViewSet
 ) -> None:
     """Tables that were drawn while they learned are not kept for the images of the scene once it is frozen."""
-    scene = replace(trained[0], palette=copy.deepcopy(trained[0].palette))
-    assert scene.palette is not None
-    table = scene.palette.encoding.table
+    scene = replace(trained[0], palette_network=copy.deepcopy(trained[0].palette_network))
+    assert scene.palette_network is not None
+    table = scene.palette_network.encoding.table
     table.requires_grad_(True)
     before = scene.render(unseen.cameras[0], "pcn").rgba
     with torch.no_grad():
@@ -392,7 +392,7 @@ def test_the_papers_preset_runs(views: ViewSet, monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setitem(PRESETS, "paper", short)
     scene, report = train_scene(views, "paper")
     assert scene.base.density is None
-    assert not scene.palette.shading  # type: ignore[union-attr]
+    assert not scene.palette_network.shading  # type: ignore[union-attr]
     assert pipeline.evaluate_scene(scene, unseen, "base").psnr > 15.0
     assert report["preset"] == "paper" and scene.settings.lighting == "network"
     assert report["notes"][-1] == "images take all samples, as the density is a network's"

@@ -27,9 +27,9 @@ from svv.kernels.types import ImageKernels, Samples, Surface
 def image_kernels_of(scene: Model) -> ImageKernels | None:
     """The kernels that draw the scene's palette and paint; None where there are none for its device and encoding."""
     on_lattices = (
-        scene.palette is not None
+        scene.palette_network is not None
         and isinstance(scene.base.encoding, SparseLattice)
-        and isinstance(scene.palette.encoding, SparseLattice)
+        and isinstance(scene.palette_network.encoding, SparseLattice)
     )
     return kernels_for(scene.base.encoding.table).IMAGE if on_lattices else None
 
@@ -39,7 +39,7 @@ def draw(
     images: tuple[Tensor, Tensor, Tensor],
 ) -> None:  # fmt: skip
     """Write what rays see into RGBA (R, 4), depth (R,) and region (R,), for the network ``pcn`` or ``styled``."""
-    palette, geometry, light = scene.palette, scene.base.encoding, None
+    palette, geometry, light = scene.palette_network, scene.base.encoding, None
     assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
     if palette.lighting_mlp is None:
         plain = palette.encoding.look_up(samples.position)
@@ -65,9 +65,9 @@ def _add_light(
     lights: Tensor,
 ) -> None:  # fmt: skip
     """Light the surface's colour, in place: with what the lighting MLP says, or under an explicit light."""
-    assert scene.palette is not None
-    if scene.palette.phong is not None:
-        normals, coefficients = scene.palette.phong.normals, scene.coefficients()
+    assert scene.palette_network is not None
+    if scene.palette_network.phong is not None:
+        normals, coefficients = scene.palette_network.phong.normals, scene.coefficients()
         assert coefficients is not None
         directions = beams.facing, beams.toward, beams.intensity
         kernels.phong(surface, samples, directions, normals.layout, normals.table, coefficients, lights)

@@ -33,7 +33,7 @@ class Model:
     occupancy: Occupancy
     marching: Marching
     base: BaseField
-    palette: PaletteField | None = None
+    palette_network: PaletteField | None = None
     styled: UnrestrictedField | None = None
     regions: tuple[Region, ...] = ()
     camera_rig: CameraRig | None = None
@@ -49,7 +49,7 @@ class Model:
     @property
     def networks(self) -> tuple[str, ...]:
         """The networks it holds, of ``base``, ``pcn`` and ``styled``, the plainest first."""
-        there = (self.base, self.palette, self.styled)
+        there = (self.base, self.palette_network, self.styled)
         return tuple(name for name, network in zip(NETWORKS, there, strict=True) if network is not None)
 
     @property
@@ -75,9 +75,9 @@ class Model:
 
     def coefficients(self) -> Tensor | None:
         """Ambient, diffuse, specular and shininess of each region as edited (P, 4); None without an explicit light."""
-        if self.palette is None or self.palette.phong is None:
+        if self.palette_network is None or self.palette_network.phong is None:
             return None
-        learned = self.palette.phong.coefficients()
+        learned = self.palette_network.phong.coefficients()
         edited = learned.new_tensor([
             [torch.nan if (v := getattr(r, name)) is None else v for name in COEFFICIENTS] for r in self.regions
         ])  # fmt: skip
@@ -85,8 +85,8 @@ class Model:
 
     def edited_colours(self, offsets: Tensor) -> Tensor:
         """Palette colours of samples with their offsets, recoloured as the regions' edits say. (S, P, 3)"""
-        assert self.palette is not None
-        palette = self.palette.colours
+        assert self.palette_network is not None
+        palette = self.palette_network.colours
         colours = palette + offsets
         edited = [k for k, r in enumerate(self.regions) if r.edited_colour is not None]
         if edited:

@@ -52,7 +52,7 @@ def lights_of(scene: Model, network: str) -> Tensor:
     Returns:
         f, a and b. (P, 3)
     """
-    assert scene.palette is not None
+    assert scene.palette_network is not None
     lights = [(r.lighting, 1.0, 0.0) for r in scene.regions]
     for k, r in enumerate(scene.regions):
         if network != "styled" or r.style is None:
@@ -64,7 +64,7 @@ def lights_of(scene: Model, network: str) -> Tensor:
             shade, specular = r.mean_light or mean_lights(scene)[k]
             part = paint / (plain + paint)
             lights[k] = r.lighting * (plain + paint), 1.0 - part + part / shade, part * specular
-    return scene.palette.colours.new_tensor(lights)
+    return scene.palette_network.colours.new_tensor(lights)
 
 
 @torch.no_grad()
@@ -73,7 +73,7 @@ def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
 
     Edits do not change it. A region that cannot be seen has the means of all. Found once for a palette network.
     """
-    palette = scene.palette
+    palette = scene.palette_network
     assert palette is not None
     if palette not in _known:
         sums = torch.zeros(3, len(scene.regions), dtype=torch.float64, device=scene.device)

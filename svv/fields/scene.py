@@ -60,11 +60,11 @@ class Scene(PaintedModel):
         """This scene on another device: itself where it is there already, else with networks of its own."""
         if device.type == self.device.type:
             return self
-        base, palette, styled, others = copy.deepcopy((self.base, self.palette, self.styled, self.others))
+        base, palette, styled, others = copy.deepcopy((self.base, self.palette_network, self.styled, self.others))
         return replace(
             self,
             base=base.to(device),
-            palette=None if palette is None else palette.to(device),
+            palette_network=None if palette is None else palette.to(device),
             styled=None if styled is None else styled.to(device),
             others=tuple(replace(other, network=other.network.to(device)) for other in others),
         )
@@ -133,7 +133,7 @@ class Scene(PaintedModel):
         colour, of, sigma = self.shade(samples, rays, network, beams)
         distance = (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
         values = [colour, distance[:, None]]
-        if self.palette is not None:
+        if self.palette_network is not None:
             values.append(torch.nn.functional.one_hot(of, len(self.regions)).float())
         out, transmittance, _ = composite(samples, sigma, torch.cat(values, dim=1))
         alpha = 1.0 - transmittance
@@ -142,7 +142,7 @@ class Scene(PaintedModel):
         rgba[seen, :3] = mean[:, :3].clamp(0.0, 1.0)
         rgba[seen, 3] = alpha[seen]
         depth[seen] = mean[:, 3] * self.occupancy.box.size
-        region[seen] = mean[:, 4:].argmax(1).to(torch.int16) if self.palette is not None else 0
+        region[seen] = mean[:, 4:].argmax(1).to(torch.int16) if self.palette_network is not None else 0
 
     def shade(
         self, samples: Samples, rays: Rays, network: str, beams: Beams | None = None
@@ -150,14 +150,14 @@ class Scene(PaintedModel):
         """Colour (S, 3), region (S,) and edited extinction (S,) of samples; without ``beams`` lit along the rays."""
         sigma, geometry = self.base.geometry(samples)
         directions = encode_directions(rays.directions, samples.ray)
-        if network == "base" or self.palette is None:
+        if network == "base" or self.palette_network is None:
             region = torch.zeros_like(samples.ray, dtype=torch.int64)
             return self.base(geometry, directions), region, sigma
-        if self.palette.phong is None:
+        if self.palette_network.phong is None:
             at = None  # a network's light stays where it was learned
         else:
             at = (beams or Beams.headlight(-rays.directions)).at(samples.ray)
-        parts = self.palette(samples.position, geometry, directions, at, self.coefficients())
+        parts = self.palette_network(samples.position, geometry, directions, at, self.coefficients())
         region, paint = parts.region, self.paint(samples.position, network)
         sigma = followed(self, sigma, region, paint)
         if any(r.seen_opacity != 1.0 for r in self.regions):
@@ -222,7 +222,7 @@ class Scene(PaintedModel):
 
     def info(self) -> dict[str, Any]:
         """What the scene is and how it was made, as plain values."""
-        networks = dict(zip(NETWORKS, (self.base, self.palette, self.styled), strict=True))
+        networks = dict(zip(NETWORKS, (self.base, self.palette_network, self.styled), strict=True))
         networks |= {f"variant {other.name}": other.network for other in self.others}
         parameters = {k: sum(p.numel() for p in n.parameters()) for k, n in networks.items() if n is not None}
         return {

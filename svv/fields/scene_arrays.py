@@ -55,7 +55,7 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
         "made": scene.made,
     }
     tensors: Arrays = {"occupied": np.packbits(scene.occupancy.occupied > 0)}
-    named = [*zip(NETWORKS, (scene.base, scene.palette, scene.styled), strict=True)]
+    named = [*zip(NETWORKS, (scene.base, scene.palette_network, scene.styled), strict=True)]
     named += [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
     for name, network in named:
         if network is not None:
@@ -114,14 +114,14 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     if any(len(v.styles) != len(regions) for v in variants):
         raise ValueError("a variant is of other regions")
     return {
-        "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette": palette,
+        "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
         "styled": styled, "regions": regions, "camera_rig": rig, "made": header["made"], **images,
         "painting": header.get("painting"), "others": tuple(variants), "lamp": Lamp(**_values(header.get("lamp", {}))),
     }  # fmt: skip
 
 
 def _normal_resolutions(scene: PaintedModel) -> tuple[int, ...] | None:
-    phong = None if scene.palette is None else scene.palette.phong
+    phong = None if scene.palette_network is None else scene.palette_network.phong
     return None if phong is None else phong.normals.resolutions
 
 

@@ -91,8 +91,8 @@ def _factor(strokes: Tensor, region: Tensor, bright: Tensor) -> Tensor:
 @torch.no_grad()
 def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> Tensor:
     """Means and gains over what is seen of the scene as edited, all around."""
-    assert scene.palette is not None
-    opacity = scene.palette.colours.new_tensor([r.seen_opacity for r in scene.regions])
+    assert scene.palette_network is not None
+    opacity = scene.palette_network.colours.new_tensor([r.seen_opacity for r in scene.regions])
     asked = opacity.new_tensor(amounts)
     reach = LOG_FACTOR * MOST_DEVIATIONS * asked.abs()
     fade = float((opacity * (-reach).exp()).min())
@@ -102,7 +102,7 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
         rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, replace(scene.marching_for_images, fade=fade))
         if len(samples):
-            region = scene.palette.material(samples.position)[1].argmax(dim=1)
+            region = scene.palette_network.material(samples.position)[1].argmax(dim=1)
             sigma = scene.base.extinction(samples) * opacity[region]
             views.append((samples, sigma, region, brightness(network(samples.position))))
 

@@ -84,7 +84,9 @@ def digest_of_views(views: ViewSet) -> str:
 
 def digest_of_scene(scene: Scene) -> str:
     """A hash of what was learned: networks but those of paintings, box and palette. Edits do not change it."""
-    learned = scene.base if scene.palette is None else scene.palette  # a scene's edits and paintings share it
+    learned = (
+        scene.base if scene.palette_network is None else scene.palette_network
+    )  # a scene's edits and paintings share it
     if learned not in _scenes:
         header, arrays = scene.to_arrays()
         own = {k: header[k] for k in LEARNED}

@@ -208,9 +208,9 @@ def _seen(colours: Tensor, view: StyledView, region: int) -> tuple[Tensor, Tenso
 
 def _owners(scene: Scene, place: NDArray[np.float32]) -> NDArray[np.int64]:
     """Which region each vertex is most of, -1 for none. (V,)"""
-    assert scene.palette is not None
+    assert scene.palette_network is not None
     found = []
     for piece in torch.from_numpy(place).split(1 << 17):
-        best, which = scene.palette.material(piece.to(scene.device))[1].max(dim=1)
+        best, which = scene.palette_network.material(piece.to(scene.device))[1].max(dim=1)
         found.append(torch.where(best > 0.0, which, -1).cpu().numpy())
     return np.concatenate(found)

@@ -71,7 +71,7 @@ def correct_palette(
         BadInput: no palette network, views of another scene, or a correction that cannot be
             (:func:`svv.core.correction.corrected`).
     """
-    if scene.palette is None:
+    if scene.palette_network is None:
         raise BadInput("The scene holds no palette network to correct; train it again.")
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
@@ -105,8 +105,8 @@ def correct_palette(
         for entry, colour, share in zip(entries, network.colours.tolist(), shares, strict=True):
             shown = tuple((ranges[r].low, ranges[r].high) for r in entry.ranges)
             regions.append(Region(tuple(colour), float(share), values=hull_of(shown), ranges=shown))
-        plain = replace(scene, palette=network, regions=tuple(regions), history=History(), styled=None, painting=None,
-                        others=())  # fmt: skip
+        plain = replace(scene, palette_network=network, regions=tuple(regions), history=History(), styled=None,
+                        painting=None, others=())  # fmt: skip
         plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
     if scene.variants:

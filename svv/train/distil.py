@@ -55,9 +55,9 @@ class Distillation:
             seed: Of networks and rays.
             before: A UCN to begin with: the regions that the scene says are styled keep its colours.
         """
-        assert scene.palette is not None
+        assert scene.palette_network is not None
         torch.manual_seed(seed)
-        self.scene, self.teacher, self.palette = scene, scene.palette, transferred
+        self.scene, self.teacher, self.palette = scene, scene.palette_network, transferred
         self.settings, self.seed = settings, seed
         cell = None if settings.pixels_a_cell is None else settings.pixels_a_cell * paint_pixel(scene, settings)
         levels = paint_resolutions(scene.settings, cell, scene.occupancy.cells)

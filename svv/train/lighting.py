@@ -114,7 +114,9 @@ def light_by_trial(
             part(progress, 0.5 * number, 0.5 * number + 0.5), None, owners, given,
         )  # fmt: skip
         regions = tuple(Region(tuple(c), float(p)) for c, p in zip(network.colours.tolist(), shares, strict=True))
-        found[lighting] = accuracy(replace(scene, settings=fields, palette=network, regions=regions), unseen, seed)
+        found[lighting] = accuracy(
+            replace(scene, settings=fields, palette_network=network, regions=regions), unseen, seed
+        )
     taken = "phong" if found["phong"] >= found["network"] - MARGIN else "network"
     reason = (
         f"an explicit light (Blinn-Phong) draws {len(held)} held-out views with {found['phong']:.2f} dB after "

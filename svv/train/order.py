@@ -169,8 +169,8 @@ class Painting:
 
     def _transferred(self, targets: Mapping[int, StyleTarget]) -> Tensor:
         """The palette with the mean colours of styles, and paper where ink is drawn. (P, 3)"""
-        assert self.scene.palette is not None
-        colours = self.scene.palette.colours.detach().clone()
+        assert self.scene.palette_network is not None
+        colours = self.scene.palette_network.colours.detach().clone()
         for region, target in targets.items() if self.settings.colour_transfer else ():
             colours[region] = target.statistics[0]
         for region in self.order.inks:

@@ -101,7 +101,7 @@ def painted_start(
     Raises:
         BadInput: none of the regions to be painted is visible.
     """
-    assert scene.palette is not None
+    assert scene.palette_network is not None
     occupancy = scene.occupancy
     field = painted_field(scene, pixel)
     lattice = field.encoding
@@ -167,14 +167,14 @@ def _flat(
 
     At the border to a region that is not painted the strokes go on: what is interpolated there must be paint.
     """
-    assert scene.palette is not None
+    assert scene.palette_network is not None
     region = np.empty(len(place), np.int64)
     colours = np.empty((len(place), 3), np.float32)
     own = torch.tensor([k in painted for k in range(len(transferred))], device=transferred.device)
     for first in range(0, len(place), 1 << 17):
         piece = slice(first, first + (1 << 17))
         position = torch.from_numpy(place[piece]).to(transferred.device)
-        intensity, weights, offsets = scene.palette.material(position)
+        intensity, weights, offsets = scene.palette_network.material(position)
         found = palette_shading.diffuse(intensity, weights, transferred + offsets)
         largest = weights.argmax(dim=1)
         if before is not None:

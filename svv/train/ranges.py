@@ -151,7 +151,7 @@ def region_overlaps(scene: Scene, views: ViewSet, volume: ClassifiedVolume) -> l
         A number in [0, 1] a region; none where the scene does not say which values its regions show, or where several
         share a range, of which the volume does not say which part is whose.
     """
-    assert scene.palette is not None
+    assert scene.palette_network is not None
     if not all(region.values for region in scene.regions):
         return []
     member = membership(scene.regions, volume)
@@ -163,7 +163,7 @@ def region_overlaps(scene: Scene, views: ViewSet, volume: ClassifiedVolume) -> l
     ours, theirs = scene.occupancy.box, volume.box
     shift = samples.position.new_tensor((np.asarray(ours.low) - np.asarray(theirs.low)) / theirs.size)
     owner = Owners(volume, region_of_range, scene.device).of(samples.position * (ours.size / theirs.size) + shift)
-    found = scene.palette.material(samples.position)[1].argmax(1)
+    found = scene.palette_network.material(samples.position)[1].argmax(1)
     sigma, count = scene.base.extinction(samples), len(scene.regions)
     both = shares_of(samples, sigma, torch.where(owner == found, owner, count), count + 1)[:count]
     either = shares_of(samples, sigma, owner, count) + shares_of(samples, sigma, found, count) - both

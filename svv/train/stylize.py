@@ -206,7 +206,7 @@ def stylization_cameras(scene: Scene, settings: StylizeSettings) -> Sequence[Cam
 @torch.no_grad()
 def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress, whole: bool = False) -> list[StyledView]:
     """Samples, weights and regions of views, or one region 0 (``whole``); views that show nothing are left out."""
-    assert whole or scene.palette is not None
+    assert whole or scene.palette_network is not None
     views, piece = [], kernels_of(scene.device.type).SAMPLES
     for number, camera in enumerate(cameras):
         progress(number / len(cameras), "stylization views")
@@ -219,8 +219,8 @@ def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress, wh
             continue
         position, weight, ray = samples.position[seen], weight[seen], samples.ray[seen].long()
         region = torch.zeros_like(ray, dtype=torch.int16)
-        if scene.palette is not None and not whole:
-            region = torch.cat([scene.palette.material(p)[1].argmax(1).short() for p in position.split(piece)])
+        if scene.palette_network is not None and not whole:
+            region = torch.cat([scene.palette_network.material(p)[1].argmax(1).short() for p in position.split(piece)])
         row, column = ray // camera.width, ray % camera.width
         top, left = max(0, int(row.min()) - RIM), max(0, int(column.min()) - RIM)
         bottom = min(camera.height, int(row.max()) + RIM + 1)

@@ -147,7 +147,7 @@ class Training:
             Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
             for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
         )
-        return replace(scene, palette=network, regions=regions)
+        return replace(scene, palette_network=network, regions=regions)
 
     def _left(self) -> float | None:
         """Seconds of the limit that are left, at least a tenth."""

@@ -146,10 +146,10 @@ def offset_size(scene: Scene, views: ViewSet, seed: int) -> float:
 
     Over the channels and over what random pixels of views show, of 1; 0 where every region has one colour.
     """
-    assert scene.palette is not None
+    assert scene.palette_network is not None
     batch = RayPool(views, scene.occupancy.box, seed, scene.device).batch(0, OFFSET_RAYS)
     samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
-    _, weights, offsets = scene.palette.material(samples.position)
+    _, weights, offsets = scene.palette_network.material(samples.position)
     squares = (weights[:, :, None] * offsets).sum(dim=1).square().mean(dim=1, keepdim=True)
     seen, transmittance, _ = composite(samples, scene.base.extinction(samples), squares)
     return float((seen.sum() / (1.0 - transmittance).sum().clamp(min=1e-9)).sqrt())
@@ -177,4 +177,4 @@ def _retrained(
         Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
         for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
     )
-    return replace(scene, palette=network, styled=None, regions=regions), seconds
+    return replace(scene, palette_network=network, styled=None, regions=regions), seconds

@@ -149,4 +149,4 @@ def _stage_2(
     network.requires_grad_(False)
     found = zip(network.colours.tolist(), training.shares(), strict=True)
     regions = tuple(Region(tuple(colour), float(share)) for colour, share in found)
-    return with_fewest_samples(replace(scene, palette=network, regions=regions), views.cameras)[0]
+    return with_fewest_samples(replace(scene, palette_network=network, regions=regions), views.cameras)[0]

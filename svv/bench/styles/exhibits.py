@@ -256,5 +256,5 @@ def _lit(scene: Scene, factor: float) -> Scene:
 
 def _check_painted(scenes: Sequence[Scene], paths: Sequence[Path]) -> None:
     for scene, path in zip(scenes, paths, strict=True):
-        if scene.palette is None:
+        if scene.palette_network is None:
             raise BadInput(f"{path} holds no palette network, so it cannot be painted; train it again.")

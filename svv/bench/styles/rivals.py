@@ -54,8 +54,8 @@ class WholeDistillation(Distillation):
 
     def __init__(self, scene: Scene, transfer: Transfer | None, settings: StylizeSettings, seed: int) -> None:
         """``transfer`` moves the colours; without it they stay."""
-        assert scene.palette is not None
-        super().__init__(scene, scene.palette.colours, settings, seed)
+        assert scene.palette_network is not None
+        super().__init__(scene, scene.palette_network.colours, settings, seed)
         with torch.no_grad():  # the base field's levels come first in it, and no palette went into it
             self.field.encoding.table[: len(scene.base.encoding.table)] = scene.base.encoding.table
         self.transfer = transfer

@@ -90,7 +90,7 @@ def extract_palette(
     Args:
         pixels: Straight (un-premultiplied) RGB in [0, 1]. (N, 3)
         weights: Their alpha in [0, 1]. (N,)
-        settings: Thresholds; the defaults are explained in docs/explanation/palette.md.
+        settings: Thresholds; the defaults are explained in docs/measurements/palette.md.
         seed: Of the sampling of large inputs; the same seed gives the same palette.
 
     Returns:

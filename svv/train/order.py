@@ -143,7 +143,7 @@ class Painting:
         targets = self._targets()
         self.refined = [k for k in targets if order.go_on and scene.regions[k].style is not None]
         as_colours = is_laid(scene, settings) and self.weights.seeded
-        # Patches know no shapes: what they make of strokes that are there is specks (docs/explanation/painting.md).
+        # Patches know no shapes: what they make of strokes that are there is specks (docs/measurements/painting.md).
         plain = as_colours and not self.refined and isinstance(self.network, PatchFeatures)
         laid, end = plain or not targets, 0.9 if as_colours and self.weights.contrast else 1.0
         field = started(

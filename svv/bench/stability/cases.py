@@ -394,4 +394,4 @@ CASES: dict[str, Case] = {
 """Name -> case."""
 
 USUAL = tuple(name for name in CASES if not name.startswith("regions-"))
-"""What is looked at by default: all but the numbers of regions, of which docs/explanation/palette.md has the table."""
+"""What is looked at by default: all but the numbers of regions, of which docs/measurements/palette.md has the table."""

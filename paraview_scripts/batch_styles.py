@@ -42,6 +42,7 @@ def paint(chosen) -> None:
     from svv.fields.scene import Scene
     from svv.io.images import read_style
     from svv.io.output import write_png
+    from svv.io.scene_file import checkpoint_of
     from svv.job.stages import Stages, fingerprint
     from svv.progress import shown
     from svv.render.frames import orbit
@@ -60,7 +61,7 @@ def paint(chosen) -> None:
     cells = []
     for file, style in zip(files, read, strict=True):
         path, picture = (chosen.out / f"{file.stem}{suffix}" for suffix in (".svv", ".png"))
-        checkpoint = path.with_name(path.name + ".checkpoint")
+        checkpoint = checkpoint_of(path)
 
         def work(progress, file=file, style=style, path=path, picture=picture, checkpoint=checkpoint) -> None:
             styled, _ = stylize_scene(

@@ -23,6 +23,7 @@ from svv.bench.chart.plan import Grid, Measure, Training, trainings
 from svv.bench.chart.result import make_chart
 from svv.bench.chart.scenes import read_scenes, shrunk, spread_over
 from svv.bench.chart.table import COLUMNS
+from svv.bench.chart.tasks import RenderTask, TrainTask
 from svv.cli import app as cli
 from svv.cli.options import Encoding, Lighting, Preset, parse_choices, parse_limits, parse_whole
 from svv.core.cameras import sphere_cameras
@@ -306,6 +307,14 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     assert said in error
     assert error.startswith("svv: ") and error.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("volume", [None, Path("/data/head.mha")])
+def test_tasks_are_the_same_in_the_process_that_does_them(volume: Path | None) -> None:
+    rendering = RenderTask(Path("/out/run"), Path("/views"), "render-32.json", 32, 5, "pcn", "cpu", volume)
+    assert RenderTask.from_json(json.loads(json.dumps(rendering.to_json()))) == rendering
+    training = TrainTask(Path("/out/run"), Path("/views"), RUN)
+    assert TrainTask.from_json(json.loads(json.dumps(training.to_json()))) == training
 
 
 def test_a_run_that_fails_says_why(tmp_path: Path) -> None:

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 def checkpoint_path(out: Path) -> Path:
     """Where stopped work is kept until the same command goes on with it."""
-    return out.with_name(out.name + ".checkpoint")
+    from svv.io.scene_file import checkpoint_of
+
+    return checkpoint_of(out)
 
 
 def check_targets(*paths: Path | None) -> None:

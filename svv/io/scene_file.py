@@ -33,6 +33,11 @@ _START = 8 + len(_OUR_START)
 """How the header of our files begins behind its length; tells a truncated scene from a foreign file."""
 
 
+def checkpoint_of(scene: Path) -> Path:
+    """Where the work on a scene file that is not there yet is kept, until the same work goes on with it."""
+    return scene.with_name(scene.name + ".checkpoint")
+
+
 def write_scene_file(path: str | Path, header: dict[str, Any], tensors: dict[str, np.ndarray]) -> None:
     """Write a scene, whole or not at all.
 

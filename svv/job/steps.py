@@ -19,6 +19,7 @@ from svv.errors import Progress, part
 from svv.io.atomic import make_folder, write_json
 from svv.io.images import read_style
 from svv.io.output import write_mp4, write_png, write_region_png
+from svv.io.scene_file import checkpoint_of
 from svv.io.viewset import ViewSet
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Stages, fingerprint
@@ -122,7 +123,7 @@ class Job:
         s = self.settings
         device = device_named(s.device)
         chosen = {"preset": s.preset, "time_limit": s.time_limit, "seed": s.seed, "lighting": s.lighting}
-        checkpoint = self.out / "scene.svv.checkpoint"
+        checkpoint = checkpoint_of(self.scene)
 
         def work(progress: Progress) -> None:
             views = ViewSet.read(self.views, "train", part(progress, 0.0, 0.01))
@@ -199,7 +200,7 @@ class Job:
         from svv.train.pipeline import stylize_scene
 
         s, path = self.settings, self.out / "styled.svv"
-        checkpoint = self.out / "styled.svv.checkpoint"
+        checkpoint = checkpoint_of(path)
         chosen = {"styles": [fingerprint(style) for style in self.styles], "preset": s.preset, "seed": s.seed}
 
         def work(progress: Progress) -> None:

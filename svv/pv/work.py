@@ -177,6 +177,7 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
         Cancelled: ``progress`` raised it.
     """
     from svv.io.atomic import check_writable
+    from svv.io.scene_file import checkpoint_of
     from svv.kernels.dispatch import device_named
     from svv.train.pipeline import train_scene
 
@@ -188,7 +189,7 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
     if views is None:
         views, _ = draw_views(volume_of(data), {**values, "TestViews": 0}, part(progress, 0.0, 0.15))
         learn = part(progress, 0.15, 1.0)
-    checkpoint = None if file is None else file.with_name(file.name + ".checkpoint")
+    checkpoint = None if file is None else checkpoint_of(file)
     limit = values["TimeLimit"] or None
     scene, _ = train_scene(
         views, values["Preset"], limit, values["Seed"], learn, checkpoint, device, lighting=values["Lighting"]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from svv.bench.chart.plan import Grid, Measure, Rendering, Training, check, trainings
 from svv.bench.chart.process import run_apart
 from svv.bench.chart.scenes import ChartScene, read_scenes
 from svv.bench.chart.table import Row, read_row
+from svv.bench.chart.tasks import RenderTask, TrainTask
 from svv.errors import Progress, part
 from svv.io.atomic import make_folder
 from svv.kernels.dispatch import KERNELS_VARIABLE
@@ -99,22 +99,18 @@ class Chart:
             scene.draw(self.out, run.size, self.measure, progress)
             return
         folder, views = make_folder(self.folder(run)), scene.views_folder(self.out, run.size, self.measure)
-        task: dict[str, Any] = {"folder": str(folder), "views": str(views)}
+        task: TrainTask | RenderTask
         if step.rendering is None:
             for old in folder.glob("render-*.json"):
                 old.unlink()  # figures of a scene that is no longer there
-            task |= {"work": "train", "run": run.settings}
+            task = TrainTask(folder, views, run)
         else:
-            task |= {
-                "work": "render",
-                "file": step.rendering.file,
-                "size": step.rendering.size,
-                "test": self.measure.test,
-                "network": self.measure.network,
-                "device": run.device,
-                "volume": scene.as_task(),
-            }
-        run_apart(task, progress, {KERNELS_VARIABLE: "reference" if run.kernels == "reference" else ""})
+            volume = None if scene.volume is None else scene.volume.volume
+            task = RenderTask(
+                folder, views, step.rendering.file, step.rendering.size, self.measure.test, self.measure.network,
+                run.device, volume,
+            )  # fmt: skip
+        run_apart(task.to_json(), progress, {KERNELS_VARIABLE: "reference" if run.kernels == "reference" else ""})
 
     def rows(self) -> list[Row]:
         """One row for each run of this command and rendered size that is done, in the command's order."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -77,10 +76,6 @@ class ChartScene:
         """Draw the training views of a volume."""
         assert self.volume is not None
         self.volume.make_views(self.views_folder(out, size, measure), measure.n, 0, size, measure.mapper, progress)
-
-    def as_task(self) -> dict[str, Any]:
-        """The volume for the process that renders (JSON); nothing for views."""
-        return {} if self.volume is None else {"volume": str(self.volume.volume)}
 
 
 def read_scenes(sources: Sequence[Path], tfs: Sequence[Path], measure: Measure) -> list[ChartScene]:

@@ -21,31 +21,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv._version import __version__
+from svv.bench.chart.plan import Training
 from svv.bench.chart.scenes import shrunk, spread_over, unseen_cameras
+from svv.bench.chart.tasks import RenderTask, TrainTask
 from svv.core.cameras import Camera, sphere_cameras
 from svv.core.metrics import WHITE, Likeness
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
+from svv.io.scene_file import checkpoint_of
 from svv.io.view_meta import known
 from svv.io.viewset import ViewSet, read_meta
 from svv.job.source import VolumeSource
 from svv.kernels.dispatch import device_named
 from svv.measure import measured
 from svv.render.frames import orbit
-from svv.train.config import preset
+from svv.train.config import Preset, preset
 from svv.train.pipeline import train_scene
 
 
-def train(task: dict[str, Any], progress: Progress) -> None:
+def train(task: TrainTask, progress: Progress) -> None:
     """Train a scene and write ``scene.svv`` and ``train.json`` into the run's folder."""
-    run, folder = task["run"], Path(task["folder"])
+    run, folder = task.run, task.folder
     warm_up(run)
-    views = shrunk(ViewSet.read(task["views"], "train", part(progress, 0.0, 0.05)), run["size"])
-    scene_file, checkpoint = folder / "scene.svv", folder / "scene.svv.checkpoint"
+    views = shrunk(ViewSet.read(task.views, "train", part(progress, 0.0, 0.05)), run.size)
+    scene_file = folder / "scene.svv"
+    checkpoint = checkpoint_of(scene_file)
     resumed, load, begin = checkpoint.exists(), os.getloadavg()[0], time.process_time()
-    scene, report = _train(views, run, run["limit"], part(progress, 0.05, 1.0), checkpoint)
+    scene, report = _train(views, run, run.preset, run.limit, part(progress, 0.05, 1.0), checkpoint)
     scene.save(scene_file)
     extra = {
         "scene_bytes": scene_file.stat().st_size,
@@ -55,11 +59,11 @@ def train(task: dict[str, Any], progress: Progress) -> None:
         "load_average": load,
         "svv": __version__,
     }
-    write_json(folder / "train.json", {**report, "run": run, **extra})
+    write_json(folder / "train.json", {**report, "run": run.settings, **extra})
     checkpoint.unlink(missing_ok=True)
 
 
-def warm_up(run: dict[str, Any]) -> None:
+def warm_up(run: Training) -> None:
     """Train for a moment on a ball, so that compiling is not part of the run's seconds."""
     cameras = sphere_cameras(6, (0.0, 0.0, 0.0), 4.0, float(np.radians(30.0)), 32)
     images = np.zeros((6, 32, 32, 4), np.uint8)
@@ -67,41 +71,46 @@ def warm_up(run: dict[str, Any]) -> None:
     images[:, np.hypot(x, y) < 9.0] = (200, 60, 40, 255)
     images[:, (np.hypot(x, y) < 9.0) & (x < 0)] = (40, 80, 200, 255)
     ball = ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(6)))
-    draft = preset("draft", run["encoding"])
+    draft = preset("draft", run.encoding)
     few_cells = replace(draft, reconstruct=replace(draft.reconstruct, cells=32))
-    _train(ball, {**run, "preset": few_cells}, 0.2, silent, None)
+    _train(ball, run, few_cells, 0.2, silent, None)
 
 
 def _train(
-    views: ViewSet, run: dict[str, Any], limit: float | None, progress: Progress, checkpoint: Path | None
+    views: ViewSet,
+    run: Training,
+    chosen: str | Preset,
+    limit: float | None,
+    progress: Progress,
+    checkpoint: Path | None,
 ) -> tuple[Scene, dict[str, Any]]:
     return train_scene(
         views,
-        run["preset"],
+        chosen,
         limit,
-        run["seed"],
+        run.seed,
         progress,
         checkpoint,
-        device_named(run["device"]),
-        run["encoding"],
-        run["lighting"],
+        device_named(run.device),
+        run.encoding,
+        run.lighting,
     )
 
 
-def render(task: dict[str, Any], progress: Progress) -> None:
+def render(task: RenderTask, progress: Progress) -> None:
     """Render unseen views of a trained scene, where the volume is at hand beside its DVR, and write the figures."""
-    folder, size, network = Path(task["folder"]), int(task["size"]), str(task["network"])
-    scene = Scene.load(folder / "scene.svv").on(device_named(task["device"]))
+    folder, size, network = task.folder, task.size, task.network
+    scene = Scene.load(folder / "scene.svv").on(device_named(task.device))
     first = orbit(scene, 2, size, size)[0]
     with measured() as cost:  # before views and volume are in memory; the warm-up too
         scene.render(first, network, WHITE)
-    if task["volume"]:
-        cameras, truth = unseen_cameras(Path(task["views"]), task["test"], size), None
-        dvr = Dvr(Path(task["volume"]["volume"]), Path(task["views"]))
+    if task.volume is not None:
+        cameras, truth = unseen_cameras(task.views, task.test, size), None
+        dvr = Dvr(task.volume, task.views)
         dvr.draw(cameras[0])
     else:
-        views = ViewSet.read(task["views"], "test", part(progress, 0.0, 0.1))
-        views = shrunk(views.take(spread_over(len(views), task["test"])), size)
+        views = ViewSet.read(task.views, "test", part(progress, 0.0, 0.1))
+        views = shrunk(views.take(spread_over(len(views), task.test)), size)
         cameras, truth, dvr = list(views.cameras), views.images, None
     load = os.getloadavg()[0]
     figures = race(scene, network, cameras, truth, dvr, part(progress, 0.1, 1.0))
@@ -116,7 +125,7 @@ def render(task: dict[str, Any], progress: Progress) -> None:
         "load_average": load,
         "svv": __version__,
     }
-    write_json(folder / task["file"], {**figures, **extra})
+    write_json(folder / task.file, {**figures, **extra})
 
 
 class Dvr:
@@ -207,7 +216,11 @@ def race(
     return result
 
 
-WORKS: dict[str, Callable[[dict[str, Any], Progress], None]] = {"train": train, "render": render}
+WORKS: dict[str, Callable[[dict[str, Any], Progress], None]] = {
+    "train": lambda content, progress: train(TrainTask.from_json(content), progress),
+    "render": lambda content, progress: render(RenderTask.from_json(content), progress),
+}
+"""Name of a work -> what does it."""
 
 
 def main() -> None:

@@ -20,6 +20,7 @@ from svv.errors import BadInput, Progress
 from svv.fields.scene import Scene
 from svv.io.atomic import check_writable
 from svv.io.output import write_png
+from svv.io.scene_file import checkpoint_of
 from svv.job.stages import Show, Stages, fingerprint, unseen
 from svv.render.frames import orbit, region_colours
 from svv.render.pictures import Picture, cropped, fitted, over_white, sheet
@@ -69,7 +70,7 @@ class Studio:
     ) -> Scene:  # fmt: skip
         """The scene painted with styles (files or ``gallery:NAME``), from ``NAME.svv`` if it is there."""
         path, how = self.stages.folder / f"{name}.svv", self.how
-        checkpoint = path.with_name(path.name + ".checkpoint")
+        checkpoint = checkpoint_of(path)
         given = [style if style.startswith(PREFIX) else fingerprint(Path(style)) for style in styles]
         chosen: dict[str, Any] = {
             "scene": fingerprint(scene), "styles": given, "keep": sorted(keep), "preset": how.preset, "seed": how.seed,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import dataclasses
 import importlib
 import inspect
 import re
@@ -113,7 +111,11 @@ def filters() -> Iterator[str]:
                 continue
             text = element.findtext("Documentation") or ""
             more = " *(advanced)*" if element.get("panel_visibility") == "advanced" else ""
-            default = element.get("default_values", "")
+            default, entries = element.get("default_values", ""), element.findall(".//Entry")
+            if entries:
+                default = entries[int(default)].get("text", "")
+            elif element.find("BooleanDomain") is not None:
+                default = "on" if default == "1" else "off"
             yield f"| {label}{more} | {_cell(text)} | {_default(default)} |"
         yield ""
 
@@ -170,28 +172,29 @@ def _decorated() -> list[Any]:
 def presets() -> Iterator[str]:
     """Every setting of every stage, and its value in each preset."""
     from svv.fields import networks
+    from svv.options.described import described
     from svv.train import config
 
     yield "# Presets and settings\n"
     yield OPEN
     yield "A preset is a name for the settings of all stages: `--preset`, *Preset* in the panels, the argument of"
-    yield "`svv.train_scene` and `svv.stylize_scene`. In Python, give them a {py:class}`svv.train.config.Preset` of"
-    yield "your own to change a single setting.\n"
+    yield "`svv.train_scene` and `svv.stylize_scene`. To change a single setting, write `--set` and its name:"
+    yield "`--set reconstruct.iterations=4000`, *Settings* in the panels, or in Python"
+    yield '`svv.train_scene(views, "fast", change=("reconstruct.iterations=4000",))`.\n'
     names = list(config.PRESETS)
-    for title, field, module, cls in (
-        ("Field", "field", networks, networks.FieldSettings),
-        ("Stage 1: density and base colours", "reconstruct", config, config.ReconstructSettings),
-        ("Stage 2: the palette network", "recolour", config, config.RecolourSettings),
-        ("Stage 3: stylization", "stylize", config, config.StylizeSettings),
+    for title, field, cls in (
+        ("Field", "field", networks.FieldSettings),
+        ("Stage 1: density and base colours", "reconstruct", config.ReconstructSettings),
+        ("Stage 2: the palette network", "recolour", config.RecolourSettings),
+        ("Stage 3: stylization", "stylize", config.StylizeSettings),
     ):
         yield f"## {title}\n"
         yield f"`{cls.__name__}`\n"
         yield f"| setting | | {' | '.join(names)} |\n|---|---|{'---|' * len(names)}"
-        meaning = _sentences(Path(str(module.__file__)), cls.__name__)
-        for setting in dataclasses.fields(cls):
+        for setting in described(cls):
             values = [getattr(getattr(config.PRESETS[name], field), setting.name) for name in names]
             shown = " | ".join(_value(v) for v in values)
-            yield f"| `{setting.name}` | {_cell(meaning.get(setting.name, ''))} | {shown} |"
+            yield f"| `{field}.{setting.name}` | {_cell(setting.sentence)} | {shown} |"
         yield ""
 
 
@@ -199,13 +202,3 @@ def _value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     return "none" if value is None else " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-
-def _sentences(path: Path, name: str) -> dict[str, str]:
-    """The docstrings under the fields of a class."""
-    (cls,) = (n for n in ast.parse(path.read_text(encoding="utf-8")).body if getattr(n, "name", "") == name)
-    body, found = list(getattr(cls, "body", [])), {}
-    for line, after in zip(body, [*body[1:], None]):
-        if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name) and isinstance(after, ast.Expr):
-            found[line.target.id] = str(ast.literal_eval(after.value))
-    return found

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from svv.errors import BadInput
+from svv.options.arguments import add_arguments, options_of
+from svv.options.making import PaintOptions
 from svv.pv import scripts
 
 EXAMPLES = (
@@ -28,10 +30,9 @@ def main() -> None:
     parser.add_argument("--out", "-o", type=Path, required=True, help="folder of the results")
     parser.add_argument("--map", help="region=0 pairs: which regions are painted; by default all")
     parser.add_argument("--keep", type=int, nargs="+", default=[], metavar="K", help="regions that stay as they are")
-    parser.add_argument("--preset", default="fast", choices=("draft", "fast", "balanced", "paper"))
+    add_arguments(parser, PaintOptions(preset="fast"), {"preset": "--preset", "seed": "--seed"})
     parser.add_argument("--size", type=int, default=400, help="pixels along a side of the pictures (400)")
     parser.add_argument("--frame", type=int, default=76, help="from which of the orbit's 181 views (76)")
-    parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
     scripts.run(lambda: paint(chosen), __file__)
 
@@ -47,6 +48,7 @@ def paint(chosen) -> None:
     from svv.progress import shown
     from svv.render.frames import orbit
     from svv.render.pictures import fitted, over_white, read_png, sheet
+    from svv.train.ink import StyleInput
     from svv.train.pipeline import stylize_scene
 
     if not 0 <= chosen.frame <= 180:
@@ -54,6 +56,7 @@ def paint(chosen) -> None:
     files = pictures(chosen.styles)
     read = [read_style(file) for file in files]  # what cannot be read is told before minutes of work
     mapping = None if chosen.map is None else parse_mapping(chosen.map)
+    options = options_of(PaintOptions, chosen, mapping=mapping, keep=tuple(chosen.keep))
     scene = Scene.load(chosen.scene)
     camera = orbit(scene, 181, chosen.size, chosen.size)[chosen.frame]
     stages = Stages(chosen.out, shown)
@@ -64,9 +67,7 @@ def paint(chosen) -> None:
         checkpoint = checkpoint_of(path)
 
         def work(progress, file=file, style=style, path=path, picture=picture, checkpoint=checkpoint) -> None:
-            styled, _ = stylize_scene(
-                scene, [style], mapping, set(chosen.keep), chosen.preset, chosen.seed, progress, checkpoint, [file.stem]
-            )
+            styled, _ = stylize_scene(scene, [StyleInput(style, file.stem)], options, progress, checkpoint)
             styled.save(path)
             write_png(picture, styled.render(camera).rgba)
             checkpoint.unlink(missing_ok=True)

@@ -20,6 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from svv.errors import BadInput, Cancelled
+from svv.options.arguments import add_arguments, options_of
+from svv.options.making import TrainOptions
 from svv.pv import scripts
 
 EXAMPLES = (
@@ -42,11 +44,10 @@ def main() -> None:
     many = {"type": int, "nargs": "+", "metavar": "N"}
     parser.add_argument("--volumes", **many, default=[128, 256, 512, 1024], help="voxels along a side")
     parser.add_argument("--images", **many, default=[400, 800, 1200], help="pixels along a side")
-    parser.add_argument("--preset", default="fast", choices=("draft", "fast", "balanced", "paper"))
-    parser.add_argument("--time-limit", type=float, metavar="SECONDS", help="shorten each training to so long")
+    training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed"}
+    add_arguments(parser, TrainOptions(preset="fast"), training)
     parser.add_argument("--views", type=int, default=92, metavar="N", help="training views of 800 x 800 pixels (92)")
     parser.add_argument("--ray-caster", default="auto", choices=("auto", "gpu", "cpu"), help="of DVR (auto)")
-    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--step", help="one step of the work, in a process of its own (the script calls itself)")
     chosen = parser.parse_args()
     scripts.run(lambda: STEPS[chosen.step](chosen) if chosen.step else compare(chosen), __file__)
@@ -131,7 +132,7 @@ def train(chosen) -> None:
             chosen.out / "volume.mha", function(), chosen.views, mapper=chosen.ray_caster, rescale=False,
             progress=part(progress, 0.0, 0.2),
         )  # fmt: skip
-        scene, _ = train_scene(views, chosen.preset, chosen.time_limit, chosen.seed, part(progress, 0.2, 1.0))
+        scene, _ = train_scene(views, options_of(TrainOptions, chosen), part(progress, 0.2, 1.0))
     scene.save(chosen.out / "scene.svv")
 
 

@@ -5,6 +5,8 @@ Run it with `svv pvpython`. Stopped with Ctrl-C, the same command goes on where 
 
 from pathlib import Path
 
+from svv.options.arguments import add_arguments, options_of
+from svv.options.making import OrbitOptions, TrainOptions, ViewOptions
 from svv.pv import scripts
 
 EXAMPLES = (
@@ -22,14 +24,10 @@ def main() -> None:
     parser.add_argument("--tf", type=Path, help="transfer function, a ParaView preset; by default as it is shown")
     parser.add_argument("--array", help="name of the array, where the file has several")
     parser.add_argument("--style", type=Path, action="append", default=[], help="a picture; may be given several times")
-    parser.add_argument("--preset", default="fast", choices=("draft", "fast", "balanced", "paper"))
-    parser.add_argument("--time-limit", type=float, metavar="SECONDS", help="shorten training to this long")
-    parser.add_argument("--views", type=int, default=92, metavar="N", help="training views (92)")
-    parser.add_argument("--test", type=int, default=8, metavar="N", help="unseen views for the scores (8)")
-    parser.add_argument("--size", type=int, default=800, help="pixels along a side of the views and the image (800)")
-    parser.add_argument("--orbit", type=int, default=61, metavar="N", help="frames of the orbit (61)")
-    parser.add_argument("--orbit-size", type=int, default=400, metavar="PIXELS", help="of the orbit's frames (400)")
-    parser.add_argument("--seed", type=int, default=0)
+    training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed", "lighting": "--lighting"}
+    add_arguments(parser, TrainOptions(preset="fast"), training)
+    add_arguments(parser, ViewOptions(test=8), {"n": "--views", "test": "--test", "size": "--size"})
+    add_arguments(parser, OrbitOptions(), {"orbit": "--orbit", "orbit_size": "--orbit-size"})
     chosen = parser.parse_args()
     scripts.run(lambda: stylize(chosen), __file__)
 
@@ -43,10 +41,8 @@ def stylize(chosen) -> None:
     from svv.render.frames import write_view
 
     display, view = scripts.open_volume(chosen.volume, chosen.tf, chosen.array)
-    settings = JobSettings(
-        n=chosen.views, test=chosen.test, size=chosen.size, preset=chosen.preset, time_limit=chosen.time_limit,
-        seed=chosen.seed, orbit=chosen.orbit, orbit_size=chosen.orbit_size, recolour=not chosen.style,
-    )  # fmt: skip
+    drawing, training = options_of(ViewOptions, chosen), options_of(TrainOptions, chosen)
+    settings = JobSettings(drawing, training, options_of(OrbitOptions, chosen), recolour=not chosen.style)
     page = run_job(scripts.shown_volume(display), chosen.style, chosen.out, settings, shown)
     scene = Scene.load(chosen.out / ("styled.svv" if chosen.style else "scene.svv"))
     camera = scripts.camera_of_view(view, chosen.size, chosen.size)

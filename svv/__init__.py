@@ -22,11 +22,16 @@ if TYPE_CHECKING:
     from svv.io.images import read_style as read_style
     from svv.io.output import write_png as write_png
     from svv.io.viewset import ViewSet as ViewSet
+    from svv.options.making import PaintOptions as PaintOptions
+    from svv.options.making import PaletteOptions as PaletteOptions
+    from svv.options.making import TrainOptions as TrainOptions
+    from svv.options.making import ViewOptions as ViewOptions
     from svv.render.frames import orbit as orbit
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.ink import Ink as Ink
+    from svv.train.ink import StyleInput as StyleInput
     from svv.train.pipeline import evaluate_scene as evaluate_scene
     from svv.train.pipeline import stylize_scene as stylize_scene
     from svv.train.pipeline import train_scene as train_scene
@@ -37,9 +42,14 @@ PUBLIC = {
     "Cancelled": "svv.errors",
     "Correction": "svv.core.correction",
     "Ink": "svv.train.ink",
+    "PaintOptions": "svv.options.making",
+    "PaletteOptions": "svv.options.making",
     "Region": "svv.fields.region",
     "Rendering": "svv.fields.scene",
     "Scene": "svv.fields.scene",
+    "StyleInput": "svv.train.ink",
+    "TrainOptions": "svv.options.making",
+    "ViewOptions": "svv.options.making",
     "ViewSet": "svv.io.viewset",
     "correct_palette": "svv.train.correct",
     "evaluate_scene": "svv.train.pipeline",

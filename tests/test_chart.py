@@ -25,11 +25,12 @@ from svv.bench.chart.scenes import read_scenes, shrunk, spread_over
 from svv.bench.chart.table import COLUMNS
 from svv.bench.chart.tasks import RenderTask, TrainTask
 from svv.cli import app as cli
-from svv.cli.options import Encoding, Lighting, Preset, parse_choices, parse_limits, parse_whole
+from svv.cli.options import parse_choices, parse_limits, parse_whole
 from svv.core.cameras import sphere_cameras
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
+from svv.options.making import LIGHTINGS, PRESET_NAMES
 from svv.train.config import PRESETS, preset
 
 # --- runs and their keys -------------------------------------------------------------------------------------------
@@ -255,15 +256,15 @@ def test_the_tables_hold_every_run_with_its_settings(tmp_path: Path, runner: Run
 
 
 def test_lists_on_the_command_line() -> None:
-    assert parse_choices("fast, draft,fast", "--presets", Preset) == ("fast", "draft")
+    assert parse_choices("fast, draft,fast", "--presets", PRESET_NAMES) == ("fast", "draft")
     assert parse_whole("3,1,3", "--seeds") == (3, 1)
-    assert parse_choices("phong,network", "--lighting", Lighting) == ("phong", "network")
+    assert parse_choices("phong,network", "--lighting", LIGHTINGS) == ("phong", "network")
     assert parse_limits("15,full,2.5", "--time-limits") == (15.0, None, 2.5)
     for text in ("", "fast,", "wild"):
         with pytest.raises(BadInput, match="--presets has no"):
-            parse_choices(text, "--presets", Preset)
+            parse_choices(text, "--presets", PRESET_NAMES)
     with pytest.raises(BadInput, match="lattice, hash"):
-        parse_choices("grid", "--encodings", Encoding)
+        parse_choices("grid", "--encodings", ("lattice", "hash"))
     for text in ("", "-1", "1.5", "a", "8"):
         with pytest.raises(BadInput, match="--sizes"):
             parse_whole(text, "--sizes", 16)

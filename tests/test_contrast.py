@@ -160,6 +160,6 @@ def test_fog_is_painted_with_the_contrast_of_its_style() -> None:
     wanted = contrasts([(torch.from_numpy(style).permute(2, 0, 1), torch.ones(96, 96))])
     assert wanted is not None
     preset = replace(SHORT, stylize=SETTINGS)
-    painted = stylize_scene(FOG, [style], {0: 0}, preset_name=preset, features="embedded", loss=loss)[0]
+    painted = stylize_scene(FOG, [style], preset, mapping={0: 0}, features="embedded", loss=loss)[0]
     assert painted.styled is not None
     assert seen(FOG, painted.styled)[0] > 0.7 * wanted[0]

@@ -25,6 +25,7 @@ from svv.job.source import ViewSource, VolumeSource
 from svv.job.stages import Stages, fingerprint
 from svv.job.steps import JobSettings
 from svv.measure import measured
+from svv.options.making import OrbitOptions, TrainOptions, ViewOptions
 from svv.render.pictures import cropped, error_picture, hex_colour, over_white, sheet, shrunk
 from tests.movies import frames_of
 
@@ -189,7 +190,10 @@ def test_a_page_needs_nothing_beside_it(tmp_path: Path) -> None:
 
 
 SMALL = JobSettings(
-    n=12, test=2, size=64, mapper="cpu", preset="draft", time_limit=4.0, orbit=4, orbit_size=64, recolour=True
+    ViewOptions(n=12, test=2, size=64, mapper="cpu"),
+    TrainOptions("draft", time_limit=4.0),
+    OrbitOptions(orbit=4, orbit_size=64),
+    recolour=True,
 )
 RESOLUTION = 24
 
@@ -277,7 +281,7 @@ def test_the_same_demo_again_does_nothing(finished: Path) -> None:
 
 def test_another_orbit_trains_nothing(finished: Path) -> None:
     shown = Shown()
-    run_demo(finished, replace(SMALL, orbit=3), RESOLUTION, shown)
+    run_demo(finished, replace(SMALL, path=OrbitOptions(3, 64)), RESOLUTION, shown)
     assert [title.split(":")[0] for title in shown.titles] == ["Orbit"] * 4 + ["Side by side"]
 
 

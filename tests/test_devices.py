@@ -149,7 +149,7 @@ def test_a_gpu_learns_as_well_as_the_processor() -> None:
     views = ViewSet(tuple(cameras), images, tuple(map(str, range(12))))
     scores = []
     for name in ("cpu", "cuda"):
-        scene, report = train_scene(views, "draft", device=device_named(name))
+        scene, report = train_scene(views, "draft", device=name)
         assert report["device"] == name
         scores.append(evaluate_scene(scene, views, "base").psnr)
     assert abs(scores[0] - scores[1]) < 0.3

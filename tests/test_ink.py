@@ -26,6 +26,7 @@ from svv.train.ink import (
     Drawing,
     Ink,
     Sheet,
+    StyleInput,
     dots,
     ink_colour,
     ink_named,
@@ -222,7 +223,7 @@ def test_an_ink_is_named_as_a_style_is(tmp_path: Path) -> None:
 
 def test_there_is_no_part_of_an_ink() -> None:
     with pytest.raises(BadInput, match="leave out its mask"):
-        checked_masks([np.ones((4, 4), bool)], [Ink("hatching")])
+        checked_masks([StyleInput(Ink("hatching"), mask=np.ones((4, 4), bool))])
     with pytest.raises(BadInput, match="leave out its mask"):
         picture_of(Ink("hatching"))
     assert mean_colour(Ink("hatching")).min() > 0.9

@@ -14,8 +14,8 @@ import torch
 from svv.cli import app as cli
 from svv.errors import BadInput, Cancelled
 from svv.fields.paint_light import lights_of
-from svv.fields.region import PAINT_LIGHT
 from svv.fields.scene import Scene
+from svv.options.editing import PAINT_LIGHT
 from svv.train import pipeline
 from svv.train.config import PRESETS
 from svv.train.ink import PAPER, Ink, ink_colour
@@ -29,7 +29,7 @@ RED = np.full((48, 48, 3), (0.85, 0.2, 0.1), np.float32)
 
 
 def draw(scene: Scene, styles: list, **options) -> tuple[Scene, dict]:
-    return stylize_scene(scene, styles, preset_name=SHORT, **{"features": "embedded", "loss": SMALL, **options})
+    return stylize_scene(scene, styles, SHORT, **{"features": "embedded", "loss": SMALL, **options})
 
 
 def colours(scene: Scene, region: int) -> np.ndarray:

@@ -16,12 +16,13 @@ import svv
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "svv").rglob("*.py"))
 
-BOTTOM = {"_version", "errors"}
+BOTTOM = {"_version", "errors", "options"}
 COLUMN = ["core", "kernels", "fields", "styles", "train", "render", "job", "bench"]
 BELOW = {layer: BOTTOM | set(COLUMN[:level]) for level, layer in enumerate(COLUMN)}
 BELOW["svv"] = {"_version"}
 BELOW["_version"] = set()
 BELOW["errors"] = set()
+BELOW["options"] = {"errors"}
 BELOW["io"] = BOTTOM | {"core"}
 BELOW["dvr"] = BOTTOM | {"core", "io"}
 BELOW["progress"] = BELOW["measure"] = BELOW["ending"] = BOTTOM

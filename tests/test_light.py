@@ -30,6 +30,7 @@ from svv.job.run import run_job
 from svv.job.source import ViewSource
 from svv.job.stages import Stages
 from svv.job.steps import Job, JobSettings
+from svv.options.making import TrainOptions
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import PRESETS
 from svv.train.lighting import light_by_trial
@@ -349,7 +350,9 @@ def test_a_whole_job_has_the_light_that_is_asked_for(views: ViewSet, tmp_path: P
     def trained(lighting: str) -> tuple[bool, str]:
         """Whether the job trained now, and what its report says."""
         before = (out / "scene.svv").stat().st_mtime_ns if (out / "scene.svv").exists() else 0
-        job = Job(source, [], out, JobSettings(preset="draft", time_limit=1.0, lighting=lighting), Stages(out))
+        job = Job(
+            source, [], out, JobSettings(train=TrainOptions("draft", time_limit=1.0, lighting=lighting)), Stages(out)
+        )
         job.make_views()
         job.train()
         said = json.loads((out / "train.json").read_text())["lighting"]
@@ -360,5 +363,5 @@ def test_a_whole_job_has_the_light_that_is_asked_for(views: ViewSet, tmp_path: P
         (True, "phong"), (False, "phong"), (True, "network"),
     ]  # fmt: skip
     with pytest.raises(BadInput, match="needs the lattice"):
-        run_job(source, [], tmp_path / "none", JobSettings(preset="paper", lighting="phong"))
+        run_job(source, [], tmp_path / "none", JobSettings(train=TrainOptions("paper", lighting="phong")))
     assert not (tmp_path / "none").exists()

@@ -83,7 +83,7 @@ def test_light_can_be_turned_off_where_there_is_some(trained: tuple[bool, ViewSe
 
 def test_scenes_are_painted_with_and_without_light(trained: tuple[bool, ViewSet, Scene, str]) -> None:
     _, views, scene, _ = trained
-    painted, _ = stylize_scene(scene, [style_picture("brush strokes", 64).astype(np.float32)], None, (), SHORT)
+    painted, _ = stylize_scene(scene, [style_picture("brush strokes", 64).astype(np.float32)], SHORT)
     before, after = scene.render(views.cameras[3], "pcn").rgba, painted.render(views.cameras[3]).rgba
     np.testing.assert_allclose(after[..., 3], before[..., 3], atol=1e-6)
     assert np.abs(after - before)[..., :3].max() > 0.05

@@ -64,7 +64,7 @@ def unseen() -> list[StyledView]:
 
 
 def painted(features: str, preset=STEPS, loss: StyleLossSettings = LOSS) -> Scene:  # type: ignore[no-untyped-def]
-    return stylize_scene(SCENE, [stripes()], {0: 0}, preset_name=preset, features=features, loss=loss)[0]
+    return stylize_scene(SCENE, [stripes()], preset, mapping={0: 0}, features=features, loss=loss)[0]
 
 
 @pytest.fixture(scope="module")

@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, label, map_coordinates
 
 from svv.core.cameras import Camera, look_at
-from svv.core.outlines import CREASE_WIDTH, INK, WIDTH, Pen, outlined
+from svv.core.outlines import CREASE_WIDTH, Pen, outlined
 from svv.errors import BadInput
 from svv.fields.scene import Scene
 from svv.io import scene_file
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH
 from tests.cube import cube_camera, cube_paint, cube_scene
 
 Images = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int16]]
 
-BLACK = Pen(1.0, WIDTH, (0.0, 0.0, 0.0))
+BLACK = Pen(1.0, OUTLINE_WIDTH, (0.0, 0.0, 0.0))
 FOV = 0.5
 AWAY = 4.0
 
@@ -112,7 +113,7 @@ def test_regions_at_one_depth_have_a_line_between() -> None:
     left, right = depth.copy(), depth.copy()
     left[:, 200:], right[:, :200] = np.inf, np.inf
     image = ink(images([left, right]))
-    np.testing.assert_allclose(image.sum(axis=1)[5:-5], 0.5 * WIDTH, atol=0.3)
+    np.testing.assert_allclose(image.sum(axis=1)[5:-5], 0.5 * OUTLINE_WIDTH, atol=0.3)
     assert image[:, :195].max() == image[:, 205:].max() == 0.0
 
 
@@ -139,8 +140,8 @@ def test_the_edges_of_a_cube_are_thinner_than_its_silhouette() -> None:
     opposite = image[middle - int(0.5 * reach), middle - 20 : middle + 20].sum()
     outside = image[middle, : middle - 40].sum()
     assert {crease > 0.0, opposite > 0.0} == {True, False}, "three edges of six are seen"
-    assert max(crease, opposite) == pytest.approx(CREASE_WIDTH * WIDTH, rel=0.25) and outside == pytest.approx(
-        WIDTH, rel=0.25
+    assert max(crease, opposite) == pytest.approx(CREASE_WIDTH * OUTLINE_WIDTH, rel=0.25) and outside == pytest.approx(
+        OUTLINE_WIDTH, rel=0.25
     )
 
 
@@ -194,7 +195,9 @@ def test_a_region_without_a_pen_has_lines_only_where_another_has_one() -> None:
 
 def test_without_strength_or_anything_to_see_images_are_the_same() -> None:
     shapes = images([sphere(64)])
-    assert all(a is b for a, b in zip(outlined(*shapes, [Pen(0.0, 2.0, INK)], 0.01, 1.0), shapes, strict=True))
+    assert all(
+        a is b for a, b in zip(outlined(*shapes, [Pen(0.0, 2.0, OUTLINE_COLOUR)], 0.01, 1.0), shapes, strict=True)
+    )
     empty = images([np.full((64, 64), np.inf)])
     assert all(a is b for a, b in zip(outlined(*empty, [BLACK], 0.01, 1.0), empty, strict=True))
 
@@ -238,7 +241,7 @@ def test_the_edit_is_undone_kept_in_files_and_absent_from_older_ones(tmp_path: P
     assert said == ["outline 0.5", "outline, 4 px wide", "outline, of #330000", "outline 0"]
     assert [r.outline for r in scene.regions] == [0.5, 0.5, 0.0]
     assert [r.outline_width for r in scene.regions] == [4.0] * 3
-    assert [r.outline_colour for r in scene.regions] == [INK, (0.2, 0.0, 0.0), INK]
+    assert [r.outline_colour for r in scene.regions] == [OUTLINE_COLOUR, (0.2, 0.0, 0.0), OUTLINE_COLOUR]
     scene.save(tmp_path / "new.svv")
     again = Scene.load(tmp_path / "new.svv")
     assert (again.regions, again.history) == (scene.regions, scene.history)

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from svv.core.cameras import sphere_cameras
 from svv.errors import BadInput
 from svv.fields.paint_light import lights_of, mean_lights
-from svv.fields.region import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io import scene_file
+from svv.options.editing import PAINT_LIGHT
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
 
 EVERY = {0: "oil", 1: "ink", 2: "oil"}

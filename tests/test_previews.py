@@ -50,7 +50,7 @@ def test_they_come_early_and_then_take_a_hundredth_of_the_time(step: float, cost
 
 def painted(scene: Scene, **options) -> tuple[Scene, dict]:
     style = np.random.default_rng(0).random((48, 48, 3)).astype(np.float32)
-    return stylize_scene(scene, [style], preset_name=SHORT, features="embedded", loss=FLAT, **options)
+    return stylize_scene(scene, [style], SHORT, features="embedded", loss=FLAT, **options)
 
 
 def test_they_show_the_painting_come_and_leave_it_as_it_is(balls: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from svv.core.colour import colour_differences
 from svv.errors import BadInput
 from svv.fields.region import Region
+from svv.train.ink import StyleInput
 from svv.train.style_choice import checked_masks, leftovers, mean_colour, pairs_by_colour
 
 COLOURS = st.tuples(*[st.floats(0, 1, width=32)] * 3)
@@ -70,14 +71,17 @@ def test_only_what_a_mask_shows_has_a_colour() -> None:
 def test_masks_are_checked() -> None:
     styles = flat(RED, BLUE)
     half = np.tri(4, dtype=bool)
-    assert checked_masks(None, styles) == ([None, None], [])
-    found, notes = checked_masks([half, np.ones((4, 4), bool)], styles)
+
+    def masked(*masks: np.ndarray | None) -> list[StyleInput]:
+        return [StyleInput(style, mask=mask) for style, mask in zip(styles, masks, strict=True)]
+
+    assert checked_masks(masked(None, None)) == ([None, None], [])
+    found, notes = checked_masks(masked(half, np.ones((4, 4), bool)))
     assert found[1] is None and found[0] is not None
-    assert notes == ["The mask of style 1 covers the whole picture, so it is the same as none."]
+    assert notes == ["The mask of style 1 covers the whole picture, so it changes nothing."]
     for masks, words in (
-        ([half], "1 masks for 2 styles"),
         ([None, np.zeros((4, 4), bool)], "style 1 is empty"),
         ([np.ones((4, 5), bool), None], "5 x 4 pixels, its picture 4 x 4"),
     ):
         with pytest.raises(BadInput, match=words):
-            checked_masks(masks, styles)
+            checked_masks(masked(*masks))

@@ -20,6 +20,7 @@ from svv.fields.networks import FieldSettings
 from svv.fields.scene import Scene
 from svv.styles.features import load_features
 from svv.train.config import paint_resolutions
+from svv.train.ink import StyleInput
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import PATCH_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import StyledView, spread_along_rays, stylization_cameras, visible_from
@@ -48,8 +49,8 @@ def picture() -> np.ndarray:
 LEFT = np.arange(SIZE)[None].repeat(SIZE, 0) < SIZE // 2
 
 
-def style(scene: Scene, styles: list[np.ndarray], **options) -> tuple[Scene, dict]:
-    return stylize_scene(scene, styles, preset_name=SHORT, **{"features": "embedded", "loss": SMALL, **options})
+def style(scene: Scene, styles: list[np.ndarray | StyleInput], **options) -> tuple[Scene, dict]:
+    return stylize_scene(scene, styles, SHORT, **{"features": "embedded", "loss": SMALL, **options})
 
 
 def shown(scene: Scene, region: int) -> np.ndarray:
@@ -140,7 +141,10 @@ def test_one_picture_is_two_styles_and_one_goes_on(scene: Scene, picture: np.nda
     count = len(scene.regions)
     assert count >= 2
     first, report = style(
-        scene, [picture, picture], masks=[LEFT, ~LEFT], names=["left", "right"], mapping={0: 0, 1: 1}, strength=0.8
+        scene,
+        [StyleInput(picture, "left", LEFT), StyleInput(picture, "right", ~LEFT)],
+        mapping={0: 0, 1: 1},
+        strength=0.8,
     )
     assert report["styles"] == {"0": "left", "1": "right"} and report["masked"] == ["left", "right"]
     assert [(r.style, r.strength) for r in first.regions[:2]] == [("left", 0.8), ("right", 0.8)]
@@ -149,7 +153,7 @@ def test_one_picture_is_two_styles_and_one_goes_on(scene: Scene, picture: np.nda
     # A refined mask for region 0: nothing is painted anew, and region 1 keeps what it has.
     steps: list[str] = []
     again, report = style(
-        first, [picture], masks=[~LEFT], names=["refined"], mapping={0: 0}, go_on=True,
+        first, [StyleInput(picture, "refined", ~LEFT)], mapping={0: 0}, go_on=True,
         progress=lambda fraction, label: steps.append(label),
     )  # fmt: skip
     assert report["continued"] == [0] and "laying strokes" not in steps
@@ -165,8 +169,8 @@ def test_one_picture_is_two_styles_and_one_goes_on(scene: Scene, picture: np.nda
 
 
 def test_a_new_region_joins_those_that_are_styled(scene: Scene, picture: np.ndarray) -> None:
-    first, _ = style(scene, [picture], masks=[LEFT], mapping={0: 0})
-    both, report = style(first, [picture], masks=[~LEFT], mapping={1: 0}, go_on=True)
+    first, _ = style(scene, [StyleInput(picture, mask=LEFT)], mapping={0: 0})
+    both, report = style(first, [StyleInput(picture, mask=~LEFT)], mapping={1: 0}, go_on=True)
     assert report["continued"] == [] and report["seconds"]["paint"] > 0
     assert both.regions[0].style and both.regions[1].style
     np.testing.assert_allclose(shown(both, 0), shown(first, 0), atol=0.12)
@@ -199,12 +203,12 @@ def test_stopped_work_goes_on_only_with_the_same_masks(
         labels.append(label)
 
     with pytest.raises(Cancelled):
-        style(scene, [picture], masks=[LEFT], **matched, progress=stop)
-    style(scene, [picture], masks=[LEFT], **matched, progress=note)
+        style(scene, [StyleInput(picture, mask=LEFT)], **matched, progress=stop)
+    style(scene, [StyleInput(picture, mask=LEFT)], **matched, progress=note)
     assert "laying strokes" not in labels
     with pytest.raises(Cancelled):
-        style(scene, [picture], masks=[LEFT], **matched, progress=stop, seed=1)
-    style(scene, [picture], masks=[~LEFT], **matched, progress=note, seed=1)
+        style(scene, [StyleInput(picture, mask=LEFT)], **matched, progress=stop, seed=1)
+    style(scene, [StyleInput(picture, mask=~LEFT)], **matched, progress=note, seed=1)
     assert "laying strokes" in labels
 
 
@@ -268,22 +272,22 @@ def test_strokes_scale_with_their_size(picture: np.ndarray, monkeypatch: pytest.
         ({"strength": float("nan")}, "more than 0"),
         ({"stroke_size": 0.0}, "between 0.25 and 4"),
         ({"stroke_size": 9.0}, "between 0.25 and 4"),
-        ({"masks": [np.zeros((SIZE, SIZE), bool)]}, "is empty"),
-        ({"masks": [None, None]}, "2 masks for 1 styles"),
+        ({"mask": np.zeros((SIZE, SIZE), bool)}, "is empty"),
         ({"mapping": {9: 0}}, "no region 9"),
         ({"mapping": {0: 1}}, "no style 1"),
-        ({"mapping": "colour", "keep": range(8)}, "no region"),
+        ({"mapping": "colour", "keep": tuple(range(8))}, "no region"),
         ({"go_on": True}, "no styled network to go on with"),
     ],
 )
 def test_stylizations_that_cannot_be(scene: Scene, picture: np.ndarray, options: dict, words: str) -> None:
+    mask = options.pop("mask", None)
     with pytest.raises(BadInput, match=words):
-        style(scene, [picture], **options)
+        style(scene, [StyleInput(picture, mask=mask)], **options)
 
 
 def test_styles_left_over_are_said(scene: Scene, picture: np.ndarray) -> None:
     last = len(scene.regions)
-    _, report = style(scene, [picture] * (last + 1), masks=[None] * (last + 1))
+    _, report = style(scene, [picture] * (last + 1))
     assert report["notes"] == [f"Style {last} (style {last}) has no region and is not used; say where with --map."]
     assert all(name in report for name in ("stroke_size", "strength", "continued"))
 

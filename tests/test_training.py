@@ -310,7 +310,7 @@ def test_a_loop_spends_its_limit_and_its_schedule_ends_with_it(monkeypatch: pyte
 @pytest.mark.parametrize(("preset", "limit", "words"), [("best", None, "no preset"), ("draft", 0.0, "time limit")])
 def test_training_that_cannot_be(views: ViewSet, preset: str, limit: float | None, words: str) -> None:
     with pytest.raises(BadInput, match=words):
-        train_scene(views, preset, limit)
+        train_scene(views, preset, time_limit=limit)
 
 
 def test_too_few_views(views: ViewSet) -> None:
@@ -335,7 +335,7 @@ def test_one_region_styled_the_other_kept(trained: tuple[Scene, dict[str, object
     red, blue = region_at(scene, RED), region_at(scene, BLUE)
     rng = np.random.default_rng(0)
     style = np.repeat(rng.random((32, 32, 1)), 3, 2).repeat(4, 0).repeat(4, 1).astype(np.float32) * [0.2, 1.0, 0.3]
-    styled, report = stylize_scene(scene, [style], keep={blue}, preset_name="tiny", features="embedded")
+    styled, report = stylize_scene(scene, [style], "tiny", keep=(blue,), features="embedded")
     assert styled.networks == ("base", "pcn", "styled")
     assert styled.regions[red].style is not None
     assert styled.regions[blue].style is None

@@ -5,18 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from svv.cli.options import Device
 from svv.progress import duration
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
-
-
-def checkpoint_path(out: Path) -> Path:
-    """Where stopped work is kept until the same command goes on with it."""
-    from svv.io.scene_file import checkpoint_of
-
-    return checkpoint_of(out)
 
 
 def check_targets(*paths: Path | None) -> None:
@@ -28,12 +20,12 @@ def check_targets(*paths: Path | None) -> None:
             check_writable(path)
 
 
-def load(path: Path, device: Device = Device.cpu) -> Scene:
+def load(path: Path, device: str = "cpu") -> Scene:
     """Read a scene onto a device; raises BadInput where either is not there."""
     from svv.fields.scene import Scene
     from svv.kernels.dispatch import device_named
 
-    where = device_named(device.value)
+    where = device_named(device)
     return Scene.load(path).on(where)
 
 

@@ -7,32 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from svv.cli.options import (
-    Array,
-    Device,
-    DeviceOption,
-    Dims,
-    Dtype,
-    Lighting,
-    LightingOption,
-    Mapper,
-    MapperOption,
-    Orbit,
-    OrbitSize,
-    Out,
-    Preset,
-    PresetOption,
-    Seed,
-    Spacing,
-    TestViews,
-    TimeLimit,
-    TransferFunction,
-    Views,
-    ViewSize,
-    VolumeFile,
-    parse_dims,
-    parse_numbers,
-)
+from svv.cli.option_group import spread
+from svv.cli.options import Out, VolumeFile
+from svv.options.making import OrbitOptions, TrainOptions, ViewOptions, VolumeOptions
 from svv.progress import duration, shown
 
 if TYPE_CHECKING:
@@ -54,19 +31,13 @@ VIEWS = (
 )
 
 
+@spread
 def demo(
     out: Out = Path("demo"),
     resolution: Annotated[int, typer.Option(min=16, help="Voxels along each side of the generated volume.")] = 128,
-    n: Views = 92,
-    test: TestViews = 8,
-    size: ViewSize = 800,
-    mapper: MapperOption = Mapper.auto,
-    preset: PresetOption = Preset.fast,
-    time_limit: TimeLimit = None,
-    seed: Seed = 0,
-    orbit: Orbit = 61,
-    orbit_size: OrbitSize = 400,
-    device: DeviceOption = Device.cpu,
+    drawing: ViewOptions = ViewOptions(test=8),
+    training: TrainOptions = TrainOptions(preset="fast"),
+    path: OrbitOptions = OrbitOptions(),
 ) -> None:
     """Run the whole job on generated data: volume, views, training, edits, styles, a movie and a report.
 
@@ -75,101 +46,52 @@ def demo(
     from svv.job.demo import run_demo
     from svv.job.steps import JobSettings
 
-    settings = JobSettings(
-        n, test, size, mapper.value, preset.value, time_limit, seed, orbit, orbit_size, True, device.value
-    )
-    print(run_demo(out, settings, resolution, shown))
+    print(run_demo(out, JobSettings(drawing, training, path, recolour=True), resolution, shown))
 
 
+@spread
 def run(
     source: Annotated[Path, typer.Argument(metavar="VOLUME|VIEWS", help="A volume, or a folder of views.")],
     out: Out,
-    tf: TransferFunction = None,
     style: Annotated[
         list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A style picture; may be repeated.")
     ] = None,
     recolour: Annotated[bool, typer.Option("--recolour", help="Also show the regions recoloured.")] = False,
-    n: Views = 92,
-    test: TestViews = 16,
-    size: ViewSize = 800,
-    mapper: MapperOption = Mapper.auto,
-    preset: PresetOption = Preset.balanced,
-    time_limit: TimeLimit = None,
-    seed: Seed = 0,
-    orbit: Orbit = 61,
-    orbit_size: OrbitSize = 400,
-    device: DeviceOption = Device.cpu,
-    lighting: LightingOption = Lighting.network,
-    array: Array = None,
-    dims: Dims = None,
-    dtype: Dtype = None,
-    spacing: Spacing = None,
+    volume: VolumeOptions = VolumeOptions(),
+    drawing: ViewOptions = ViewOptions(),
+    training: TrainOptions = TrainOptions(),
+    path: OrbitOptions = OrbitOptions(),
 ) -> None:
     """Run the whole job on a volume or on views: training, scores, styles, a movie and a report.
 
     After Ctrl-C, the same command resumes; finished stages are not repeated.
     """
     from svv.job.run import check, run_job
-    from svv.job.source import ViewSource
+    from svv.job.source import ViewSource, VolumeSource
     from svv.job.steps import JobSettings
     from svv.render.gallery import style_file
 
-    origin: ViewSource | VolumeSource
-    if (source / "transforms_train.json").exists():
-        origin = ViewSource(source)
-    else:
-        origin = _volume(source, tf, array, dims, dtype, spacing)
-    settings = JobSettings(
-        n,
-        test,
-        size,
-        mapper.value,
-        preset.value,
-        time_limit,
-        seed,
-        orbit,
-        orbit_size,
-        recolour,
-        device.value,
-        lighting.value,
-    )
-    check(settings)  # what cannot be is said before a picture of the gallery is written
+    views = (source / "transforms_train.json").exists()
+    origin: ViewSource | VolumeSource = ViewSource(source) if views else VolumeSource(source, **vars(volume))
+    settings = JobSettings(drawing, training, path, recolour)
+    check(settings)  # before a picture of the gallery is written
     origin.identity()
     print(run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown))
 
 
+@spread
 def views(
     volume: VolumeFile,
     out: Out,
-    tf: TransferFunction = None,
-    n: Views = 92,
-    test: TestViews = 16,
-    size: ViewSize = 800,
-    mapper: MapperOption = Mapper.auto,
-    array: Array = None,
-    dims: Dims = None,
-    dtype: Dtype = None,
-    spacing: Spacing = None,
+    reading: VolumeOptions = VolumeOptions(),
+    drawing: ViewOptions = ViewOptions(),
 ) -> None:
     """Render views of a volume: training views on a sphere around it, test views on the orbit."""
     from svv.io.view_meta import known
-
-    source = _volume(volume, tf, array, dims, dtype, spacing)
-    with shown("Drawing") as progress:
-        made = source.make_views(out, n, test, size, mapper.value, progress)
-    print(f"{out}: {n} + {test} views, {duration(known(made.seconds, 'seconds'))}, ray caster {made.mapper}")
-
-
-def _volume(
-    volume: Path, tf: Path | None, array: str | None, dims: str | None, dtype: str | None, spacing: str | None
-) -> VolumeSource:
     from svv.job.source import VolumeSource
 
-    return VolumeSource(
-        volume,
-        tf,
-        None if dims is None else parse_dims(dims),
-        dtype,
-        None if spacing is None else parse_numbers(spacing, "--spacing"),
-        array,
-    )
+    source = VolumeSource(volume, **vars(reading))
+    with shown("Drawing") as progress:
+        made = source.make_views(out, drawing, progress)
+    took = duration(known(made.seconds, "seconds"))
+    print(f"{out}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")

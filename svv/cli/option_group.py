@@ -1,41 +1,126 @@
-"""Options that several commands take together: a dataclass of them in the place of each command's own list."""
+"""Commands whose options come from dataclasses: :mod:`svv.options`, or a command's own.
+
+A command has a parameter of the dataclass's type; :func:`spread` shows typer its fields instead, and gives the command
+the dataclass, made of what was typed.
+"""
 
 from __future__ import annotations
 
 import functools
 import inspect
 from collections.abc import Callable
-from dataclasses import MISSING, fields, is_dataclass
-from typing import Any, get_type_hints
+from dataclasses import is_dataclass
+from enum import Enum
+from functools import cache
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+import typer
+
+from svv.cli import options
+from svv.options.described import Described, described
+
+SYNTAX: dict[str, Callable[[str, str], Any]] = {
+    "colour": lambda text, _: options.parse_colour(text),
+    "dims": lambda text, _: options.parse_dims(text),
+    "light": lambda text, _: options.parse_light(text),
+    "mapping": lambda text, _: options.parse_mapping(text),
+    "regions": options.parse_whole,
+    "regions or all": lambda text, flag: () if text == "all" else options.parse_whole(text, flag),
+    "size": lambda text, _: options.parse_size(text),
+    "spacing": options.parse_numbers,
+}
+"""Name of a syntax -> what reads it, from the text and the option's name."""
 
 
 def spread(command: Callable[..., Any]) -> Callable[..., Any]:
     """The command as typer is to see it: a parameter that is a dataclass is its fields, in their order and place.
 
-    A field's annotation says what the option is. Left out, it is as in the parameter's default, where it has one, or
-    else the field's own. The command itself gets the dataclass, made of what was given.
+    Left out, an option is as in the parameter's default, where it has one, or else the field's own.
     """
     parameters: list[inspect.Parameter] = []
     groups: dict[str, Any] = {}
-    known = get_type_hints(command, include_extras=True)
     for name, parameter in inspect.signature(command).parameters.items():
-        kind = known[name]
+        kind = get_type_hints(command, include_extras=True)[name]
         if not is_dataclass(kind):
-            parameters.append(parameter.replace(annotation=kind))
+            parameters.append(parameter.replace(annotation=kind, kind=inspect.Parameter.KEYWORD_ONLY))
             continue
         groups[name] = kind
-        options = get_type_hints(kind, include_extras=True)
-        for field in fields(kind):
-            own = inspect.Parameter.empty if field.default is MISSING else field.default
-            default = getattr(parameter.default, field.name, own)
-            parameters.append(parameter.replace(name=field.name, annotation=options[field.name], default=default))
+        for field in _options_of(kind):
+            default = getattr(parameter.default, field.name, field.default)
+            parameters.append(
+                inspect.Parameter(
+                    field.name,
+                    inspect.Parameter.KEYWORD_ONLY,
+                    annotation=_as_typer_has_it(kind, field),
+                    default=_shown(field, default),
+                )
+            )
 
     @functools.wraps(command)
     def run(**given: Any) -> Any:
         for name, kind in groups.items():
-            given[name] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+            given[name] = kind(**{f.name: _meant(f, given.pop(f.name)) for f in _options_of(kind)})
         return command(**given)
 
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
+
+
+def flag_of(field: Described) -> str:
+    """The name of its option, ``--stroke-size``."""
+    return field.setting.flag or f"--{field.name.replace('_', '-')}"
+
+
+def _options_of(kind: Any) -> list[Described]:
+    return [field for field in described(kind) if field.setting.command]
+
+
+def _as_typer_has_it(cls: Any, field: Described) -> Any:
+    """The type and option of a field; what a command's own dataclass says of typer itself is taken as it is."""
+    given = get_type_hints(cls, include_extras=True)[field.name]
+    if any(hasattr(note, "param_decls") for note in get_args(given)):
+        return given
+    kind: Any = field.kind
+    if field.setting.syntax:
+        kind = str
+    elif field.choices:
+        kind = words(field.name, field.choices)
+    elif get_origin(kind) is tuple:
+        (one, _) = get_args(kind)
+        one = words(field.name, get_args(one)) if get_origin(one) is Literal else one
+        kind = list[one]  # type: ignore[valid-type]
+    several = get_origin(field.kind) is tuple and not field.setting.syntax
+    optional = field.optional or several or field.setting.syntax
+    option = typer.Option(
+        flag_of(field),
+        help=field.sentence + (" May be repeated." if several else ""),
+        metavar=field.setting.metavar,
+        min=field.setting.least if kind in (int, float) else None,
+        max=field.setting.most if kind in (int, float) else None,
+    )
+    return Annotated[kind | None if optional else kind, option]
+
+
+@cache
+def words(name: str, choices: tuple[str, ...]) -> Any:
+    """The enumeration that shows typer a choice of words."""
+    return Enum(name.title().replace("_", ""), {word.replace("-", "_"): word for word in choices}, type=str)
+
+
+def _shown(field: Described, default: Any) -> Any:
+    """A default as typer takes it."""
+    if default is inspect.Parameter.empty or default is None or default == ():
+        return inspect.Parameter.empty if default is inspect.Parameter.empty else None
+    return words(field.name, field.choices)(default) if field.choices else default
+
+
+def _meant(field: Described, given: Any) -> Any:
+    """What was typed, as the dataclass has it."""
+    if isinstance(given, Enum) and field.choices:
+        return given.value
+    if field.setting.syntax:
+        return None if given is None else SYNTAX[field.setting.syntax](given, flag_of(field))
+    if get_origin(field.kind) is tuple:
+        return tuple(one.value if isinstance(one, Enum) else one for one in given or ())
+    return given

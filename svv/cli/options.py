@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import string
 from collections.abc import Sequence
-from enum import Enum
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,121 +12,11 @@ import typer
 
 from svv.errors import BadInput
 
-
-class Preset(str, Enum):
-    """How much time training takes, and how large the model may be."""
-
-    draft = "draft"
-    fast = "fast"
-    balanced = "balanced"
-    paper = "paper"
-
-
-class Encoding(str, Enum):
-    """How positions become features."""
-
-    lattice = "lattice"
-    hash = "hash"
-
-
-class Lighting(str, Enum):
-    """What the light of a scene is."""
-
-    auto = "auto"
-    network = "network"
-    phong = "phong"
-
-
-class KernelChoice(str, Enum):
-    """The kernels of a measured run: those that its device has by default, or the reference."""
-
-    auto = "auto"
-    reference = "reference"
-
-
-class Processor(str, Enum):
-    """What a measured run calculates on; by name, for ``auto`` would be another on another machine."""
-
-    cpu = "cpu"
-    cuda = "cuda"
-
-
-class Network(str, Enum):
-    """Which colours are rendered: of the first stage, of the palette, or stylized."""
-
-    base = "base"
-    pcn = "pcn"
-    styled = "styled"
-
-
-class Mapper(str, Enum):
-    """Which of VTK's ray casters draws the views."""
-
-    auto = "auto"
-    gpu = "gpu"
-    cpu = "cpu"
-
-
-class Device(str, Enum):
-    """What calculates."""
-
-    auto = "auto"
-    cpu = "cpu"
-    cuda = "cuda"
-
-
-class What(str, Enum):
-    """What a picture shows."""
-
-    rgba = "rgba"
-    depth = "depth"
-    region = "region"
-
-
 Out = Annotated[Path, typer.Option("--out", "-o", help="Where to write the result.")]
 Json = Annotated[Path | None, typer.Option("--json", help="Also write the figures to this JSON file.")]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same result.")]
-PresetOption = Annotated[
-    Preset,
-    typer.Option(help="draft takes seconds, fast and balanced minutes; paper is the paper's schedule."),
-]
-EncodingOption = Annotated[
-    Encoding | None, typer.Option(help="Sparse lattice, or the paper's hash grid; the preset decides by default.")
-]
-LightingOption = Annotated[
-    Lighting,
-    typer.Option(help="A network, or phong, which can be moved; auto: phong if unseen views lose nothing."),
-]
-TimeLimit = Annotated[float | None, typer.Option(metavar="SECONDS", min=1, help="Train for at most this long.")]
-TransferFunction = Annotated[
-    Path | None,
-    typer.Option(
-        "--tf",
-        metavar="TF.json",
-        help="Transfer function: a preset exported from ParaView, or a list of opacity bumps.",
-    ),
-]
-Views = Annotated[
-    int,
-    typer.Option("--n", min=3, help="Number of training views, spread evenly over a sphere."),
-]
-TestViews = Annotated[int, typer.Option("--test", min=0, help="Number of test views, spread over the orbit.")]
-ViewSize = Annotated[int, typer.Option("--size", min=16, help="Width and height of the views in pixels.")]
-DeviceOption = Annotated[Device, typer.Option(help="Where to run; auto uses CUDA if PyTorch finds a GPU.")]
-MapperOption = Annotated[
-    Mapper,
-    typer.Option(help="VTK's ray caster; auto picks the GPU if OpenGL runs on hardware."),
-]
-Array = Annotated[str | None, typer.Option(help="Name of the array, if the volume file has several.")]
-Dims = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="For raw files: number of voxels along each axis.")]
-Dtype = Annotated[str | None, typer.Option(help="For raw files: type of a voxel, such as uint8, int16 or float32.")]
-Spacing = Annotated[str | None, typer.Option(metavar="X,Y,Z", help="For raw files, stacks and .npy: size of a voxel.")]
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A trained scene.")]
-
-
 VolumeFile = Annotated[Path, typer.Argument(metavar="VOLUME", help="A volume: .vti, .nrrd, .nii.gz, .raw, .tif ...")]
-Orbit = Annotated[int, typer.Option(min=2, help="Frames of the orbit.")]
-OrbitSize = Annotated[int, typer.Option(min=16, help="Width and height of the orbit's frames in pixels.")]
 
 
 def examples(*lines: str) -> str:
@@ -215,13 +104,12 @@ def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]
     return points
 
 
-def parse_choices(text: str, option: str, choices: type[Enum]) -> tuple[str, ...]:
-    """'draft,fast' as the values of ``choices`` that it names, each once.
+def parse_choices(text: str, option: str, known: Sequence[str]) -> tuple[str, ...]:
+    """'draft,fast' as those of the ``known`` words that it names, each once.
 
     Raises:
         BadInput: another word.
     """
-    known = [str(choice.value) for choice in choices]
     words = [part.strip() for part in text.split(",")]
     for word in words:
         if word not in known:

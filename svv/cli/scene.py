@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from svv.cli.files import check_targets, checkpoint_path, finish, load
-from svv.cli.options import (
-    Device,
-    DeviceOption,
-    EncodingOption,
-    Json,
-    Lighting,
-    LightingOption,
-    Network,
-    Out,
-    Preset,
-    PresetOption,
-    SceneFile,
-    Seed,
-    TimeLimit,
-)
+from svv.cli.files import check_targets, finish, load
+from svv.cli.option_group import spread
+from svv.cli.options import Json, Out, SceneFile
 from svv.cli.table import print_table
+from svv.options.making import DeviceName, NetworkName, TrainOptions
 from svv.progress import shown
 
 TRAIN = (
@@ -42,56 +30,52 @@ INFO = (
 """Examples of the help."""
 
 
+@spread
 def train(
     views: Annotated[Path, typer.Argument(metavar="VIEWS", help="Folder with transforms_train.json and its images.")],
     out: Out,
-    preset: PresetOption = Preset.balanced,
-    time_limit: TimeLimit = None,
-    seed: Seed = 0,
-    device: DeviceOption = Device.cpu,
-    encoding: EncodingOption = None,
-    lighting: LightingOption = Lighting.network,
-    views_only: Annotated[
-        bool, typer.Option("--views-only", help="Learn from the images alone, even if the folder knows its volume.")
-    ] = False,
+    options: TrainOptions = TrainOptions(),
     json: Json = None,
 ) -> None:
     """Train a scene on views.
 
-    Views made by `svv views` carry the volume's extinction, and training starts from it. For other views, the
-    extinction is learned as well. After Ctrl-C, the same command resumes.
+    Views made by `svv views` carry the volume's extinction, and training starts from it. For other views, or with
+    --views-only, the extinction is learned as well. After Ctrl-C, the same command resumes.
     """
+    from svv.io.scene_file import checkpoint_of
     from svv.io.viewset import ViewSet
-    from svv.kernels.dispatch import device_named
-    from svv.train import config
+    from svv.train.config import settings_of
     from svv.train.pipeline import train_scene
 
     check_targets(out, json)
-    where = device_named(device.value)
-    name = None if encoding is None else encoding.value
-    config.lit_by(config.preset(preset.value, name), lighting.value)  # said before the views are read
+    settings_of(options)  # what is wrong with them is said before the views are read
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, "train", progress)
     if view_set.meta.assumed is not None:
         print(view_set.meta.assumed, file=sys.stderr)
-    if views_only:
-        view_set = replace(view_set, classified=None)
-    checkpoint = checkpoint_path(out)
+    checkpoint = checkpoint_of(out)
     with shown("Training") as progress:
-        scene, report = train_scene(
-            view_set, preset.value, time_limit, seed, progress, checkpoint, where, name, lighting.value
-        )
+        scene, report = train_scene(view_set, options, progress, checkpoint)
     finish(scene, report, out, json, checkpoint)
 
 
+@dataclass(frozen=True)
+class Scoring:
+    """How a scene is scored."""
+
+    split: str = "test"
+    """Which views of the folder: train, test or val."""
+    network: NetworkName | None = None
+    """Which network to score: base or pcn, by default pcn."""
+    device: DeviceName = "cpu"
+    """Where to run; auto uses CUDA if PyTorch finds a GPU."""
+
+
+@spread
 def evaluate(
     scene: SceneFile,
     views: Annotated[Path, typer.Option(metavar="VIEWS", help="Folder with views that were not trained on.")],
-    split: Annotated[str, typer.Option(help="Which views of the folder: train, test or val.")] = "test",
-    network: Annotated[
-        Network | None, typer.Option(help="Which network to score: base or pcn, by default pcn.")
-    ] = None,
-    device: DeviceOption = Device.cpu,
+    scoring: Scoring = Scoring(),
     json: Json = None,
 ) -> None:
     """Score a scene against views of the volume: PSNR, SSIM, FLIP and LPIPS.
@@ -105,12 +89,12 @@ def evaluate(
     from svv.train.ranges import region_overlaps
 
     check_targets(json)
-    loaded = load(scene, device)
+    loaded = load(scene, scoring.device)
     with shown("Reading") as progress:
-        view_set = ViewSet.read(views, split, progress)
+        view_set = ViewSet.read(views, scoring.split, progress)
     volume = read_classified(views)  # before minutes of work, should it be damaged
     with shown("Evaluating") as progress:
-        scores = evaluate_scene(loaded, view_set, (network or Network.pcn).value, progress)
+        scores = evaluate_scene(loaded, view_set, scoring.network or "pcn", progress)
     if volume is not None and any(region.values for region in loaded.regions):
         scores = replace(scores, region_overlap=tuple(region_overlaps(loaded, view_set, volume)))
     if json is not None:

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from enum import Enum
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from svv.cli.option_group import spread
 from svv.cli.options import Seed, parse_points, parse_style_masks
 from svv.errors import BadInput
+from svv.options.described import Setting
 from svv.progress import shown
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from svv.train.ink import Style
+    from svv.train.ink import StyleInput
 
 STYLES = ("svv styles", "svv styles --out gallery", "svv styles woodcut mosaic --size 800 --seed 3 --out gallery")
 STYLE_MASK = (
@@ -29,11 +28,12 @@ STYLE_MASK = (
 )
 
 
-class SegmenterName(str, Enum):
+@dataclass(frozen=True)
+class Finder:
     """What finds parts of pictures."""
 
-    scikit_image = "scikit-image"
-    sam = "sam"
+    segmenter: Annotated[Literal["scikit-image", "sam"], Setting("--with")] = "scikit-image"
+    """What finds the part; sam is experimental and needs its package and weights."""
 
 
 def styles(
@@ -64,6 +64,7 @@ def styles(
     print(sheet)
 
 
+@spread
 def style_mask(
     picture: Annotated[str, typer.Argument(metavar="PICTURE|gallery:NAME", help="A style picture.")],
     out: Annotated[
@@ -87,10 +88,7 @@ def style_mask(
     refine: Annotated[
         Path | None, typer.Option(metavar="MASK.png", help="Start from this mask and the points stored beside it.")
     ] = None,
-    by: Annotated[
-        SegmenterName,
-        typer.Option("--with", help="What finds the part; sam is experimental and needs its package and weights."),
-    ] = SegmenterName.scikit_image,
+    by: Finder = Finder(),
 ) -> None:
     """Select the part of a style picture that `svv stylize --style-mask` learns from.
 
@@ -106,21 +104,19 @@ def style_mask(
         if wanted or unwanted or refine:
             raise BadInput("Give --regions, or points: refine a region afterwards with --refine.")
         with shown("Segmenting") as progress:
-            paths = write_regions(picture, regions, out, by.value, progress)
+            paths = write_regions(picture, regions, out, by.segmenter, progress)
         for path in paths:
             print(path)
         return
     with shown("Selecting") as progress:
-        share = write_selected(picture, wanted, unwanted, refine, out, by.value, progress)
+        share = write_selected(picture, wanted, unwanted, refine, out, by.segmenter, progress)
     if share == 1.0:
         print("The selection covers the whole picture; set --negative points where it should not be.", file=sys.stderr)
     print(f"{out}: {share:.1%} of the picture")
 
 
-def read_styles(
-    sources: Sequence[str], masks: Sequence[str]
-) -> tuple[list[str], list[Style], list[NDArray[np.bool_] | None]]:
-    """Names, pictures or inks, and masks of the options ``--style`` and ``--style-mask``.
+def read_styles(sources: Sequence[str], masks: Sequence[str]) -> list[StyleInput]:
+    """Pictures or inks, names and masks of the options ``--style`` and ``--style-mask``.
 
     A picture that is given several times is named after its mask, too.
 
@@ -128,13 +124,12 @@ def read_styles(
         BadInput: a picture, ink or mask that is not there or cannot be used.
     """
     from svv.io.mask_file import read_mask
-    from svv.train.ink import picture_of, style_named
+    from svv.train.ink import StyleInput, picture_of, style_named
 
-    files = parse_style_masks(masks, len(sources))
+    files, found = parse_style_masks(masks, len(sources)), []
     with shown("Styles") as progress:
-        opened = [style_named(source, progress) for source in sources]
-    found = [
-        read_mask(files[k], picture_of(style).shape) if k in files else None for k, (_, style) in enumerate(opened)
-    ]
-    names = [f"{name} ({files[k].stem})" if k in files else name for k, (name, _) in enumerate(opened)]
-    return names, [picture for _, picture in opened], found
+        for k, source in enumerate(sources):
+            name, style = style_named(source, progress)
+            mask = read_mask(files[k], picture_of(style).shape) if k in files else None
+            found.append(StyleInput(style, f"{name} ({files[k].stem})" if k in files else name, mask))
+    return found

@@ -16,10 +16,6 @@ from numpy.typing import NDArray
 from svv.core.edges import PARTED_REACH, VIEW, Edges, Floats, Indices, lines_of, pixels_of
 from svv.errors import BadInput
 
-WIDTH = 2.0
-"""Width of a silhouette unless an edit says otherwise, and"""
-INK = (0.06, 0.05, 0.05)
-"""its colour."""
 WIDEST = 16.0
 
 CREASE_WIDTH = 0.6

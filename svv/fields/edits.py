@@ -14,11 +14,12 @@ import numpy as np
 
 from svv.core.colour import to_hex
 from svv.core.light import COEFFICIENTS, Lamp
-from svv.core.outlines import INK, WIDTH, Pen
+from svv.core.outlines import Pen
 from svv.errors import BadInput
 from svv.fields.model import Model
 from svv.fields.paint_light import paint_light_of
 from svv.fields.region import Region
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -278,7 +279,11 @@ class EditedModel(Model):
             BadInput: a strength, a width or a colour out of range, or a region that there is not.
         """
         ink = None if colour is None else tuple(float(c) for c in colour)
-        Pen(1.0 if strength is None else strength, WIDTH if width is None else width, cast(Any, ink or INK))
+        Pen(
+            1.0 if strength is None else strength,
+            OUTLINE_WIDTH if width is None else width,
+            cast(Any, ink or OUTLINE_COLOUR),
+        )
         self._check(*regions or range(len(self.regions)))
         told = {"outline_width": width if width is None else float(width), "outline_colour": ink}
         changes: dict[int, Edits] = {}

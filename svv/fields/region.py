@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from svv.core.outlines import INK, WIDTH
-
-PAINT_LIGHT = 0.6
-"""Part of the light's contrast that is seen on paint unless an edit says otherwise."""
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
 
 
 @dataclass(frozen=True)
@@ -51,9 +48,9 @@ class Region:
 
     outline: float = 0.0
     """How much ink its outlines have, in [0, 1]: 0 none,"""
-    outline_width: float = WIDTH
+    outline_width: float = OUTLINE_WIDTH
     """how wide they are, in pixels of an image of 800 x 800,"""
-    outline_colour: tuple[float, float, float] = INK
+    outline_colour: tuple[float, float, float] = OUTLINE_COLOUR
     """and their colour, RGB in [0, 1]."""
 
     @property

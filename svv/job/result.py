@@ -107,13 +107,15 @@ def _scores(scores: dict[str, Scores]) -> Table:
 
 
 def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, Any]) -> list[tuple[str, str]]:
-    facts, s = [], job.settings
+    facts, s = [], job.settings.train
     if isinstance(job.source, Drawn):
         meta = read_meta(job.views)
         grid, distance = known(meta.grid, "grid"), known(meta.sample_distance, "sample_distance")
         facts.append(("Volume", f"{meta.volume}, {' x '.join(map(str, grid.dimensions))}, {grid.type}"))
         facts.append(("Transfer function", str(known(meta.tf, "tf")["Name"])))
-        facts.append(("Views", f"{s.n} for training, {s.test} for the scores, {s.size} x {s.size} pixels"))
+        drawn = job.settings.views
+        said = f"{drawn.n} for training, {drawn.test} for the scores, {drawn.size} x {drawn.size} pixels"
+        facts.append(("Views", said))
         facts.append(("Ray caster", f"VTK {meta.vtk}, {meta.mapper}, sample distance {distance:.4g}"))
     elif isinstance(job.source, ViewSource):
         facts.append(("Views", str(job.source.folder)))

@@ -13,12 +13,12 @@ from svv.job.steps import Job, JobSettings
 
 
 def check(settings: JobSettings) -> None:
-    """Raise BadInput where there is no such device, or no such light with the preset."""
+    """Raise BadInput where an option does not exist, or does not go with another."""
     from svv.kernels.dispatch import device_named
-    from svv.train.config import lit_by, preset
+    from svv.train.config import settings_of
 
-    device_named(settings.device)
-    lit_by(preset(settings.preset), settings.lighting)
+    device_named(settings.train.device)
+    settings_of(settings.train)
 
 
 def run_job(

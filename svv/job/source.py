@@ -17,6 +17,7 @@ from svv.errors import BadInput, Progress, part
 from svv.io.view_meta import ViewMeta, known
 from svv.io.viewset import CLASSIFIED, files_of, read_meta
 from svv.job.stages import fingerprint
+from svv.options.making import ViewOptions
 
 
 class Drawn(ABC):
@@ -39,7 +40,7 @@ class Drawn(ABC):
     def how(self) -> dict[str, Any]:
         """Arguments of :func:`svv.dvr.views.make_views`: ``tf``, and what it needs besides."""
 
-    def make_views(self, folder: Path, n: int, test: int, size: int, mapper: str, progress: Progress) -> ViewMeta:
+    def make_views(self, folder: Path, options: ViewOptions, progress: Progress) -> ViewMeta:
         """Draw the views into a folder; see :func:`svv.dvr.views.make_views`.
 
         Returns:
@@ -48,9 +49,7 @@ class Drawn(ABC):
         from svv.dvr.views import make_views
 
         drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
-        train, unseen = make_views(
-            self.image(), **self.how(), n=n, size=size, test=test, mapper=mapper, name=self.name, progress=drawing
-        )
+        train, unseen = make_views(self.image(), **self.how(), **vars(options), name=self.name, progress=drawing)
         train.write(folder, "train", part(writing, 0.0, 0.8))
         if unseen is not None:
             unseen.write(folder, "test", part(writing, 0.8, 1.0))

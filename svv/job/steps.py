@@ -23,6 +23,8 @@ from svv.io.scene_file import checkpoint_of
 from svv.io.viewset import ViewSet
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Stages, fingerprint
+from svv.options.described import chosen
+from svv.options.making import OrbitOptions, PaintOptions, TrainOptions, ViewOptions
 from svv.render.frames import orbit, region_colours, write_frames
 from svv.render.pictures import cropped, error_picture, fitted, over_white, read_png, sheet, shrunk
 
@@ -41,30 +43,16 @@ FPS = 15.0
 class JobSettings:
     """What a job does, besides its source and its styles."""
 
-    n: int = 92
-    """Training views."""
-    test: int = 16
-    """Views for the scores, never trained on."""
-    size: int = 800
-    """Width and height of the views in pixels."""
-    mapper: str = "auto"
-    """Which ray caster draws the views: auto, gpu or cpu."""
-    preset: str = "balanced"
-    """How much training: draft, fast, balanced or paper."""
-    time_limit: float | None = None
-    """Seconds after which training stops; None for no limit."""
-    seed: int = 0
-    """Same seed, same result."""
-    orbit: int = 61
-    """Frames of the orbit."""
-    orbit_size: int = 400
-    """Width and height of the orbit's frames in pixels."""
+    views: ViewOptions = ViewOptions()
+    train: TrainOptions = TrainOptions()
+    path: OrbitOptions = OrbitOptions()
     recolour: bool = False
     """Whether to show a recoloured scene too."""
-    device: str = "cpu"
-    """What trains and renders: auto, cpu or cuda. What is finished is not done again on another."""
-    lighting: str = "network"
-    """What the scene is lit by: network, phong or auto."""
+
+    @property
+    def paint(self) -> PaintOptions:
+        """How the regions are painted: as long as they are trained."""
+        return PaintOptions(preset=self.train.preset, seed=self.train.seed)
 
 
 class Job:
@@ -90,52 +78,44 @@ class Job:
         from svv.fields.scene import Scene
         from svv.kernels.dispatch import device_named
 
-        return Scene.load(path).on(device_named(self.settings.device))
+        return Scene.load(path).on(device_named(self.settings.train.device))
 
     @property
     def has_unseen(self) -> bool:
         """Whether there are views to score with; those that another job left in the folder do not count."""
         if isinstance(self.source, Drawn):
-            return self.settings.test > 0
+            return self.settings.views.test > 0
         return (self.views / "transforms_test.json").exists()
 
     def make_views(self) -> None:
         """Draw the training and the test views, unless the source is views."""
-        source, s = self.source, self.settings
+        source, s = self.source, self.settings.views
         if isinstance(source, ViewSource):
             self.stages.do("views", "Views", source.identity(), [], lambda progress: None)
             return
-        chosen = {**source.identity(), "n": s.n, "test": s.test, "size": s.size, "mapper": s.mapper}
         files = [self.views / "transforms_train.json"] + [self.views / "transforms_test.json"] * (s.test > 0)
         self.stages.do(
             "views",
             f"Drawing {s.n} + {s.test} views",
-            chosen,
+            {**source.identity(), **chosen(s)},
             files,
-            lambda progress: source.make_views(self.views, s.n, s.test, s.size, s.mapper, progress),
+            lambda progress: source.make_views(self.views, s, progress),
         )
 
     def train(self) -> None:
         """Train the scene."""
-        from svv.kernels.dispatch import device_named
         from svv.train.pipeline import train_scene
 
-        s = self.settings
-        device = device_named(s.device)
-        chosen = {"preset": s.preset, "time_limit": s.time_limit, "seed": s.seed, "lighting": s.lighting}
-        checkpoint = checkpoint_of(self.scene)
+        options, checkpoint = self.settings.train, checkpoint_of(self.scene)
 
         def work(progress: Progress) -> None:
             views = ViewSet.read(self.views, "train", part(progress, 0.0, 0.01))
-            learning = part(progress, 0.01, 1.0)
-            scene, report = train_scene(
-                views, s.preset, s.time_limit, s.seed, learning, checkpoint, device, lighting=s.lighting
-            )
+            scene, report = train_scene(views, options, part(progress, 0.01, 1.0), checkpoint)
             scene.save(self.scene)
             write_json(self.out / "train.json", {**report, "scene_bytes": self.scene.stat().st_size})
             checkpoint.unlink(missing_ok=True)
 
-        self.stages.do("train", "Training", chosen, [self.scene, self.out / "train.json"], work, ["views"])
+        self.stages.do("train", "Training", chosen(options), [self.scene, self.out / "train.json"], work, ["views"])
 
     def evaluate(self) -> None:
         """Score the base and the palette network on the unseen views, and show some of them beside the truth."""
@@ -162,7 +142,7 @@ class Job:
 
         def work(progress: Progress) -> None:
             scene = self.scene_at(self.scene)
-            size = self.settings.orbit_size
+            size = self.settings.path.orbit_size
             camera = orbit(scene, 181, size, size)[76]
             count = len(scene.regions)
             first = scene.render(camera, "pcn", None, part(progress, 0.0, 1 / (count + 1)))
@@ -177,8 +157,8 @@ class Job:
                 labels.append(f"region {kept}")
             write_png(self.out / "regions.png", sheet(cropped([pictures]), labels))
 
-        chosen = {"size": self.settings.orbit_size}
-        self.stages.do("regions", "Regions", chosen, [self.out / "regions.png"], work, ["train"])
+        settings = {"size": self.settings.path.orbit_size}
+        self.stages.do("regions", "Regions", settings, [self.out / "regions.png"], work, ["train"])
 
     def recolour(self) -> None:
         """Turn the hue of every region."""
@@ -197,32 +177,30 @@ class Job:
 
     def stylize(self) -> None:
         """Paint the regions in the manner of the styles."""
+        from svv.train.ink import StyleInput
         from svv.train.pipeline import stylize_scene
 
-        s, path = self.settings, self.out / "styled.svv"
-        checkpoint = checkpoint_of(path)
-        chosen = {"styles": [fingerprint(style) for style in self.styles], "preset": s.preset, "seed": s.seed}
+        options, path = self.settings.paint, self.out / "styled.svv"
+        checkpoint, size = checkpoint_of(path), self.settings.path.orbit_size
+        settings = {"styles": [fingerprint(style) for style in self.styles], **chosen(options)}
 
         def work(progress: Progress) -> None:
-            styles = [read_style(style) for style in self.styles]
-            names = [style.stem for style in self.styles]
-            scene, report = stylize_scene(
-                self.scene_at(self.scene), styles, None, set(), s.preset, s.seed, progress, checkpoint, names
-            )
+            styles = [StyleInput(read_style(style), style.stem) for style in self.styles]
+            scene, report = stylize_scene(self.scene_at(self.scene), styles, options, progress, checkpoint)
             scene.save(path)
-            shown = [fitted(style, s.orbit_size) for style in styles]
-            write_png(self.out / "styles.png", sheet([shown], names))
+            shown = [fitted(read_style(style), size) for style in self.styles]
+            write_png(self.out / "styles.png", sheet([shown], [style.stem for style in self.styles]))
             write_json(self.out / "stylize.json", {**report, "scene_bytes": path.stat().st_size})
             checkpoint.unlink(missing_ok=True)
 
         files = [path, self.out / "styles.png", self.out / "stylize.json"]
-        self.stages.do("stylize", "Stylizing", chosen, files, work, ["train"])
+        self.stages.do("stylize", "Stylizing", settings, files, work, ["train"])
         self.variants["styled"] = ("stylize", path)
 
     def orbits(self) -> None:
         """Render the orbit of every variant, frame by frame into a folder of its own."""
-        source, s = self.source, self.settings
-        chosen = {"frames": s.orbit, "size": s.orbit_size}
+        source, s = self.source, self.settings.path
+        settings = {"frames": s.orbit, "size": s.orbit_size}
         columns: dict[str, tuple[str, Path | None]] = {"palette network": ("train", self.scene), **self.variants}
         if isinstance(source, Drawn):
             columns = {"volume rendering": ("views", None), **columns}
@@ -242,11 +220,11 @@ class Job:
                     write_png(folder / f"{index:04d}.png", image)
 
             last = [folder / f"{s.orbit - 1:04d}.png"]
-            self.stages.do(f"orbit {label}", f"Orbit: {label}", chosen, last, work, sorted({"train", stage}))
+            self.stages.do(f"orbit {label}", f"Orbit: {label}", settings, last, work, sorted({"train", stage}))
 
     def movie(self) -> None:
         """The orbits side by side, as a movie and as a contact sheet."""
-        s, labels = self.settings, list(self.variants)
+        s, labels = self.settings.path, list(self.variants)
         contact, movie = self.out / "contact.png", self.out / "orbit.mp4"
         rows = [int(i) for i in np.linspace(0, s.orbit - 1, CONTACT_ROWS + 2).round()][1:-1]
 
@@ -270,7 +248,7 @@ class Job:
         return self.out / "orbit" / label.replace(" ", "-")
 
     def _show_unseen(self, scene: Any, views: ViewSet, progress: Progress) -> None:
-        rows, size = [], self.settings.orbit_size
+        rows, size = [], self.settings.path.orbit_size
         some = np.linspace(0, len(views) - 1, UNSEEN_ROWS + 2).round().astype(int)[1:-1]
         for step, index in enumerate(some):
             progress(step / len(some), "unseen views")

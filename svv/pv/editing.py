@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from svv.core.correction import Correction
-from svv.core.light import COEFFICIENTS
 from svv.errors import BadInput, Progress
-from svv.pv.panels import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PAINT_LIGHT, REGIONS
+from svv.options.editing import LightEdit, OutlineEdit, PaintEdit, RegionEdit, SceneEdit, VisibilityEdit
+from svv.options.making import DeviceOptions, PaletteOptions
+from svv.pv.option_panel import options_in
+from svv.pv.panels import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, REGIONS
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -29,6 +31,8 @@ def as_edited(scene: Scene, values: Values) -> Scene:
         raise BadInput(f"{values['Undo']} edits are to be undone, but the scene came with {len(scene.history.past)}.")
     for _ in range(values["Undo"]):
         scene = scene.undone()
+    from svv.fields.requested import with_edit
+
     before = scene
     if values["AsTrained"]:
         scene = scene.reset()
@@ -36,46 +40,35 @@ def as_edited(scene: Scene, values: Values) -> Scene:
         scene = scene.with_variant(values["Variant"])
     if values["ShowHidden"]:
         scene = scene.shown()
-    if values["Isolate"].strip():
-        scene = scene.isolated(*whole_numbers_in(values["Isolate"], "Isolate"))
-    for region in range(REGIONS):
-        name = f"Region{region}"
-        colour = values[f"{name}Colour"] if values[f"{name}Recolour"] else None
-        # 1 is the panel's 'as it is': it must not undo what an edit before this filter did.
-        opacity, lighting = (
-            None if values[f"{name}{what}"] == 1.0 else values[f"{name}{what}"] for what in ("Opacity", "Lighting")
-        )
-        reflects = {what: values[f"{name}{what.title()}"] for what in COEFFICIENTS if values[f"{name}Reflect"]}
-        if (colour, opacity, lighting) != (None, None, None) or reflects:
-            scene = scene.edited(region, colour, opacity, lighting, **reflects)
-        if values[f"{name}Hide"]:
-            scene = scene.hidden(region)
-    scene = _lit(scene, values)
-    if values["Strength"] != 1.0:
-        scene = scene.with_strength(values["Strength"])
-    if values["PaintLight"] != PAINT_LIGHT:
-        scene = scene.with_paint_light(values["PaintLight"])
-    if values["StrokeOpacity"] != 0.0:
-        scene = scene.with_stroke_opacity(values["StrokeOpacity"])
-    if values["Outline"] != 0.0:
-        chosen = whole_numbers_in(values["OutlineRegions"], "Outline Regions")
-        scene = scene.with_outline(
-            values["Outline"], *chosen, width=values["OutlineWidth"], colour=values["OutlineColour"]
-        )
-    return scene.as_one_step(before)
+    return with_edit(scene, edit_in(values)).as_one_step(before)
 
 
-def _lit(scene: Scene, values: Values) -> Scene:
-    """The scene under the panel's light."""
-    where, intensity = values["LightFrom"], None if values["LightIntensity"] == 1.0 else values["LightIntensity"]
-    if where == AS_IT_CAME and intensity is None:
-        return scene
-    places: dict[str, dict[str, Any]] = {
-        AS_IT_CAME: vars(scene.lamp),
+def edit_in(values: Values) -> SceneEdit:
+    """All edits that the panel asks for.
+
+    Raises:
+        BadInput: text that is no regions.
+    """
+    rows = [f"Region{region}" for region in range(REGIONS)]
+    hide = tuple(region for region, name in enumerate(rows) if values[f"{name}Hide"])
+    places: dict[str, dict[str, Any] | None] = {
+        AS_IT_CAME: None,
         BESIDE: {"azimuth": values["LightAzimuth"], "elevation": values["LightElevation"]},
         IN_WORLD: {"direction": values["LightDirection"]},
     }
-    return scene.with_light(**(places[where] | {"intensity": intensity}))
+    outline = options_in(OutlineEdit, values)
+    return SceneEdit(
+        {region: options_in(RegionEdit, values, name) for region, name in enumerate(rows)},
+        options_in(LightEdit, values, light=places[values["LightFrom"]]),
+        options_in(PaintEdit, values),
+        # Width and colour say nothing while there is no ink.
+        outline if outline.outline is not None else OutlineEdit(),
+        VisibilityEdit(
+            isolate=tuple(whole_numbers_in(values["Isolate"], "Isolate")) if values["Isolate"].strip() else None,
+            hide=hide or None,
+        ),
+        outlined=tuple(whole_numbers_in(values["OutlineRegions"], "Outline Regions")),
+    )
 
 
 def told(scene: Scene) -> str:
@@ -135,13 +128,9 @@ def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) ->
     from svv.pv.identity import digest_of_scene
     from svv.train.correct import correct_palette
 
-    device = device_named(values["Device"])
-    if values["ViewsOnly"]:
-        views = replace(views, classified=None)
-    result, _ = correct_palette(
-        scene.on(device), views, correction_in(values), values["Preset"], values["TimeLimit"] or None, values["Seed"],
-        progress,
-    )  # fmt: skip
+    device = device_named(options_in(DeviceOptions, values).device)
+    options = options_in(PaletteOptions, values)
+    result, _ = correct_palette(scene.on(device), views, correction_in(values), options, progress)
     return replace(result, made={**result.made, "of": digest_of_scene(scene)}).on(scene.device)
 
 

@@ -7,6 +7,9 @@ from typing import Any
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
+from svv.options.editing import LightEdit, OutlineEdit, RegionEdit
+from svv.options.making import DeviceOptions, PresetName, RenderOptions, TrainOptions, ViewOptions
+from svv.pv.option_panel import properties_of
 from svv.pv.properties import (
     Property,
     button,
@@ -26,7 +29,6 @@ from svv.pv.properties import (
 )
 
 PICTURES = "png jpg jpeg tif tiff bmp webp"
-PRESETS = ("draft", "fast", "balanced", "paper")
 TAKE_HELP = (
     "Look at the transfer function again, and at the time step that is shown. Neither editing the one nor playing an "
     "animation starts minutes of work by itself; nothing is done where nothing changed. What a saved state misses "
@@ -34,12 +36,6 @@ TAKE_HELP = (
 )
 REGIONS = 8
 """Regions that the panel of StyleRF Edit shows, as many as a palette may have; those that a scene lacks do nothing."""
-
-PAINT_LIGHT = 0.6
-"""Light on paint of a scene that was not edited, as :mod:`svv.fields.paint_light` has it, which loads torch."""
-
-OUTLINE_WIDTH, INK = 2.0, (0.06, 0.05, 0.05)
-"""Width and colour of outlines unless an edit says otherwise, as in :mod:`svv.core.outlines`, which loads SciPy."""
 
 ROW = ("Style", "Positive", "Negative", "Mask", "Part")
 """What StyleRF Stylize asks about each region."""
@@ -82,7 +78,7 @@ def takes_scene(cls: Any) -> Any:
     return smproperty.input(name="Input", port_index=0)(cls)
 
 
-def volume_properties(views: int, test: int, size: int) -> list[Property]:
+def volume_properties(views: ViewOptions) -> list[Property]:
     """How a volume is shown, and how many views are drawn of it."""
     return [
         scalars(),
@@ -99,35 +95,25 @@ def volume_properties(views: int, test: int, size: int) -> list[Property]:
             number("Specular", 0.0, "Specular reflection.", 0.0, 1.0, True),
             number("SpecularPower", 100.0, "Exponent of the specular highlights.", 0.0, 128.0, True),
         ]),
-        integer("Views", views, "Number of training views, spread evenly around the volume.", 3, None, True),
-        integer("TestViews", test, "Number of test views, which are never trained on.", 0, 181, True),
-        integer("ViewSize", size, "Width and height of the views in pixels.", 64, 4096, True),
-        choice("RayCaster", ("auto", "gpu", "cpu"), "auto",
-               "VTK's ray caster; auto picks the GPU if OpenGL runs on hardware.", True),
+        *properties_of(views),
     ]  # fmt: skip
 
 
-def training_properties(preset: str) -> list[Property]:
+def training_properties(preset: PresetName) -> list[Property]:
     """How much is learned."""
     return [
-        choice("Preset", PRESETS, preset,
-               "How long to train: draft gives a first look, fast and balanced take minutes, paper takes hours."),
-        number("TimeLimit", 0.0, "Train for at most this many seconds; 0: no limit.", 0.0),
-        integer("Seed", 0, "The same seed gives the same result.", 0, None, True),
-        choice("Lighting", ("network", "phong", "auto"), "network",
-               "network: a light that stays at the camera; phong: one that StyleRF Edit can move; auto: phong where "
-               "views that are held out allow it.", True),
+        *properties_of(TrainOptions(preset=preset), skip=("device",)),
         switch("TrainEachTimeStep", False,
                "Learn a scene for each time step that is shown; else time passes, and the scene stays until Take As "
                "Edited. The scenes of the last steps are kept."),
+        device(),
     ]  # fmt: skip
 
 
 def device() -> Property:
-    """What calculates."""
-    return choice("Device", ("cpu", "cuda", "auto"), "cpu",
-                  "What learns and renders: auto takes CUDA where there is a GPU for it. A scene is not learned again "
-                  "because this was changed.", True)  # fmt: skip
+    """Where work runs."""
+    (made,) = properties_of(DeviceOptions())
+    return made
 
 
 def preview_file() -> Property:
@@ -146,10 +132,7 @@ def image_properties(size: int) -> list[Property]:
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
                "What the picture shows: the scene, or its regions, numbered, in false colours or in their own."),
-        text("Variant", "Name of the painting; empty: the one that the scene shows.", "", True),
-        choice("Network", ("last", "base", "pcn", "styled"), "last",
-               "What gives the colours: base (as learned), pcn (the palette, with its edits), styled; last is the last "
-               "that the scene has."),
+        *properties_of(RenderOptions(), skip=("device",)),
         switch("Background", False, "Give the image a background; otherwise it is transparent."),
         numbers("BackgroundColour", (1.0, 1.0, 1.0), "Colour of the background.", "color_selector"),
         numbers("Camera", (0.0,) * 9 + (30.0,),
@@ -164,20 +147,8 @@ def region_properties(region: int) -> Sequence[Property]:
     """What can be edited of one region."""
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
-        switch(f"{name}Recolour", False, "Give the region another colour.",
-               advanced),
-        numbers(f"{name}Colour", (1.0, 0.5, 0.0), "The region's new colour.", "color_selector", advanced),
-        number(f"{name}Opacity", 1.0, "Factor on the region's opacity; 1 is as trained.", 0.0, 4.0, advanced),
-        number(f"{name}Lighting", 1.0, "Factor on the region's shading; 0 is flat, 1 is as trained.", 0.0, 2.0,
-               advanced),
+        *properties_of(RegionEdit(), name, advanced),
         switch(f"{name}Hide", False, "Hide the region and keep its opacity.", advanced),
-        switch(f"{name}Reflect", False, "Set how the region reflects a light that can be moved.", True),
-        *shown_where(f"{name}Reflect", 1, [
-            number(f"{name}Ambient", 0.1, "Ambient reflection of the region.", 0.0, 1.0, True),
-            number(f"{name}Diffuse", 0.9, "Diffuse reflection of the region.", 0.0, 2.0, True),
-            number(f"{name}Specular", 0.2, "Specular reflection of the region.", 0.0, 2.0, True),
-            number(f"{name}Shininess", 30.0, "Exponent of the region's specular highlight.", 1.0, 128.0, True),
-        ]),
     ])  # fmt: skip
 
 
@@ -194,18 +165,14 @@ def light_properties() -> Sequence[Property]:
             numbers("LightDirection", (0.0, 0.0, 1.0), "Direction of the light (x, y, z) in world coordinates, "
                 "whatever the camera does."),
         ]),
-        number("LightIntensity", 1.0, "Factor on the brightness of the light; 1 leaves it unchanged.", 0.0, 4.0),
+        *properties_of(LightEdit()),
     ])  # fmt: skip
 
 
 def outline_properties() -> Sequence[Property]:
     """Silhouettes and creases as ink."""
     return group("Outline", [
-        number("Outline", 0.0, "How much ink silhouettes and creases have: 1 is all; 0 leaves them as they came.",
-               0.0, 1.0),
-        number("OutlineWidth", OUTLINE_WIDTH, "How wide silhouettes are, in pixels where the view's shorter side has "
-               "800.", 0.5, 16.0),
-        numbers("OutlineColour", INK, "Colour of the outlines.", "color_selector", True),
+        *properties_of(OutlineEdit()),
         text("OutlineRegions", "Numbers of the regions that are outlined so, such as 0, 2. Empty: all.", "", True),
     ])  # fmt: skip
 

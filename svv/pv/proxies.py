@@ -14,6 +14,7 @@ from paraview.util.vtkAlgorithm import smproperty, smproxy
 
 from svv.errors import part
 from svv.io.made import digest
+from svv.options.making import ViewOptions
 from svv.pv.data import put_image, put_no_views, put_scene, scene_of
 from svv.pv.filters import ImageOutput, ViewsOutput, set_image_information, time_asked_for
 from svv.pv.identity import key_in, key_of
@@ -44,7 +45,7 @@ __all__ = [
 @keep_input_visible
 @smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
 @panel(
-    *volume_properties(92, 16, 800),
+    *volume_properties(ViewOptions()),
     button("TakeAsEdited", TAKE_HELP),
     file("Folder", "", "", "Folder in which to write the views as well, as a set that `svv` and other programs read."),
     *shown_view(),
@@ -106,12 +107,11 @@ class StyleRFViews(ViewsOutput, Keeping):
 @keep_input_visible
 @panel(
     *training_properties("balanced"),
-    device(),
     button("TakeAsEdited", TAKE_HELP),
     file("SceneFile", "svv", "Scenes",
          "Where to keep the scene. A scene that was trained here from the same input is read from it, so that a saved "
          "state need not train again; training that was stopped goes on.", save=True),
-    *volume_properties(92, 0, 800),
+    *volume_properties(ViewOptions(test=0)),
     *kept_as(),
     status(),
 )  # fmt: skip
@@ -181,11 +181,10 @@ class StyleRFRender(ImageOutput):
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Style pictures for the volume."),
     *training_properties("fast"),
-    device(),
     button("TakeAsEdited", TAKE_HELP),
     preview_file(),
     *image_properties(400),
-    *volume_properties(92, 0, 800),
+    *volume_properties(ViewOptions(test=0)),
     *kept_as(),
     status(),
 )

@@ -15,18 +15,20 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.errors import BadInput
 from svv.io.made import digest
+from svv.options.described import chosen
+from svv.options.editing import PaintEdit
+from svv.options.making import PaintOptions, PaletteOptions
 from svv.pv.data import key_of_views, put_image, put_scene, scene_of, views_of
 from svv.pv.filters import set_image_information
 from svv.pv.identity import digest_of_edits, digest_of_scene, digest_of_views, settings_in
 from svv.pv.keeping import FOUND, Keeping
+from svv.pv.option_panel import options_in, properties_of
 from svv.pv.panels import (
     ADDED,
     GALLERY,
     INKS,
     NO_GALLERY,
-    PAINT_LIGHT,
     PICTURES,
-    PRESETS,
     REGIONS,
     added_properties,
     correction_properties,
@@ -106,22 +108,7 @@ class SceneOutput(Keeping):
     *(p for region in range(REGIONS) for p in region_properties(region)),
     text("Isolate", "Numbers of the regions that alone are seen, such as 0, 2. Empty: all that are not hidden."),
     switch("ShowHidden", False, "Show regions that were hidden before this filter."),
-    number("Strength", 1.0, "How strongly the painting shows: 0 the palette's colours, 1 the paint.", 0.0, 1.0),
-    number(
-        "PaintLight",
-        PAINT_LIGHT,
-        f"How much light falls on a painting: 0 none, 1 all of it; {PAINT_LIGHT} as it came.",
-        0.0,
-        1.0,
-    ),
-    number(
-        "StrokeOpacity",
-        0.0,
-        "How much a painting's opacity follows its strokes: above 0 dark ones are more "
-        "opaque, for light backgrounds, below 0 light ones, for dark ones; 0 leaves it as it came.",
-        -1.0,
-        1.0,
-    ),
+    *properties_of(PaintEdit()),
     *outline_properties(),
     text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
     integer(
@@ -165,10 +152,7 @@ class StyleRFEdit(SceneOutput):
     text("Merge", "Regions that become one, such as 0, 1; with semicolons between several: 0, 1; 2, 3."),
     *(p for region in range(REGIONS) for p in correction_properties(region)),
     *(p for number in range(ADDED) for p in added_properties(number)),
-    choice("Preset", PRESETS, "balanced", "How long to train the regions; draft gives a first look."),
-    number("TimeLimit", 0.0, "Train for at most this many seconds; 0: no limit.", 0.0),
-    integer("Seed", 0, "The same seed gives the same result.", 0, None, True),
-    switch("ViewsOnly", False, "Take the palette as given, and let the views alone say which point is whose.", True),
+    *properties_of(PaletteOptions()),
     device(),
     button("TrainAgain", "Train again, even if nothing has changed."),
     button("ResetPalette", "Reset this panel, so that the scene is as it came in."),
@@ -208,8 +192,7 @@ class StyleRFPalette(SceneOutput):
             return "The palette as it came: set, add, merge, remove or split a colour."
         base = digest_of_scene(scene)
         source = key_of_views(inputs[1]) or self._file_key()
-        chosen = [self.values[name] for name in ("Preset", "TimeLimit", "Seed", "ViewsOnly")]
-        settings = digest(vars(correction), chosen)
+        settings = digest(vars(correction), chosen(options_in(PaletteOptions, self.values)))
         key = (base, source, settings)
 
         def make() -> Any:
@@ -258,8 +241,7 @@ class StyleRFPalette(SceneOutput):
            "region's row goes before."),
     number("Strength", 1.0, "How strongly the painting shows: 0 the palette's colours, 1 the paint. Takes no "
         "training.", 0.0, 1.0),
-    number("StrokeSize", 1.0, "Scale of the strokes: 2 makes them twice as large.", 0.25, 4.0),
-    choice("Preset", PRESETS, "balanced", "How long to paint; draft gives a first look."),
+    *properties_of(PaintOptions()),
     preview_file(),
     switch("PreviewOnly", False, "Show the masks without painting."),
     integer("ShownMask", 0, "Region whose picture and mask the second output shows.", 0, REGIONS - 1),
@@ -271,7 +253,6 @@ class StyleRFPalette(SceneOutput):
         "starting afresh."),
     text("Variant", "Name of the painting; a new name adds a painting to the same scene."),
     text("ShowVariant", "Name of the painting to show; empty: the one named above."),
-    integer("Seed", 0, "The same seed gives the same result.", 0, None, True),
     device(),
     button("PaintAgain", "Paint again: from the start, or onwards if Continue is on."),
     button("ResetStyle", "Return to the scene before painting; Paint Again paints it."),

@@ -42,8 +42,8 @@ class ShownVolume(Drawn):
         """
         from svv.pv.work import views_key, volume_of
 
-        ours = {"Views": 0, "TestViews": 0, "ViewSize": 0, "RayCaster": ""}  # the job knows these itself
-        return {"shown": views_key(volume_of(self.data), {**self.values, **ours})}
+        # Number and size of views are at their defaults here: the job knows them itself.
+        return {"shown": views_key(volume_of(self.data), self.values)}
 
     def image(self) -> Any:
         """The volume, checked."""

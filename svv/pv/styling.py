@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 from svv.errors import BadInput, Progress, part
 from svv.io.mask_file import Mask
+from svv.options.making import DeviceOptions, PaintOptions
 from svv.pv.identity import digest_of_scene
 from svv.pv.masks import NO_PICTURE, asks_for_part, mask_for, source_of, sources_of
+from svv.pv.option_panel import options_in
 from svv.pv.panels import REGIONS
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
-    from svv.train.ink import Style
+    from svv.train.ink import Style, StyleInput
 
 Values = Mapping[str, Any]
 
@@ -89,9 +91,7 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
 class Styles:
     """Pictures as :func:`svv.train.pipeline.stylize_scene` takes them, and the style of each region."""
 
-    names: list[str] = field(default_factory=list)
-    pictures: list[Style] = field(default_factory=list)
-    masks: list[Mask | None] = field(default_factory=list)
+    given: list[StyleInput] = field(default_factory=list)
     mapping: dict[int, int] = field(default_factory=dict)
     opened: dict[str, tuple[str, Style]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -99,13 +99,13 @@ class Styles:
 
     def add(self, source: str, mask: Mask | None, region: int, progress: Progress) -> None:
         """Give a region a picture, or the part of it that a mask shows."""
+        from svv.train.ink import StyleInput
+
         name, picture = self.open(source, progress)
         key = source, None if mask is None else region
         if key not in self._numbers:
-            self._numbers[key] = len(self.names)
-            self.names.append(name if mask is None else f"{name} (region {region})")
-            self.pictures.append(picture)
-            self.masks.append(mask)
+            self._numbers[key] = len(self.given)
+            self.given.append(StyleInput(picture, name if mask is None else f"{name} (region {region})", mask))
         self.mapping[region] = self._numbers[key]
 
     def open(self, source: str, progress: Progress) -> tuple[str, Style]:
@@ -176,16 +176,14 @@ def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = Fals
     from svv.kernels.dispatch import device_named
     from svv.train.pipeline import stylize_scene
 
-    device = device_named(values["Device"])
+    device = device_named(options_in(DeviceOptions, values).device)
     file = values.get("PreviewFile")
     preview, progress = (None, progress) if not file else told_of(Path(file), progress)
     styles = styles_of(scene, values, part(progress, 0.0, 0.02))
-    styled, report = stylize_scene(
-        scene.on(device), styles.pictures, styles.mapping, (), values["Preset"], values["Seed"],
-        part(progress, 0.02, 1.0), names=styles.names, masks=styles.masks, stroke_size=values.get("StrokeSize", 1.0),
-        go_on=go_on, variant=None if go_on else values.get("Variant") or None,
-        preview=preview,
-    )  # fmt: skip
+    variant = None if go_on else values.get("Variant") or None
+    options = options_in(PaintOptions, values, mapping=styles.mapping, go_on=go_on, variant=variant)
+    painting = part(progress, 0.02, 1.0)
+    styled, report = stylize_scene(scene.on(device), styles.given, options, painting, preview=preview)
     notes = {**report, "notes": [*styles.notes, *report["notes"]]}
     return replace(styled, made={**styled.made, "stylized": notes})
 

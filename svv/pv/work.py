@@ -16,9 +16,12 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
 from svv.io.made import digest, digest_of_file
+from svv.options.described import chosen
+from svv.options.making import DeviceOptions, PaintOptions, RenderOptions, TrainOptions, ViewOptions
 from svv.pv.data import camera_of, digest_of, key_of_views, time_of, views_of
 from svv.pv.filters import ORBIT
 from svv.pv.identity import digest_of_mask, key_of
+from svv.pv.option_panel import options_in
 from svv.pv.panels import COLOURS, IN_COLOUR, REGIONS, ROW
 from svv.pv.steps import Moment
 
@@ -65,8 +68,7 @@ def _digest_of(image: vtkImageData, values: Values) -> str:
 
 def _drawing(values: Values) -> list[Any]:
     """How a volume is shown but for the transfer function, and how many views are drawn."""
-    chosen = [values[k] for k in ("Scalars", "Views", "TestViews", "ViewSize", "RayCaster")]
-    return [*chosen, asdict(shading_of(values))]
+    return [values["Scalars"], chosen(options_in(ViewOptions, values)), asdict(shading_of(values))]
 
 
 def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
@@ -124,10 +126,7 @@ def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple
     return make_views(
         as_volume(image, values["Scalars"] or None, "The input"),
         transfer_function_of(values),
-        values["Views"],
-        values["ViewSize"],
-        test=values["TestViews"],
-        mapper=values["RayCaster"],
+        **vars(options_in(ViewOptions, values)),
         shading=shading_of(values),
         rescale=False,  # in ParaView the function is already where the user put it
         name=values["Scalars"] or "volume",
@@ -148,7 +147,7 @@ def training_moment(data: vtkDataObject | None, values: Values, asked: float | N
         moment = moment_of(data, {**values, "TestViews": 0}, asked)  # they are not learned
     else:
         moment = Moment("views", "", digest("views", views))
-    settings = digest(moment.settings, *(values[k] for k in ("Preset", "TimeLimit", "Seed", "Lighting")))
+    settings = digest(moment.settings, chosen(options_in(TrainOptions, values)))
     return replace(moment, settings=settings, here=f"{moment.here} {values.get('SceneFile', '')}")
 
 
@@ -164,7 +163,7 @@ def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
     scene = Scene.load(file) if file.exists() else None
     if scene is None or scene.made.get("key") != key_of(now):
         return None
-    return scene.on(device_named(values["Device"]))
+    return scene.on(device_named(options_in(DeviceOptions, values).device))
 
 
 def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Scene:
@@ -179,9 +178,12 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
     from svv.io.atomic import check_writable
     from svv.io.scene_file import checkpoint_of
     from svv.kernels.dispatch import device_named
+    from svv.train.config import settings_of
     from svv.train.pipeline import train_scene
 
-    device, views, now = device_named(values["Device"]), views_of(data), training_moment(data, values, None)
+    options, views, now = options_in(TrainOptions, values), views_of(data), training_moment(data, values, None)
+    settings_of(options)  # what is wrong is said before views are drawn
+    device_named(options.device)
     file = Path(values["SceneFile"]) if values.get("SceneFile") else None
     if file is not None:
         check_writable(file)
@@ -190,10 +192,7 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
         views, _ = draw_views(volume_of(data), {**values, "TestViews": 0}, part(progress, 0.0, 0.15))
         learn = part(progress, 0.15, 1.0)
     checkpoint = None if file is None else checkpoint_of(file)
-    limit = values["TimeLimit"] or None
-    scene, _ = train_scene(
-        views, values["Preset"], limit, values["Seed"], learn, checkpoint, device, lighting=values["Lighting"]
-    )
+    scene, _ = train_scene(views, options, learn, checkpoint)
     made = {"key": key_of(now), "look": now.look, "data": now.data, "time": time_of(data)}
     scene = replace(scene, made={**scene.made, **made})
     if file is not None and checkpoint is not None:
@@ -222,8 +221,8 @@ def style_key(values: Values) -> str:
     masks = {f"Region{k}Mask": values.get(f"Region{k}Mask") or "" for k in range(REGIONS)}
     there = {row: digest_of_mask(name) for row, name in masks.items() if Path(name).is_file()}
     rows = [there.get(row, values.get(row)) for k in range(REGIONS) for row in (f"Region{k}{what}" for what in ROW)]
-    others = ("Gallery", "Mapping", "PictureParts", "StrokeSize", "Preset", "Seed")
-    return digest(files, rows, *(values.get(k) for k in others))
+    others = [values.get(name) for name in ("Gallery", "Mapping", "PictureParts")]
+    return digest(files, rows, others, chosen(options_in(PaintOptions, values)))
 
 
 # --- images ---------------------------------------------------------------------------------------------------------
@@ -264,11 +263,11 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
     from svv.kernels.dispatch import device_named
     from svv.render.frames import region_colours
 
-    if values.get("Variant"):
-        scene = scene.with_variant(values["Variant"])
-    network = None if values["Network"] == "last" else values["Network"]
+    options = options_in(RenderOptions, values)
     background = values["BackgroundColour"] if values["Background"] else None
-    shown = scene.on(device_named(values["Device"])).render(camera, network, background, progress)
+    if options.variant is not None:
+        scene = scene.with_variant(options.variant)
+    shown = scene.on(device_named(options.device)).render(camera, options.network, background, progress)
     rgba = to_bytes(shown.rgba)
     if values.get("Show", COLOURS) != COLOURS:
         colours = region_colours(scene) if values["Show"] == IN_COLOUR else None

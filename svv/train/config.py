@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, TypeVar, get_origin
 
 import numpy as np
 
@@ -11,6 +13,8 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.errors import BadInput
 from svv.fields.networks import FieldSettings
+from svv.options.described import Described, described
+from svv.options.making import LIGHTINGS, PaintOptions, PaletteOptions, TrainOptions
 
 
 @dataclass(frozen=True)
@@ -219,21 +223,98 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
     )
 
 
-LIGHTINGS = ("network", "phong", "auto")
-
-
-def lit_by(chosen: Preset, lighting: str | None) -> Preset:
-    """A preset with another kind of light, by default its own.
+def lit_by(chosen: Preset, lighting: str) -> Preset:
+    """A preset with another kind of light; ``network`` leaves it the preset's own.
 
     Raises:
         BadInput: there is no such kind, or it needs another encoding.
     """
-    lighting = lighting or chosen.lighting
     if lighting not in LIGHTINGS:
         raise BadInput(f"There is no lighting '{lighting}'; choose one of {', '.join(LIGHTINGS)}.")
-    if lighting != "network" and chosen.field.encoding != "lattice":
+    if lighting == "network":
+        return chosen
+    if chosen.field.encoding != "lattice":
         raise BadInput("An explicit light needs the lattice: leave out --lighting, or take another preset or encoding.")
     return replace(chosen, lighting=lighting)
+
+
+STAGES = ("field", "reconstruct", "recolour", "stylize")
+"""Parts of a preset whose settings can be changed one by one."""
+
+
+def changed(chosen: Preset, changes: Sequence[str]) -> Preset:
+    """A preset with single settings changed, each written as ``stage.name=value``.
+
+    Raises:
+        BadInput: text of another form, a stage or setting that does not exist, or a value of another type.
+    """
+    for text in changes:
+        key, sign, value = (word.strip() for word in text.partition("="))
+        stage, _, name = key.partition(".")
+        if not sign or stage not in STAGES:
+            raise BadInput(
+                f"'{text}' changes no setting; write STAGE.NAME=VALUE with one of the stages {', '.join(STAGES)}, for "
+                "example reconstruct.iterations=4000."
+            )
+        settings = getattr(chosen, stage)
+        known = {field.name: field for field in described(type(settings))}
+        if name not in known:
+            raise BadInput(f"There is no setting '{key}'; choose one of {', '.join(known)}.")
+        chosen = replace(chosen, **{stage: replace(settings, **{name: _value(known[name], key, value)})})
+    return chosen
+
+
+def _value(setting: Described, key: str, text: str) -> Any:
+    """The value of a setting that ``text`` is; raises BadInput where it is of another type."""
+    try:
+        if setting.optional and text == "none":
+            return None
+        if setting.kind is bool:
+            return {"true": True, "false": False}[text.lower()]
+        if setting.kind in (int, float):
+            number = setting.kind(text)
+            if not 0 <= number < math.inf:
+                raise ValueError
+            return number
+        if get_origin(setting.kind) is tuple:
+            return tuple(int(word) for word in text.split())
+        return text
+    except (KeyError, ValueError):
+        kinds = {bool: "true or false", int: "a whole number of at least 0", float: "a number of at least 0"}
+        needed = kinds.get(setting.kind, "whole numbers with spaces between")
+        raise BadInput(f"{key} needs {needed}, not '{text}'.") from None
+
+
+def settings_of(options: TrainOptions | PaletteOptions | PaintOptions, own: Preset | None = None) -> Preset:
+    """All numbers of the stages that options ask for, of the user's ``own`` settings or of their preset.
+
+    Raises:
+        BadInput: an option or a setting that does not exist, or a light that needs another encoding.
+    """
+    training = options if isinstance(options, TrainOptions) else TrainOptions(preset=options.preset)
+    chosen = lit_by(preset(own or options.preset, training.encoding), training.lighting)
+    return chosen if isinstance(options, PaletteOptions) else changed(chosen, options.change)
+
+
+Options = TypeVar("Options", TrainOptions, PaletteOptions, PaintOptions)
+
+
+def given(kind: type[Options], options: Options | Preset | str, changes: Mapping[str, Any]) -> tuple[Options, Preset]:
+    """The options that a function of the Python interface was given, and the numbers of its stages.
+
+    Args:
+        kind: Of options.
+        options: These, or the name of a preset, or settings of the user's own.
+        changes: Fields of the options, by name.
+
+    Raises:
+        BadInput: as :func:`settings_of`.
+        TypeError: there is no such field.
+    """
+    own = options if isinstance(options, Preset) else None
+    base: Any = options if isinstance(options, kind) else kind() if own else kind(preset=options)  # type: ignore[arg-type]
+    asked: Options = replace(base, **changes)
+    return asked, settings_of(asked, own)
 
 
 PIXELS_A_CELL = 2.5

@@ -23,8 +23,9 @@ from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import device_report, forget_gpu_peak
 from svv.measure import measured
+from svv.options.making import PaletteOptions
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import Preset, preset
+from svv.train.config import Preset, given, preset
 from svv.train.pipeline import key_of
 from svv.train.ranges import Owners, hull_of, membership
 from svv.train.recolour import recolour
@@ -40,11 +41,10 @@ def correct_palette(
     scene: Scene,
     views: ViewSet,
     correction: Correction,
-    preset_name: str | Preset = "balanced",
-    time_limit: float | None = None,
-    seed: int = 0,
+    options: PaletteOptions | Preset | str = PaletteOptions(),
     progress: Progress = silent,
     checkpoint: Path | None = None,
+    **changes: Any,
 ) -> tuple[Scene, dict[str, Any]]:
     """Correct the palette of a scene and train its palette colour network again; the base network stays.
 
@@ -56,11 +56,10 @@ def correct_palette(
         scene: With a palette network; its device is where the work is done.
         views: Those it was trained on, or others of the same scene.
         correction: What to do.
-        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``, or settings of one's own, for how long to train.
-        time_limit: Seconds; a longer schedule is shortened to fit.
-        seed: Same input, same result, as of :func:`svv.train.pipeline.train_scene`.
+        options: How to train. The name of a preset, or settings of your own, stand for the usual options with these.
         progress: Called several times a second; stops the training when it raises.
-        checkpoint: File to save to now and then, and to go on from if it is there.
+        checkpoint: File to save to now and then, and to resume from if it exists.
+        changes: Fields of the options by name, such as ``time_limit=60``.
 
     Returns:
         The scene with its new regions: those that took over an old one keep its edits, without a history. Its
@@ -73,10 +72,15 @@ def correct_palette(
     """
     if scene.palette_network is None:
         raise BadInput("The scene holds no palette network to correct; train it again.")
+    asked, chosen = given(PaletteOptions, options, changes)
+    time_limit, seed = asked.time_limit, asked.seed
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
     _check_views(scene, views)
-    chosen = preset(preset_name, scene.settings.encoding)
+    if not isinstance(options, Preset):
+        chosen = preset(asked.preset, scene.settings.encoding)
+    if asked.views_only:
+        views = replace(views, classified=None)
     volume = views.classified if all(region.values for region in scene.regions) else None
     member = np.zeros((0, len(scene.regions)), bool) if volume is None else membership(scene.regions, volume)
     before = [
@@ -85,11 +89,11 @@ def correct_palette(
     ]
     ranges = () if volume is None else volume.ranges
     entries, notes = corrected(before, correction, ranges)
-    palette, owners, given = np.array([entry.colour for entry in entries]), None, None
+    palette, owners, unmixing = np.array([entry.colour for entry in entries]), None, None
     if volume is not None:
         owners = Owners(volume, np.array([[r in e.ranges for e in entries] for r in range(len(ranges))]), scene.device)
     if owners is None or owners.shared:
-        given = Unmixing(palette, scene.device)
+        unmixing = Unmixing(palette, scene.device)
     saved = None
     if checkpoint is not None:
         key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries]}
@@ -98,7 +102,7 @@ def correct_palette(
     with measured() as cost:
         network, shares, spent = recolour(
             views, scene.base, scene.occupancy, scene.marching, palette, scene.settings, chosen.recolour, seed,
-            time_limit, part(progress, 0.0, 0.98), saved, owners, given,
+            time_limit, part(progress, 0.0, 0.98), saved, owners, unmixing,
         )  # fmt: skip
         begin = time.monotonic()
         regions = []

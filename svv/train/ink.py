@@ -129,6 +129,17 @@ Style = NDArray[np.floating] | Ink
 """What a region may be painted with: a picture (H, W, 3), sRGB in [0, 1], or an ink."""
 
 
+@dataclass(frozen=True, eq=False)
+class StyleInput:
+    """A style as :func:`svv.train.pipeline.stylize_scene` takes it."""
+
+    style: Style
+    name: str | None = None
+    """What to call it; an ink has a name of its own."""
+    mask: NDArray[np.bool_] | None = None
+    """Where the picture teaches, (h, w); None for all of it. One picture with several masks is given several times."""
+
+
 def ink_named(source: object) -> Ink | None:
     """The ink that ``ink:NAME`` is; None for what names no ink.
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +15,12 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.measure import give_memory_back
+from svv.options.making import PaintOptions
 from svv.styles.features import FeatureNetwork, PatchFeatures
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import StylizeSettings
 from svv.train.contrast import match_contrast
-from svv.train.ink import PAPER, Ink, Style
+from svv.train.ink import PAPER, Ink, Style, StyleInput
 from svv.train.loop import Loop
 from svv.train.previews import Previews, Show
 from svv.train.start import is_laid, run_stage, started, targets_of
@@ -63,27 +63,16 @@ class Order:
         return replace(scene, regions=self.regions).painted(colours, self.named, {}, self.name)
 
 
-def ordered(
-    scene: Scene,
-    styles: Sequence[Style],
-    mapping: dict[int, int] | Literal["colour"] | None,
-    keep: Collection[int],
-    names: Sequence[str] | None,
-    masks: Sequence[Mask | None] | None,
-    stroke_size: float,
-    strength: float,
-    go_on: bool,
-    variant: str | None,
-) -> Order:
-    """Who gets what; the arguments, and what is raised, are those of :func:`svv.train.pipeline.stylize_scene`."""
-    name = scene.free_name(variant)
-    if go_on and variant is None and scene.variant is not None:
+def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -> Order:
+    """Who gets what; what is raised is that of :func:`svv.train.pipeline.stylize_scene`."""
+    stroke_size, strength, go_on, mapping = options.stroke_size, options.strength, options.go_on, options.mapping
+    name, styles, keep = scene.free_name(options.variant), [given.style for given in inputs], options.keep
+    if go_on and options.variant is None and scene.variant is not None:
         name = scene.variant
-    masks, notes = checked_masks(masks, styles)
+    masks, notes = checked_masks(inputs)
     by_hand = (pairs_by_colour(scene.regions, styles, masks, keep) or None) if mapping == "colour" else mapping
     pairs = style_pairs(len(scene.regions), len(styles), by_hand, keep)
-    given = names or [f"style {k}" for k in range(len(styles))]
-    labels = [s.name if isinstance(s, Ink) else label for s, label in zip(styles, given, strict=True)]
+    labels = [s.style.name if isinstance(s.style, Ink) else s.name or f"style {k}" for k, s in enumerate(inputs)]
     if not LEAST_STROKE <= stroke_size <= MOST_STROKE:
         raise BadInput(f"The stroke size must lie between {LEAST_STROKE} and {MOST_STROKE:g}, not {stroke_size:g}.")
     if not 0.0 < strength <= 1.0:

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.kernels.dispatch import CPU, device_report, forget_gpu_peak
+from svv.kernels.dispatch import device_named, device_report, forget_gpu_peak
 from svv.measure import measured
+from svv.options.making import PaintOptions, TrainOptions
 from svv.styles.features import load_features
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import Preset, lit_by, preset
+from svv.train.config import Preset, given
 from svv.train.evaluate import evaluate_scene as evaluate_scene
-from svv.train.ink import Ink, Style
+from svv.train.ink import Ink, Style, StyleInput
 from svv.train.order import Painting, ordered
 from svv.train.previews import Show
 from svv.train.start import is_laid
@@ -33,29 +33,22 @@ LEAST_VIEWS = 3
 
 def train_scene(
     views: ViewSet,
-    preset_name: str | Preset = "balanced",
-    time_limit: float | None = None,
-    seed: int = 0,
+    options: TrainOptions | Preset | str = TrainOptions(),
     progress: Progress = silent,
     checkpoint: Path | None = None,
-    device: torch.device = CPU,
-    encoding: str | None = None,
-    lighting: str | None = None,
+    **changes: Any,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stages 1 and 2: base field, palette, palette colour network.
 
     Args:
         views: Training views.
-        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``, or settings of one's own.
-        time_limit: Seconds for the whole training; longer schedules are shortened to fit.
-        seed: The same views, preset, seed and number of threads give the same scene on a CPU (without a time limit);
-            a GPU adds up in another order each time.
+        options: How to train. The name of a preset, or settings of your own, stand for the usual options with these.
+            On a CPU, the same views, options and number of threads give the same scene (without a time limit); a GPU
+            adds up in another order each time.
         progress: Called several times a second; stops the training when it raises.
-        checkpoint: File to save to now and then, and to go on from if it is there. The caller removes it once the
+        checkpoint: File to save to now and then, and to resume from if it exists. The caller removes it once the
             scene is safe.
-        device: Where to train, and where the scene is then (:func:`svv.kernels.dispatch.device_named`).
-        encoding: ``lattice`` or ``hash``; by default the preset's own.
-        lighting: ``network``, ``phong`` or ``auto``; by default the preset's own.
+        changes: Fields of the options by name, such as ``time_limit=60``.
 
     Returns:
         The scene, and a report: ``seconds`` a stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
@@ -64,9 +57,12 @@ def train_scene(
         model has the size it has).
 
     Raises:
-        BadInput: fewer than 3 views, nothing visible in all of them, an unknown preset, encoding or lighting, no time.
+        BadInput: fewer than 3 views, nothing visible in all of them, an option that does not exist, no time.
     """
-    chosen = lit_by(preset(preset_name, encoding), lighting)
+    asked, chosen = given(TrainOptions, options, changes)
+    device, time_limit, seed = device_named(asked.device), asked.time_limit, asked.seed
+    if asked.views_only:
+        views = replace(views, classified=None)
     if len(views.cameras) < LEAST_VIEWS:
         raise BadInput(
             f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (92 are usual)."
@@ -103,50 +99,33 @@ def train_scene(
 
 def stylize_scene(
     scene: Scene,
-    styles: Sequence[Style],
-    mapping: dict[int, int] | Literal["colour"] | None = None,
-    keep: Collection[int] = (),
-    preset_name: str | Preset = "balanced",
-    seed: int = 0,
+    styles: Sequence[Style | StyleInput],
+    options: PaintOptions | Preset | str = PaintOptions(),
     progress: Progress = silent,
     checkpoint: Path | None = None,
-    names: Sequence[str] | None = None,
-    features: str = "auto",
-    loss: StyleLossSettings | None = None,
-    masks: Sequence[NDArray[np.bool_] | None] | None = None,
-    stroke_size: float = 1.0,
-    strength: float = 1.0,
-    go_on: bool = False,
-    variant: str | None = None,
     preview: Show | None = None,
+    loss: StyleLossSettings | None = None,
+    **changes: Any,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stage 3: colour transfer, painting and stylization.
 
     Args:
         scene: With a palette colour network; its device is where the work is done.
         styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.ink.Ink`): their regions are drawn, and
-            nothing is matched in them.
-        mapping: Style of each region to be styled; other regions stay as they are. None gives every region that is
-            not kept a style, in turn; ``"colour"`` the style whose mean colour is nearest
-            (:func:`svv.train.style_choice.pairs_by_colour`).
-        keep: Regions that stay as they are.
-        preset_name: ``draft``, ``fast``, ``balanced`` or ``paper``, or settings of your own.
-        seed: The same input gives the same scene.
+            nothing is matched in them. :class:`svv.train.ink.StyleInput` gives them names and masks.
+        options: How to paint. The name of a preset, or settings of your own, stand for the usual options with these.
+            ``mapping`` is the style of each
+            region to be painted; other regions stay as they are. None gives every region that is not kept a style, in
+            turn; ``"colour"`` the style whose mean colour is nearest (:func:`svv.train.style_choice.pairs_by_colour`).
+            With ``go_on``, regions that are painted already are refined instead of being painted anew, and those that
+            are not named keep their style. ``variant`` is a name that no painting of the scene has; without one it is
+            ``styled``, and replaces a painting of that name, or with ``go_on`` the painting that is shown.
         progress: Called several times a second; stops the work when it raises.
-        checkpoint: File to save to now and then, and to go on from if it is there.
-        names: What to call the pictures; inks have names of their own.
-        features: Feature network: ``auto``, ``embedded``, ``vgg16`` or a file.
+        checkpoint: File to save to now and then, and to resume from if it exists.
+        preview: Called with the painted scene as it is so far, for the first time when the style is laid, then every
+            ten seconds or so, and with the result. What it is given is its own.
         loss: What pulls the images towards the styles.
-        masks: For each style (h, w), true where its picture teaches, or None: all of it. One picture with several
-            masks is given several times.
-        stroke_size: Scale of the style pictures against the renders, 0.25 to 4: 2 makes strokes twice as large.
-        strength: How much of the styles is shown, over 0 to 1; can be changed afterwards.
-        go_on: Begin with the scene's own styled network: regions that are styled already go on from where they are
-            instead of being painted anew, and those that are not named keep their style.
-        variant: What to call the painting, a name that no variant of the scene has; without one it is ``styled``, and
-            replaces a variant of that name; going on without one replaces the variant that is shown.
-        preview: Called with the painted scene as it is so far, for the first time when the
-            style is laid, then every ten seconds or so, and with the result. What it is given is its own.
+        changes: Fields of the options by name, such as ``variant="ink"``.
 
     Returns:
         The scene with one more variant, which is shown, its edits as they were, and a report as of :func:`train_scene`;
@@ -158,23 +137,24 @@ def stylize_scene(
             that is empty or of another size than its picture, a stroke size or strength out of range, going on with
             a scene that holds no styled network, a variant that exists, or ink where paint is no lattice.
     """
-    chosen = preset(preset_name)
-    order = ordered(scene, styles, mapping, keep, names, masks, stroke_size, strength, go_on, variant)
+    asked, chosen = given(PaintOptions, options, changes)
+    inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]
+    order = ordered(scene, inputs, asked)
     if order.inks and not is_laid(scene, chosen.stylize):
         raise BadInput("Ink needs paint on a lattice: choose a scene and a preset of another kind than 'paper'.")
     network = None  # ink is not matched
     if len(order.inks) < len(order.pairs):
-        network = load_features(features, lambda _, label: progress(0.0, label))
+        network = load_features(asked.features, lambda _, label: progress(0.0, label))
     weights = loss or (PAPER_LOSS if chosen.name == "paper" else loss_for(network) if network else StyleLossSettings())
-    weights = replace(weights, style_size=round(weights.style_size * stroke_size))
+    weights = replace(weights, style_size=round(weights.style_size * asked.stroke_size))
     saved = None
     if checkpoint is not None:
-        key = {"scene": scene.made, "styles": [s.name if isinstance(s, Ink) else np.asarray(s) for s in styles],
-               "masks": order.masks, "pairs": sorted(order.pairs.items()), "go_on": go_on,
-               "settings": asdict(chosen.stylize), "loss": asdict(weights), "seed": seed,
+        key = {"scene": scene.made, "styles": [s.name if isinstance(s, Ink) else np.asarray(s) for s in order.styles],
+               "masks": order.masks, "pairs": sorted(order.pairs.items()), "go_on": asked.go_on,
+               "settings": asdict(chosen.stylize), "loss": asdict(weights), "seed": asked.seed,
                "features": network and network.title}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
-    work = Painting(scene, order, chosen.stylize, weights, network, seed, saved, preview)
+    work = Painting(scene, order, chosen.stylize, weights, network, asked.seed, saved, preview)
     forget_gpu_peak(scene.device)
     with measured() as cost:
         field = work.run(progress)
@@ -188,13 +168,13 @@ def stylize_scene(
         "parameters": styled.info()["parameters"]["total"],
         **device_report(scene.device),
         "threads": torch.get_num_threads(),
-        "seed": seed,
+        "seed": asked.seed,
         "preset": chosen.name,
         "features": "none" if network is None else f"{network.title}, {network.channels} channels",
         "styles": {str(k): order.labels[v] for k, v in order.pairs.items()},
         "masked": sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
-        "stroke_size": stroke_size,
-        "strength": strength,
+        "stroke_size": asked.stroke_size,
+        "strength": asked.strength,
         "continued": work.refined,
         "previews": [] if work.previews is None else work.previews.seconds,
         "notes": [*order.notes, *([network.note] if network and network.note else [])],

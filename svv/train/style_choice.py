@@ -11,31 +11,26 @@ from scipy.optimize import linear_sum_assignment
 from svv.core.colour import colour_differences
 from svv.errors import BadInput
 from svv.fields.region import Region
-from svv.train.ink import PAPER, Ink, Style, picture_of
+from svv.train.ink import PAPER, Ink, Style, StyleInput, picture_of
 
 Mask = NDArray[np.bool_]
 
 
-def checked_masks(masks: Sequence[Mask | None] | None, styles: Sequence[Style]) -> tuple[list[Mask | None], list[str]]:
+def checked_masks(styles: Sequence[StyleInput]) -> tuple[list[Mask | None], list[str]]:
     """One mask or None for each style, and what is to be said about them.
 
-    A mask of everything says nothing, so it counts as none.
+    A mask of everything says nothing, so it counts as None.
 
     Raises:
-        BadInput: a mask of another shape than its style, an empty one, one of an ink, or more or fewer masks than
-            styles.
+        BadInput: a mask of another shape than its style, an empty one, or one of an ink.
     """
-    if masks is None:
-        return [None] * len(styles), []
-    if len(masks) != len(styles):
-        raise BadInput(f"There are {len(masks)} masks for {len(styles)} styles: give one for each style, or None.")
     found: list[Mask | None] = []
     notes = []
-    for number, (mask, style) in enumerate(zip(masks, styles, strict=True)):
-        if mask is None:
+    for number, given in enumerate(styles):
+        if given.mask is None:
             found.append(None)
             continue
-        mask, (height, width) = np.asarray(mask, dtype=bool), picture_of(style).shape[:2]
+        mask, (height, width) = np.asarray(given.mask, dtype=bool), picture_of(given.style).shape[:2]
         if mask.shape != (height, width):
             raise BadInput(
                 f"The mask of style {number} has {mask.shape[1]} x {mask.shape[0]} pixels, its picture "
@@ -44,7 +39,7 @@ def checked_masks(masks: Sequence[Mask | None] | None, styles: Sequence[Style]) 
         if not mask.any():
             raise BadInput(f"The mask of style {number} is empty: nothing of the picture is left to learn from.")
         if mask.all():
-            notes.append(f"The mask of style {number} covers the whole picture, so it is the same as none.")
+            notes.append(f"The mask of style {number} covers the whole picture, so it changes nothing.")
         found.append(None if mask.all() else mask)
     return found, notes
 

@@ -164,10 +164,10 @@ def outside(chosen: argparse.Namespace) -> None:
         times = [time.perf_counter()]
         drawn, _ = make_views(chosen.volume, tf, views, size)
         times.append(time.perf_counter())
-        scene, _ = train_scene(drawn, preset, limit, 0)
+        scene, _ = train_scene(drawn, preset, time_limit=limit)
         times.append(time.perf_counter())
         if styles:
-            scene, _ = stylize_scene(scene, styles, None, (), preset, 0)
+            scene, _ = stylize_scene(scene, styles, preset)
         scene.render(orbit(scene, 181, pixels, pixels)[0])
         times.append(time.perf_counter())
         named = zip(("views", "train", "stylize"), itertools.pairwise(times), strict=True)

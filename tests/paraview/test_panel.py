@@ -11,12 +11,11 @@ from PIL import Image
 
 from svv.core.cameras import sphere_cameras
 from svv.core.light import Lamp
-from svv.core.outlines import INK, WIDTH
-from svv.fields.region import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.images import DRAWN
 from svv.io.output import to_bytes, write_png
 from svv.io.viewset import ViewSet
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
 from svv.styles.gallery import GALLERY, open_style
 from svv.train.ink import INKS
 from svv.train.style_choice import pairs_by_colour
@@ -148,7 +147,11 @@ said["no variant"] = status(two)
     assert "stroke opacity -0.5" in said["strokes"][0] and said["strokes"][1] == 0.0
     assert [r.stroke_opacity for r in Scene.load(tmp_path / "strokes.svv").regions] == [-0.5] * 3
     lines = [(r.outline, r.outline_width) for r in Scene.load(tmp_path / "inked.svv").regions]
-    assert lines == [(0.9, 8.0), (0.0, WIDTH), (0.9, 8.0)] and said["ink"][3:] == [0.0, WIDTH, list(INK)]
+    assert lines == [(0.9, 8.0), (0.0, OUTLINE_WIDTH), (0.9, 8.0)] and said["ink"][3:] == [
+        0.0,
+        OUTLINE_WIDTH,
+        list(OUTLINE_COLOUR),
+    ]
     assert "outline 0.9, 8 px wide" in said["ink"][1] and said["ink"][2] > 0.01
     assert "whole numbers" in said["no regions"]
     assert said["variant"][1] == ["brush", "", ""] and "shown: ink" in said["variant"][0]

@@ -22,12 +22,12 @@ from svv.bench.styles.modes import PaintedAsShown, flat_means, kept_scene, liken
 from svv.bench.styles.path import FINE, OrbitPath, Protocol, finely
 from svv.bench.styles.table import JUDGED, contact_sheet, markdown, write_tables
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.region import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.atomic import make_folder
 from svv.io.images import read_style
 from svv.io.made import digest, key_of_measure
 from svv.io.viewset import ViewSet
+from svv.options.editing import PAINT_LIGHT
 from svv.train.config import Preset, StylizeSettings
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import StyleLossSettings
@@ -204,7 +204,7 @@ def _style_ablation(
             saved: Path, chosen: Preset = chosen, loss: StyleLossSettings = loss, each: Progress = each
         ) -> tuple[Scene, dict[str, float]]:
             made, report = stylize_scene(
-                scene, pictures, None, (), chosen, job.seed, part(each, 0.0, 0.7), saved, None, job.features, loss
+                scene, pictures, chosen, part(each, 0.0, 0.7), saved, loss=loss, seed=job.seed, features=job.features
             )
             return made, {k: v for k, v in report["seconds"].items() if k != "total"}
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from svv.errors import BadInput
 from svv.io.made import key_of_measure
+from svv.options.making import MapperName
 from svv.train.config import lit_by, preset
 
 SECONDS = {"draft": 40.0, "fast": 120.0, "balanced": 250.0, "paper": 9000.0}
@@ -54,7 +55,7 @@ class Measure:
     """Whose colours are scored: base or pcn."""
     n: int = 92
     """Training views drawn of a volume."""
-    mapper: str = "auto"
+    mapper: MapperName = "auto"
     """Ray caster for a volume: auto, gpu or cpu."""
 
 

@@ -14,6 +14,7 @@ from svv.errors import BadInput, Progress
 from svv.io.view_meta import known
 from svv.io.viewset import ViewSet, read_meta
 from svv.job.source import ViewSource, VolumeSource
+from svv.options.making import ViewOptions
 
 DRAWN_SIZE = 400
 """Width of a volume's views where none is asked for: a chart is many runs."""
@@ -75,7 +76,8 @@ class ChartScene:
     def draw(self, out: Path, size: int, measure: Measure, progress: Progress) -> None:
         """Draw the training views of a volume."""
         assert self.volume is not None
-        self.volume.make_views(self.views_folder(out, size, measure), measure.n, 0, size, measure.mapper, progress)
+        options = ViewOptions(measure.n, 0, size, measure.mapper)
+        self.volume.make_views(self.views_folder(out, size, measure), options, progress)
 
 
 def read_scenes(sources: Sequence[Path], tfs: Sequence[Path], measure: Measure) -> list[ChartScene]:

@@ -87,13 +87,13 @@ def _train(
     return train_scene(
         views,
         chosen,
-        limit,
-        run.seed,
         progress,
         checkpoint,
-        device_named(run.device),
-        run.encoding,
-        run.lighting,
+        time_limit=limit,
+        seed=run.seed,
+        device=run.device,
+        encoding=run.encoding,
+        lighting=run.lighting or "network",
     )
 
 

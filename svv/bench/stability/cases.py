@@ -128,7 +128,7 @@ class Bench:
         if self._trained is None or self._trained[0] != key:
             self._trained = None
             applied, limit = self.settings.applied(changed)
-            scene, _ = train_scene(drawn.train, applied, limit, seed, part(progress, 0.1, 0.9))
+            scene, _ = train_scene(drawn.train, applied, part(progress, 0.1, 0.9), time_limit=limit, seed=seed)
             self._trained = key, scene
         return drawn, self._trained[1]
 
@@ -211,7 +211,9 @@ def corrected_by_hand(bench: Bench, case: Case, preset: Preset, seed: int, progr
         add=tuple(r.colour for k, r in enumerate(drawn.known.ranges) if k not in which),
     )
     applied, limit = bench.settings.applied(case.change(preset))
-    after, _ = correct_palette(scene, drawn.train, correction, applied, limit, seed, part(progress, 0.6, 1.0))
+    after, _ = correct_palette(
+        scene, drawn.train, correction, applied, part(progress, 0.6, 1.0), time_limit=limit, seed=seed
+    )
     return {**scores(as_saved(after), drawn.known, drawn.test, drawn.classes), "found": len(scene.regions)}
 
 
@@ -271,7 +273,7 @@ def painted_like(picture: Callable[[], NDArray[np.float32]]) -> Callable[..., Me
         drawn, scene = bench.trained(case, preset, seed, part(progress, 0.0, 0.6))
         style = picture()
         short = replace(preset, stylize=replace(preset.stylize, **STYLE_STEPS, style_size=bench.settings.size))
-        styled, _ = stylize_scene(scene, [style], None, (), short, seed, part(progress, 0.6, 1.0))
+        styled, _ = stylize_scene(scene, [style], short, part(progress, 0.6, 1.0), seed=seed)
         styled = as_saved(styled)
         for region in range(len(styled.regions)):
             styled = styled.edited(region, lighting=0.0)  # the paint itself

@@ -26,6 +26,7 @@ from svv.render.frames import orbit, region_colours
 from svv.render.pictures import Picture, cropped, fitted, over_white, sheet
 from svv.styles.gallery import PREFIX, open_style
 from svv.styles.segmenters import style_regions
+from svv.train.ink import StyleInput
 from svv.train.lpips import load_lpips
 from svv.train.pipeline import stylize_scene
 
@@ -78,10 +79,12 @@ class Studio:
         }  # fmt: skip
 
         def work(progress: Progress) -> None:
-            names, pictures = zip(*(open_style(style) for style in styles), strict=True)
+            opened = [open_style(style) for style in styles]
+            parts = masks or [None] * len(opened)
+            given = [StyleInput(picture, name, mask) for (name, picture), mask in zip(opened, parts, strict=True)]
             painted, _ = stylize_scene(
-                Scene.load(scene), pictures, mapping, keep, how.preset, how.seed, progress, checkpoint, names,
-                masks=masks,
+                Scene.load(scene), given, how.preset, progress, checkpoint,
+                mapping=mapping, keep=tuple(keep), seed=how.seed,
             )  # fmt: skip
             painted.save(path)
             checkpoint.unlink(missing_ok=True)

@@ -35,15 +35,16 @@ from svv.bench.styles.table import (
 )
 from svv.core.metrics import ssim
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.region import PAINT_LIGHT
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.io.images import read_style
 from svv.io.made import digest, kept, key_of_measure
 from svv.io.output import on_background
+from svv.options.editing import PAINT_LIGHT
 from svv.render.pictures import read_png
 from svv.styles.features import load_features
 from svv.train.config import Preset, StylizeSettings, preset
+from svv.train.ink import StyleInput
 from svv.train.lpips import load_lpips
 from svv.train.pipeline import stylize_scene
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for
@@ -221,8 +222,8 @@ class _CaseWork:
         how, name = self.how, self.case.style.stem
         if mode == "ours":
             made, report = stylize_scene(
-                self.scene, [self.style], dict.fromkeys(range(len(self.scene.regions)), 0), (), how.chosen, how.seed,
-                progress, checkpoint, [name], how.features, loss,
+                self.scene, [StyleInput(self.style, name)], how.chosen, progress, checkpoint, loss=loss,
+                mapping=dict.fromkeys(range(len(self.scene.regions)), 0), seed=how.seed, features=how.features,
             )  # fmt: skip
             return made, {k: v for k, v in report["seconds"].items() if k != "total"}
         target = StyleTarget(load_features(how.features), self._picture(), loss, how.seed)

@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from svv.cli.options import (
-    Encoding,
-    KernelChoice,
-    Lighting,
-    Mapper,
-    MapperOption,
-    Network,
-    Out,
-    Preset,
-    Processor,
-    Views,
-    parse_choices,
-    parse_limits,
-    parse_whole,
-)
+from svv.cli.option_group import spread
+from svv.cli.options import Out, parse_choices, parse_limits, parse_whole
+from svv.options.described import Setting
+from svv.options.making import LIGHTINGS, PRESET_NAMES, EncodingName, MapperName, NetworkName
 from svv.progress import duration, shown
+
+if TYPE_CHECKING:
+    from svv.bench.chart.plan import Grid
 
 CHART = (
     "svv bench chart views --out chart",
@@ -34,6 +27,66 @@ CHART = (
 )
 
 
+PROCESSORS = ("cpu", "cuda")
+"""Devices by name, for ``auto`` would be another one on another machine."""
+KERNELS = ("auto", "reference")
+
+
+@dataclass(frozen=True)
+class Axes:
+    """What is combined: every value of one with every value of the others."""
+
+    presets: Annotated[str, Setting(metavar="A,B")] = "draft,fast"
+    """Presets, of draft, fast, balanced and paper."""
+    encodings: Annotated[str, Setting(metavar="A,B")] = "lattice,hash"
+    """Encodings, of lattice and hash."""
+    time_limits: Annotated[str, Setting(metavar="SECONDS,...")] = "15,30,60"
+    """Time limits, one run for each; 'full' is the preset's whole schedule."""
+    sizes: Annotated[str | None, Setting(metavar="N,...")] = None
+    """Widths of training views; by default as they are, or 400 for a volume."""
+    render_sizes: Annotated[str | None, Setting(metavar="N,...")] = None
+    """Widths of rendered views; by default the training views'."""
+    devices: Annotated[str, Setting(metavar="A,B")] = "cpu"
+    """Devices, of cpu and cuda."""
+    kernels: Annotated[str, Setting(metavar="A,B")] = "auto"
+    """Kernels, of auto (numba on a CPU, Triton on a GPU) and reference (plain torch)."""
+    seeds: Annotated[str, Setting(metavar="N,...")] = "0"
+    """Seeds, one run for each."""
+    lighting: Annotated[str, Setting(metavar="A,B")] = "network"
+    """Lights, of network, phong (needs the lattice) and auto; see svv train."""
+
+    def grid(self) -> Grid:
+        """As the layers below take them."""
+        from svv.bench.chart.plan import Grid
+
+        return Grid(
+            parse_choices(self.presets, "--presets", PRESET_NAMES),
+            parse_choices(self.encodings, "--encodings", get_args(EncodingName)),
+            parse_limits(self.time_limits, "--time-limits"),
+            (None,) if self.sizes is None else parse_whole(self.sizes, "--sizes", 16),
+            (None,) if self.render_sizes is None else parse_whole(self.render_sizes, "--render-sizes", 16),
+            parse_choices(self.devices, "--devices", PROCESSORS),
+            parse_choices(self.kernels, "--kernels", KERNELS),
+            parse_whole(self.seeds, "--seeds"),
+            parse_choices(self.lighting, "--lighting", LIGHTINGS),
+        )
+
+
+@dataclass(frozen=True)
+class Scored:
+    """What is measured of each combination, and on which views."""
+
+    network: NetworkName = "pcn"
+    """Which network to score: base or pcn."""
+    test: Annotated[int, Setting(least=5)] = 8
+    """Number of unseen views that are scored and timed."""
+    n: Annotated[int, Setting(least=3)] = 92
+    """Number of training views of a volume."""
+    mapper: MapperName = "auto"
+    """VTK's ray caster; auto picks the GPU if OpenGL runs on hardware."""
+
+
+@spread
 def chart(
     sources: Annotated[
         list[Path], typer.Argument(metavar="VIEWS|VOLUME ...", help="Folders of views with a test split, or volumes.")
@@ -43,38 +96,8 @@ def chart(
         list[Path] | None,
         typer.Option(metavar="TF.json", help="Transfer function of a volume; one for all, or one for each in order."),
     ] = None,
-    presets: Annotated[
-        str, typer.Option(metavar="A,B", help="Presets, of draft, fast, balanced and paper.")
-    ] = "draft,fast",
-    encodings: Annotated[str, typer.Option(metavar="A,B", help="Encodings, of lattice and hash.")] = "lattice,hash",
-    time_limits: Annotated[
-        str,
-        typer.Option(
-            metavar="SECONDS,...", help="Time limits, one run for each; 'full' is the preset's whole schedule."
-        ),
-    ] = "15,30,60",
-    sizes: Annotated[
-        str | None,
-        typer.Option(metavar="N,...", help="Widths of training views; by default as they are, or 400 for a volume."),
-    ] = None,
-    render_sizes: Annotated[
-        str | None, typer.Option(metavar="N,...", help="Widths of rendered views; by default the training views'.")
-    ] = None,
-    devices: Annotated[str, typer.Option(metavar="A,B", help=f"Of {', '.join(d.value for d in Processor)}.")] = "cpu",
-    kernels: Annotated[
-        str,
-        typer.Option(
-            metavar="A,B", help="Kernels, of auto (numba on a CPU, Triton on a GPU) and reference (plain torch)."
-        ),
-    ] = "auto",
-    seeds: Annotated[str, typer.Option(metavar="N,...", help="Seeds, one run for each.")] = "0",
-    lighting: Annotated[
-        str, typer.Option(metavar="A,B", help="Lights, of network, phong (needs the lattice) and auto; see svv train.")
-    ] = "network",
-    network: Annotated[Network, typer.Option(help="Which network to score: base or pcn.")] = Network.pcn,
-    test: Annotated[int, typer.Option(min=5, help="Number of unseen views that are scored and timed.")] = 8,
-    n: Views = 92,
-    mapper: MapperOption = Mapper.auto,
+    axes: Axes = Axes(),
+    scored: Scored = Scored(),
 ) -> None:
     """Chart accuracy against time and memory for presets, encodings, sizes, devices and time limits, on your scenes.
 
@@ -83,21 +106,11 @@ def chart(
     network's. After Ctrl-C, the same command resumes.
     """
     from svv.bench.chart.job import Chart
-    from svv.bench.chart.plan import Grid, Measure
+    from svv.bench.chart.plan import Measure
     from svv.bench.chart.result import make_chart
 
-    grid = Grid(
-        parse_choices(presets, "--presets", Preset),
-        parse_choices(encodings, "--encodings", Encoding),
-        parse_limits(time_limits, "--time-limits"),
-        (None,) if sizes is None else parse_whole(sizes, "--sizes", 16),
-        (None,) if render_sizes is None else parse_whole(render_sizes, "--render-sizes", 16),
-        parse_choices(devices, "--devices", Processor),
-        parse_choices(kernels, "--kernels", KernelChoice),
-        parse_whole(seeds, "--seeds"),
-        parse_choices(lighting, "--lighting", Lighting),
-    )
-    plan = Chart(sources, tf or [], out, grid, Measure(test, network.value, n, mapper.value))
+    measure = Measure(scored.test, scored.network, scored.n, scored.mapper)
+    plan = Chart(sources, tf or [], out, axes.grid(), measure)
     left = [step for step in plan.steps if not plan.is_done(step)]
     runs, guess = sum(step.rendering is None and not step.draw for step in left), sum(step.expected for step in left)
     print(f"{runs} runs to train, about {duration(guess)}.", file=sys.stderr)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from svv.cli.options import Json, Preset, PresetOption, Seed
+from svv.cli.option_group import spread
+from svv.cli.options import Json
+from svv.options.described import Setting
+from svv.options.making import PresetName
 from svv.progress import shown
 
 PROFILE = (
@@ -17,14 +21,24 @@ PROFILE = (
 )
 
 
+@dataclass(frozen=True)
+class Profiling:
+    """What is run, and how much of it is timed."""
+
+    preset: PresetName = "fast"
+    """Whose settings are run."""
+    steps: Annotated[int, Setting(least=8)] = 200
+    """Steps of stage 1; stage 2 takes half as many."""
+    timed: Annotated[int, Setting(least=1)] = 15
+    """Number of steps of each kind, and of images, that are timed."""
+    seed: Annotated[int, Setting(least=0)] = 0
+    """The same seed gives the same result."""
+
+
+@spread
 def profile(
     views: Annotated[Path, typer.Argument(metavar="VIEWS", help="Folder with transforms_train.json and its images.")],
-    preset: PresetOption = Preset.fast,
-    steps: Annotated[int, typer.Option(min=8, help="Steps of stage 1; stage 2 takes half as many.")] = 200,
-    timed: Annotated[
-        int, typer.Option(min=1, help="Number of steps of each kind, and of images, that are timed.")
-    ] = 15,
-    seed: Seed = 0,
+    how: Profiling = Profiling(),
     json: Json = None,
 ) -> None:
     """Show where the time of training and rendering goes on this CPU, beside the least that it could take.
@@ -44,7 +58,7 @@ def profile(
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, "train", progress)
     with shown("Profiling") as progress:
-        found = profile_views(view_set, preset.value, steps, timed, seed, progress)
+        found = profile_views(view_set, how.preset, how.steps, how.timed, how.seed, progress)
     if json is not None:
         plain = {k: v for k, v in found.items() if k not in ("profiles", "ceilings")}
         plain["ceilings"] = found["ceilings"].to_json()

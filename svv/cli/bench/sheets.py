@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from svv.cli.option_group import spread
-from svv.cli.options import Preset, Seed
+from svv.options.described import Setting
+from svv.options.making import PresetName
 from svv.progress import shown
 
 if TYPE_CHECKING:
@@ -32,16 +33,20 @@ class Painting:
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the pictures and the painted scenes.")
     ]
-    preset: Annotated[Preset, typer.Option(help="How long to work on each painting.")] = Preset.fast
-    size: Annotated[int, typer.Option(min=16, help="Width and height of a picture in pixels.")] = 320
-    frame: Annotated[int, typer.Option(help="Number of the frame on the path of 181, from 0 to 180.")] = 76
-    seed: Seed = 0
+    preset: PresetName = "fast"
+    """How long to work on each painting."""
+    size: Annotated[int, Setting(least=16)] = 320
+    """Width and height of a picture in pixels."""
+    frame: int = 76
+    """Number of the frame on the path of 181, from 0 to 180."""
+    seed: Annotated[int, Setting(least=0)] = 0
+    """The same seed gives the same result."""
 
     def exhibit(self) -> Exhibit:
         """As the layers below take it."""
         from svv.bench.styles.exhibits import Exhibit
 
-        return Exhibit(self.preset.value, self.size, self.frame, self.seed)
+        return Exhibit(self.preset, self.size, self.frame, self.seed)
 
 
 @spread

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from svv.cli.options import Preset
+from svv.cli.option_group import spread
 from svv.errors import BadInput
+from svv.options.described import Setting
+from svv.options.making import PRESET_NAMES, PresetName
 from svv.progress import shown
+
+if TYPE_CHECKING:
+    from svv.bench.stability.cases import BenchSettings
 
 STABILITY = (
     "svv bench stability",
@@ -21,32 +27,43 @@ STABILITY = (
 )
 
 
+@dataclass(frozen=True)
+class Runs:
+    """Which cases are run, how often, and how large."""
+
+    case: Annotated[tuple[str, ...], Setting(metavar="NAME")] = ()
+    """A case, or a pattern of names. By default all but 'regions-*'."""
+    preset: tuple[PresetName, ...] = ()
+    """A preset. By default draft and paper."""
+    seeds: Annotated[int, Setting(least=1)] = 5
+    """Runs of each case, with the seeds 0, 1, ..."""
+    n: Annotated[int, Setting(least=3)] = 92
+    """Number of training views, unless the case is about them."""
+    test: Annotated[int, Setting(least=2)] = 6
+    """Number of test views."""
+    size: Annotated[int, Setting(least=64)] = 200
+    """Width and height of the views in pixels."""
+    resolution: Annotated[int, Setting(least=24)] = 64
+    """Voxels along each side of the volumes."""
+    time_limit: Annotated[float, Setting(least=1, metavar="SECONDS")] = 15.0
+    """Training time of each run, the same for every preset."""
+    steps: Annotated[tuple[str, ...], Setting(metavar="PRESET=A+B")] = ()
+    """Steps of the two stages instead of a time limit: draft=300+150."""
+    samples: Annotated[int | None, Setting(least=512)] = None
+    """Most visible samples per step."""
+
+    def settings(self) -> BenchSettings:
+        """As the layers below take them."""
+        from svv.bench.stability.cases import BenchSettings
+
+        steps = tuple(map(parse_steps, self.steps))
+        return BenchSettings(self.n, self.test, self.size, self.resolution, self.time_limit, steps, self.samples)
+
+
+@spread
 def stability(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the results.")] = Path("stability"),
-    case: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="A case, or a pattern of names; may be repeated. By default all but 'regions-*'.",
-        ),
-    ] = None,
-    preset: Annotated[
-        list[Preset] | None,
-        typer.Option(help="A preset; may be repeated. By default draft and paper."),
-    ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Runs of each case, with the seeds 0, 1, ...")] = 5,
-    n: Annotated[int, typer.Option("--n", min=3, help="Number of training views, unless the case is about them.")] = 92,
-    test: Annotated[int, typer.Option("--test", min=2, help="Number of test views.")] = 6,
-    size: Annotated[int, typer.Option("--size", min=64, help="Width and height of the views in pixels.")] = 200,
-    resolution: Annotated[int, typer.Option(min=24, help="Voxels along each side of the volumes.")] = 64,
-    time_limit: Annotated[
-        float, typer.Option(metavar="SECONDS", min=1, help="Training time of each run, the same for every preset.")
-    ] = 15.0,
-    steps: Annotated[
-        list[str] | None,
-        typer.Option(metavar="PRESET=A+B", help="Steps of the two stages instead of a time limit: draft=300+150."),
-    ] = None,
-    samples: Annotated[int | None, typer.Option(min=512, help="Most visible samples per step.")] = None,
+    runs: Runs = Runs(),
     listed: Annotated[bool, typer.Option("--list", help="List the cases and exit.")] = False,
 ) -> None:
     """Train on generated scenes with known truth, where methods of this kind fail, and report what failed.
@@ -55,7 +72,7 @@ def stability(
     (stability.md, .csv, .json) and a heat map (stability.png).
     """
     from svv.bench.charts import need_matplotlib
-    from svv.bench.stability.cases import CASES, USUAL, BenchSettings
+    from svv.bench.stability.cases import CASES, USUAL
     from svv.bench.stability.runs import Matrix, run_stability
     from svv.bench.stability.table import FILES, write_summary
 
@@ -64,9 +81,8 @@ def stability(
         print("\n".join(f"{name:<{wide}}  {one.title}" for name, one in CASES.items()))
         return
     need_matplotlib()
-    names = [p.value for p in dict.fromkeys(preset or (Preset.draft, Preset.paper))]
-    matrix = Matrix(tuple(case or USUAL), names, seeds)
-    settings = BenchSettings(n, test, size, resolution, time_limit, tuple(map(parse_steps, steps or ())), samples)
+    matrix = Matrix(runs.case or USUAL, list(dict.fromkeys(runs.preset or ("draft", "paper"))), runs.seeds)
+    settings = runs.settings()
     with shown("Stability") as progress:
         records = run_stability(out, matrix, settings, progress)
     rows = write_summary(out, records)
@@ -85,6 +101,6 @@ def parse_steps(text: str) -> tuple[str, int, int]:
     """
     name, _, numbers = text.partition("=")
     parts = numbers.split("+")
-    if name in Preset.__members__ and len(parts) == 2 and all(p.isascii() and p.isdigit() and int(p) for p in parts):
+    if name in PRESET_NAMES and len(parts) == 2 and all(p.isascii() and p.isdigit() and int(p) for p in parts):
         return name, int(parts[0]), int(parts[1])
     raise BadInput(f"'{text}' are no steps; write PRESET=A+B, for example --steps draft=300+150.")

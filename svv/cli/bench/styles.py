@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from svv.cli.option_group import spread
-from svv.cli.options import Json, Network, Out, Preset, PresetOption, SceneFile, Seed, parse_whole
+from svv.cli.options import Json, Out, SceneFile, parse_whole
 from svv.errors import BadInput
+from svv.options.described import Setting
+from svv.options.making import NetworkName, PresetName
 from svv.progress import shown
 
 if TYPE_CHECKING:
@@ -70,15 +72,20 @@ ALL_FRAMES, FEW_FRAMES = Frames(), Frames(every=10)
 class Training:
     """How each variant is trained."""
 
-    preset: PresetOption = Preset.balanced
-    seed: Seed = 0
-    features: Annotated[
-        str,
-        typer.Option(
-            metavar="auto|embedded|vgg16|FILE",
-            help="Which features to match; auto uses VGG-16 if its weights can be had.",
-        ),
-    ] = "auto"
+    preset: PresetName = "balanced"
+    """How long to paint; draft gives a first look."""
+    seed: Annotated[int, Setting(least=0)] = 0
+    """The same seed gives the same result."""
+    features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE")] = "auto"
+    """Which features to match; auto uses VGG-16 if its weights can be had."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Which of a scene's networks is measured."""
+
+    network: NetworkName | None = None
+    """Which network gives the colours: base, pcn or styled; by default the last that the scene has."""
 
 
 TRAINING = Training()
@@ -90,9 +97,7 @@ def consistency(
     out: Out,
     frames: Frames = ALL_FRAMES,
     flows: Flows = "depth,tvl1",
-    network: Annotated[
-        Network | None, typer.Option(help="Which network's colours; by default those of the last stage.")
-    ] = None,
+    which: Shown = Shown(),
     json: Json = None,
 ) -> None:
     """Measure how consistent the frames of an orbit are: RMSE, MSE and FLIP, short- and long-range.
@@ -111,7 +116,7 @@ def consistency(
     if json is not None:
         check_writable(json)
     loaded = Scene.load(scene)
-    name = network.value if network is not None else loaded.networks[-1]
+    name = which.network or loaded.networks[-1]
     if name not in loaded.networks:
         raise BadInput(f"The scene holds no network '{name}', only {', '.join(loaded.networks)}.")
     with shown("Consistency") as progress:
@@ -151,7 +156,7 @@ def compare(
 
     protocol = frames.protocol(flows)
     names = tuple(dict.fromkeys(part.strip() for part in modes.split(",")))
-    how = Comparison(protocol, names, training.preset.value, training.seed, training.features, paper_loss)
+    how = Comparison(protocol, names, training.preset, training.seed, training.features, paper_loss)
     with shown("Comparing") as progress:
         rows = compare_styles(scenes, [style_file(name, out) for name in style], out, how, progress)
     print(write_comparison(out, rows, how))
@@ -193,7 +198,7 @@ def ablate(
     protocol = frames.protocol("depth")
     names = None if only is None else tuple(dict.fromkeys(part.strip() for part in only.split(",")))
     job = Ablation(
-        scene, tuple(style_file(name, out) for name in style or ()), views, names, protocol, training.preset.value,
+        scene, tuple(style_file(name, out) for name in style or ()), views, names, protocol, training.preset,
         training.seed, training.features, paper_loss,
     )  # fmt: skip
     with shown("Ablations") as progress:

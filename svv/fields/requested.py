@@ -1,0 +1,45 @@
+"""One request of a command or a panel, applied to a scene as one step of its history."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from svv.fields.edits import EditedModel
+from svv.options.editing import SceneEdit
+
+Model = TypeVar("Model", bound=EditedModel)
+
+
+def with_edit(scene: Model, edit: SceneEdit) -> Model:
+    """The scene with all that is asked for, in one step that can be undone.
+
+    Resetting applies first, then visibility, regions, light, paint and outlines.
+
+    Raises:
+        BadInput: any reason of the edits' (:mod:`svv.fields.edits`).
+    """
+    result, seen = scene, edit.visibility
+    if seen.reset is not None:
+        result = result.reset(*seen.reset)
+    if seen.isolate is not None:
+        result = result.isolated(*seen.isolate)
+    if seen.hide is not None:
+        result = result.hidden(*seen.hide)
+    if seen.show is not None:
+        result = result.shown(*seen.show)
+    for region, change in edit.regions.items():
+        if change:
+            result = result.edited(region, **change.given())
+    if edit.light:
+        place = vars(result.lamp) if edit.light.light is None else edit.light.light
+        result = result.with_light(**(place | {"intensity": edit.light.intensity}))
+    if edit.paint.strength is not None:
+        result = result.with_strength(edit.paint.strength, *edit.of)
+    if edit.paint.paint_light is not None:
+        result = result.with_paint_light(edit.paint.paint_light, *edit.of)
+    if edit.paint.stroke_opacity is not None:
+        result = result.with_stroke_opacity(edit.paint.stroke_opacity, *edit.of)
+    if edit.outline:
+        ink = edit.outline
+        result = result.with_outline(ink.outline, *edit.outlined, width=ink.outline_width, colour=ink.outline_colour)
+    return result.as_one_step(scene)

@@ -1,0 +1,42 @@
+"""Arguments of scripts (argparse) made from the dataclasses of :mod:`svv.options`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from typing import Any, TypeVar, get_origin
+
+from svv.options.described import described
+
+Options = TypeVar("Options")
+
+
+def add_arguments(parser: argparse.ArgumentParser, options: Any, flags: Mapping[str, str]) -> None:
+    """Add an argument for some fields of a dataclass.
+
+    Args:
+        parser: Of the script.
+        options: The dataclass with the script's defaults, such as ``TrainOptions(preset="fast")``.
+        flags: The fields that the script takes, and what it calls them: ``{"n": "--views"}``.
+    """
+    for field in described(type(options)):
+        if field.name not in flags:
+            continue
+        default = getattr(options, field.name)
+        said = field.sentence.rstrip(".") + ("" if default is None else f" ({default})")
+        kind: Any = str if field.choices or get_origin(field.kind) is tuple else field.kind
+        parser.add_argument(
+            flags[field.name],
+            dest=field.name,
+            type=kind,
+            default=default,
+            choices=field.choices or None,
+            metavar=None if field.choices else field.setting.metavar or "N",
+            help=said.replace("%", "%%"),
+        )
+
+
+def options_of(kind: type[Options], given: argparse.Namespace, **others: Any) -> Options:
+    """The dataclass that a script was given; fields without an argument are at their defaults, or as in ``others``."""
+    named = {field.name: getattr(given, field.name) for field in described(kind) if hasattr(given, field.name)}
+    return kind(**{**named, **others})

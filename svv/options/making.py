@@ -1,0 +1,173 @@
+"""How views are drawn, a scene is trained and painted, and what is rendered of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+from svv.options.described import Setting
+
+PresetName = Literal["draft", "fast", "balanced", "paper"]
+EncodingName = Literal["lattice", "hash"]
+LightingName = Literal["network", "phong", "auto"]
+DeviceName = Literal["cpu", "cuda", "auto"]
+MapperName = Literal["auto", "gpu", "cpu"]
+NetworkName = Literal["base", "pcn", "styled"]
+PictureName = Literal["rgba", "depth", "region"]
+
+TimeLimit = Annotated[
+    float | None,
+    Setting(least=1, metavar="SECONDS", slider=(0, None), unset=0.0, unset_says="0: no limit."),
+]
+
+PRESET_NAMES: tuple[str, ...] = get_args(PresetName)
+LIGHTINGS: tuple[str, ...] = get_args(LightingName)
+DEVICES: tuple[str, ...] = get_args(DeviceName)
+
+
+@dataclass(frozen=True)
+class VolumeOptions:
+    """Which transfer function shows a volume, and how its file is read."""
+
+    tf: Annotated[Path | None, Setting(metavar="TF.json")] = None
+    """Transfer function: a preset exported from ParaView, or a list of opacity bumps."""
+    array: str | None = None
+    """Name of the array, if the file has several."""
+    dims: Annotated[tuple[int, int, int] | None, Setting(metavar="X,Y,Z", syntax="dims")] = None
+    """For raw files: number of voxels along each axis."""
+    dtype: str | None = None
+    """For raw files: type of a voxel, such as uint8, int16 or float32."""
+    spacing: Annotated[tuple[float, float, float] | None, Setting(metavar="X,Y,Z", syntax="spacing")] = None
+    """For raw files, stacks and .npy: size of a voxel."""
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """Which views of a volume are drawn."""
+
+    n: Annotated[int, Setting(least=3, panel="Views", advanced=True)] = 92
+    """Number of training views, spread evenly over a sphere around the volume."""
+    test: Annotated[int, Setting(least=0, panel="TestViews", advanced=True, slider=(0, 181))] = 16
+    """Number of test views, spread over the orbit; they are never trained on."""
+    size: Annotated[int, Setting(least=16, panel="ViewSize", advanced=True, slider=(64, 4096))] = 800
+    """Width and height of the views in pixels."""
+    mapper: Annotated[MapperName, Setting(panel="RayCaster", advanced=True)] = "auto"
+    """VTK's ray caster; auto picks the GPU if OpenGL runs on hardware."""
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """How a scene is trained on views."""
+
+    preset: PresetName = "balanced"
+    """How long to train: draft gives a first look, fast and balanced take minutes, the paper's schedule hours."""
+    time_limit: Annotated[
+        float | None, Setting(least=1, metavar="SECONDS", slider=(0, None), unset=0.0, unset_says="0: no limit.")
+    ] = None
+    """Train for at most this many seconds."""
+    seed: Annotated[int, Setting(least=0, advanced=True)] = 0
+    """The same seed gives the same result."""
+    device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "cpu"
+    """Where to run; auto uses CUDA if PyTorch finds a GPU."""
+    encoding: Annotated[EncodingName | None, Setting(advanced=True, unset="as the preset")] = None
+    """Sparse lattice, or the paper's hash grid; the preset decides by default."""
+    lighting: Annotated[LightingName, Setting(advanced=True)] = "network"
+    """What lights the scene: network stays at the camera, phong can be moved, auto is phong if unseen views lose
+    nothing."""
+    views_only: Annotated[bool, Setting(advanced=True)] = False
+    """Learn from the images alone, even if the volume is known."""
+    change: Annotated[
+        tuple[str, ...],
+        Setting("--set", metavar="STAGE.NAME=VALUE", panel="Settings", advanced=True),
+    ] = ()
+    """Change one setting of the preset, such as reconstruct.iterations=4000."""
+
+
+@dataclass(frozen=True)
+class PaletteOptions:
+    """How the regions of a corrected palette are trained again."""
+
+    preset: PresetName = "balanced"
+    """How long to train the regions; draft gives a first look."""
+    time_limit: Annotated[
+        float | None, Setting(least=1, metavar="SECONDS", slider=(0, None), unset=0.0, unset_says="0: no limit.")
+    ] = None
+    """Train for at most this many seconds."""
+    seed: Annotated[int, Setting(least=0, advanced=True)] = 0
+    """The same seed gives the same result."""
+    views_only: Annotated[bool, Setting(advanced=True)] = False
+    """Use the palette as given, even if the volume says otherwise."""
+
+
+@dataclass(frozen=True)
+class PaintOptions:
+    """How the regions of a scene are painted."""
+
+    mapping: Annotated[
+        dict[int, int] | Literal["colour"] | None,
+        Setting("--map", metavar="0=0,1=1|colour", syntax="mapping", panel=""),
+    ] = None
+    """Pairs of region and style, or colour to pair them by likeness; in turn by default."""
+    keep: Annotated[tuple[int, ...], Setting(metavar="K", panel="")] = ()
+    """A region to leave unpainted."""
+    stroke_size: Annotated[float, Setting(least=0.25, most=4.0)] = 1.0
+    """Scale of the strokes: 2 makes them twice as large."""
+    strength: Annotated[float, Setting(most=1.0, metavar="F", panel="")] = 1.0
+    """How strongly the style shows, up to 1; can be edited afterwards."""
+    go_on: Annotated[bool, Setting("--continue", panel="")] = False
+    """Continue from the scene's painting instead of starting afresh."""
+    preset: PresetName = "balanced"
+    """How long to paint; draft gives a first look."""
+    seed: Annotated[int, Setting(least=0, advanced=True)] = 0
+    """The same seed gives the same result."""
+    features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE", advanced=True)] = "auto"
+    """Which features to match; auto uses VGG-16 if its weights can be had."""
+    variant: Annotated[str | None, Setting(metavar="NAME", panel="")] = None
+    """Add a painting of this name and keep the others."""
+    change: Annotated[
+        tuple[str, ...],
+        Setting("--set", metavar="STAGE.NAME=VALUE", panel="Settings", advanced=True),
+    ] = ()
+    """Change one setting of the preset, such as stylize.style_iterations=126."""
+
+
+@dataclass(frozen=True)
+class DeviceOptions:
+    """Where work on a scene runs."""
+
+    device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "cpu"
+    """Where to run; auto uses CUDA if PyTorch finds a GPU."""
+
+
+@dataclass(frozen=True)
+class OrbitOptions:
+    """The path around a scene that shows it from all sides."""
+
+    orbit: Annotated[int, Setting(least=2)] = 61
+    """Frames of the orbit."""
+    orbit_size: Annotated[int, Setting(least=16)] = 400
+    """Width and height of the orbit's frames in pixels."""
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """What is rendered of a scene, and over what."""
+
+    size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size", panel="")] = None
+    """Size in pixels; 800 by default."""
+    network: Annotated[NetworkName | None, Setting(unset="last")] = None
+    """Which network gives the colours: base (as learned), pcn (the palette, with its edits) or styled (the painting);
+    by default the last that the scene has."""
+    variant: Annotated[str | None, Setting(metavar="NAME", advanced=True)] = None
+    """Name of the painting to render; by default the one that the scene shows."""
+    background: Annotated[tuple[float, float, float] | None, Setting(metavar="COLOUR", syntax="colour", panel="")] = (
+        None
+    )
+    """white, black or '#rrggbb'; by default movies are over white, images are transparent."""
+    what: Annotated[PictureName, Setting(panel="")] = "rgba"
+    """What to write; a .vti always holds all three."""
+    fps: Annotated[float, Setting(least=1, panel="")] = 30.0
+    """Frames per second of a movie."""
+    device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "cpu"
+    """Where to run; auto uses CUDA if PyTorch finds a GPU."""

@@ -1,0 +1,98 @@
+"""Properties of ParaView's panels made from dataclasses of :mod:`svv.options`, and such a dataclass from a panel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar, get_origin
+
+from svv.options.described import Described, described
+from svv.pv.properties import Property, choice, integer, number, numbers, shown_where, switch, text
+
+Options = TypeVar("Options")
+
+
+def properties_of(options: Any, prefix: str = "", advanced: bool = False, skip: tuple[str, ...] = ()) -> list[Property]:
+    """A property for each field that panels show, with the sentence under it as its help.
+
+    Args:
+        options: A dataclass with the panel's defaults, such as ``TrainOptions(preset="fast")``.
+        prefix: Before the names of the properties: ``Region0``.
+        advanced: Whether all of them are advanced properties.
+        skip: Fields that this panel shows in another way.
+    """
+    found: list[Property] = []
+    switches: set[str] = set()
+    for field in _shown(type(options)):
+        if field.name in skip:
+            continue
+        box = field.setting.switch
+        made = _property(field, getattr(options, field.name), prefix, advanced or field.setting.advanced)
+        if box is None:
+            found.append(made)
+            continue
+        if box.name not in switches:
+            switches.add(box.name)
+            found.append(switch(prefix + box.name, False, box.help, advanced or box.advanced))
+        found += shown_where(prefix + box.name, 1, [made])
+    return found
+
+
+def options_in(kind: type[Options], values: Mapping[str, Any], prefix: str = "", **others: Any) -> Options:
+    """The dataclass that a panel's values mean.
+
+    Args:
+        kind: Of options.
+        values: Of the properties, by name; fields whose property is missing are at their defaults.
+        prefix: As for :func:`properties_of`.
+        others: Fields that the panel shows in another way.
+    """
+    given = {f.name: _meant(f, values, prefix) for f in _shown(kind) if prefix + f.property_name in values}
+    return kind(**{**given, **others})
+
+
+def _shown(kind: Any) -> Iterator[Described]:
+    return (field for field in described(kind) if field.property_name)
+
+
+def _property(field: Described, default: Any, prefix: str, advanced: bool) -> Property:
+    """The property of one field."""
+    name, setting, help = prefix + field.property_name, field.setting, field.sentence
+    if setting.unset_says:
+        help = f"{help} {setting.unset_says}"
+    if default is None:
+        default = setting.unset
+    low, high = setting.slider or (setting.least, setting.most)
+    if field.kind is bool:
+        return switch(name, default, help, advanced)
+    if field.choices:
+        entries = (*field.choices, str(setting.unset)) if field.optional else field.choices
+        return choice(name, _last_first(entries) if field.optional else entries, default, help, advanced)
+    if field.kind is int:
+        return integer(name, default, help, _whole(low), _whole(high), advanced)
+    if field.kind is float:
+        return number(name, default, help, low, high, advanced)
+    if get_origin(field.kind) is tuple and setting.syntax == "colour":
+        return numbers(name, default, help, "color_selector", advanced)
+    if get_origin(field.kind) is tuple:
+        return text(name, help + " Semicolons between several.", "; ".join(default), advanced)
+    return text(name, help, default or "", advanced)
+
+
+def _meant(field: Described, values: Mapping[str, Any], prefix: str) -> Any:
+    """The field's value that a property's value means."""
+    value, setting = values[prefix + field.property_name], field.setting
+    if setting.switch is not None:
+        return value if values[prefix + setting.switch.name] else None
+    if (field.optional and value == setting.unset) or (field.optional and value == ""):
+        return None
+    if get_origin(field.kind) is tuple and isinstance(value, str):
+        return tuple(word.strip() for word in value.split(";") if word.strip())
+    return value
+
+
+def _last_first(entries: tuple[str, ...]) -> tuple[str, ...]:
+    return (entries[-1], *entries[:-1])
+
+
+def _whole(value: float | None) -> int | None:
+    return None if value is None else int(value)

@@ -43,7 +43,7 @@ SPINS = "10000"
 """Rounds for which a thread waits for others without sleeping: about as long as it takes to wake it."""
 
 
-def share_processors(environ: MutableMapping[str, str]) -> None:
+def share_cores(environ: MutableMapping[str, str]) -> None:
     """Let threads that wait for each other sleep after some ten microseconds; before torch is loaded.
 
     GNU OpenMP, which torch and numba use, waits for milliseconds at full load otherwise. Where another program wants

@@ -34,6 +34,7 @@ from svv.options.making import TrainOptions
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import PRESETS
 from svv.train.lighting import light_by_trial
+from svv.train.loop import Running
 from svv.train.pipeline import train_scene
 from svv.train.recolour import recolour
 from tests.cube import cube_camera, lit_cube_scene
@@ -298,8 +299,8 @@ def test_a_headlight_draws_what_was_trained(ball: tuple[Scene, dict[str, object]
 
 def recoloured(scene: Scene, views: ViewSet, progress: Progress = silent, saved: Checkpoint | None = None) -> State:
     field, _, _ = recolour(
-        views, scene.base, scene.occupancy, scene.marching, np.array([[0.9, 0.2, 0.15]]), scene.settings,
-        replace(SHORT.recolour, iterations=8), 3, None, progress, saved,
+        views, scene, np.array([[0.9, 0.2, 0.15]]), replace(SHORT.recolour, iterations=8),
+        Running(3, None, progress, saved),
     )  # fmt: skip
     return field.state_dict()
 
@@ -331,7 +332,7 @@ def test_held_out_views_choose(
     scene = replace(ball[0], palette_network=None, regions=())
     for margin in (-100.0, 100.0):  # the network is taken, whatever the views say; and the explicit light
         monkeypatch.setattr("svv.train.lighting.MARGIN", margin)
-        chosen, said = light_by_trial(scene, views, np.array([[0.9, 0.2, 0.15]]), SHORT.recolour, 0, None, None, silent)
+        chosen, said = light_by_trial(scene, views, np.array([[0.9, 0.2, 0.15]]), SHORT.recolour, Running(0))
         assert chosen.settings.lighting == ("phong" if margin > 0 else "network")
         assert "3 held-out views" in said and ("it is taken" in said) == (margin > 0)
 

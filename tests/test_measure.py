@@ -7,13 +7,13 @@ import sys
 
 import pytest
 
-from svv.measure import SPINS, share_processors
+from svv.measure import SPINS, share_cores
 
 
 @pytest.mark.parametrize("chosen", [{"OMP_WAIT_POLICY": "active"}, {"GOMP_SPINCOUNT": "5"}])
 def test_what_the_user_says_about_waiting_stays(chosen: dict[str, str]) -> None:
     environ = dict(chosen)
-    share_processors(environ)
+    share_cores(environ)
     assert environ == chosen
 
 

@@ -19,7 +19,7 @@ from svv.kernels.numba_quilting import mirrored, misfits, places
 from svv.styles.features import PatchFeatures
 from svv.train.distil import paint_pixel
 from svv.train.form import Form, form_of_opacity, tangents
-from svv.train.painting import MOST_CELLS, MOST_VERTICES, paint_cells, painted_start
+from svv.train.painting import MOST_CELLS, MOST_VERTICES, Start, paint_cells, painted_start
 from svv.train.quilt import Guides, Manner, Quilt, spread
 from svv.train.style_loss import PATCH_LOSS, StyleTarget
 from svv.train.stylize import stylization_cameras, visible_from
@@ -249,7 +249,7 @@ def started(scene: Scene, targets: dict[int, StyleTarget], seed: int = 0, before
     for region, wanted in targets.items():
         colours[region] = wanted.statistics[0]
     pixel = paint_pixel(scene, SHORT.stylize)
-    return views, painted_start(scene, colours, targets, pixel, seed, silent, before)
+    return views, painted_start(scene, Start(colours, targets, before=before), pixel, seed, silent)
 
 
 def seen(field, views, region: int) -> np.ndarray:  # type: ignore[no-untyped-def]

@@ -20,7 +20,6 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.core.encodings import hash_features, lattice_features
 from svv.core.marching import uniform as reference_uniform
-from svv.errors import silent
 from svv.fields.encodings import HashGrid, SparseLattice
 from svv.fields.networks import FieldSettings
 from svv.fields.occupancy import Occupancy
@@ -33,6 +32,7 @@ from svv.kernels.dispatch import CPU
 from svv.kernels.numba_marching import uniform as numba_uniform
 from svv.kernels.types import Kernels, Limits, Samples
 from svv.train.config import RecolourSettings, ReconstructSettings
+from svv.train.loop import Running
 from svv.train.recolour import recolour
 from svv.train.reconstruct import Reconstruction
 from tests.tolerances import KERNELS
@@ -338,7 +338,8 @@ def history(
     marching = Marching(work.marching.step)
     stage = RecolourSettings(iterations=2, rays=64, samples=512)
     palette = np.array([[0.9, 0.1, 0.1], [0.1, 0.9, 0.1]])
-    network, shares, _ = recolour(views, base, pruned, marching, palette, field, stage, 3, None, silent)
+    plain = Scene(field, pruned, marching, base)
+    network, shares, _ = recolour(views, plain, palette, stage, Running(3))
     regions = tuple(Region(tuple(c), float(s)) for c, s in zip(network.colours.tolist(), shares, strict=True))
     scene = Scene(field, pruned, marching, base, network, None, regions)
     assert scene.device == base.encoding.table.device

@@ -18,7 +18,7 @@ from svv.cli import bench, cache, edit, features, job, paraview, render, scene, 
 from svv.cli.options import examples
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
-from svv.measure import share_processors
+from svv.measure import share_cores
 
 app = typer.Typer(
     name="svv",
@@ -77,7 +77,7 @@ paraview.add_to(app)  # last, as in the help
 
 def main() -> NoReturn:
     """Run the command line; what went wrong becomes one sentence and an exit code."""
-    share_processors(os.environ)
+    share_cores(os.environ)
 
     def run() -> object:
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,9 +13,13 @@ from svv.cli.files import check_targets, finish, load
 from svv.cli.option_group import spread
 from svv.cli.options import Json, Out, SceneFile, parse_colour, parse_whole
 from svv.errors import BadInput
+from svv.options.described import Setting
 from svv.options.editing import LightEdit, OutlineEdit, PaintEdit, RegionEdit, SceneEdit, VisibilityEdit
 from svv.options.making import DeviceOptions, PaletteOptions
 from svv.progress import shown
+
+if TYPE_CHECKING:
+    from svv.core.correction import Correction
 
 EDIT = (
     "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
@@ -50,7 +54,7 @@ class Steps:
 
 
 @spread
-def edit(
+def edit(  # noqa: PLR0913  (a parameter for each group of options)
     scene: SceneFile,
     out: Out,
     region: Annotated[
@@ -103,26 +107,40 @@ def edit(
     print(out)
 
 
+@dataclass(frozen=True)
+class PaletteChanges:
+    """What is corrected about a palette."""
+
+    add: Annotated[tuple[str, ...], Setting(metavar="'#rrggbb'")] = ()
+    """Add a region of this colour."""
+    merge: Annotated[tuple[str, ...], Setting(metavar="K,K,...")] = ()
+    """Merge these regions."""
+    remove: Annotated[tuple[int, ...], Setting(metavar="K")] = ()
+    """Remove this region."""
+    colours: Annotated[tuple[str, ...], Setting("--set", metavar="K='#rrggbb'")] = ()
+    """Set a region's palette colour."""
+    split: Annotated[tuple[int, ...], Setting(metavar="K")] = ()
+    """Split this region into one region for each of its ranges of values."""
+
+    def correction(self) -> Correction:
+        """As the layers below take them."""
+        from svv.core.correction import Correction
+
+        return Correction(
+            tuple(parse_whole(text, "--merge") for text in self.merge),
+            self.remove,
+            dict(parse_set(text) for text in self.colours),
+            self.split,
+            tuple(map(parse_colour, self.add)),
+        )
+
+
 @spread
 def palette(
     scene: SceneFile,
     views: Annotated[Path, typer.Option(metavar="VIEWS", help="Folder of the views that the scene was trained on.")],
     out: Out,
-    add: Annotated[
-        list[str] | None, typer.Option(metavar="'#rrggbb'", help="Add a region of this colour; may be repeated.")
-    ] = None,
-    merge: Annotated[
-        list[str] | None, typer.Option(metavar="K,K,...", help="Merge these regions; may be repeated.")
-    ] = None,
-    remove: Annotated[list[int] | None, typer.Option(metavar="K", help="Remove this region; may be repeated.")] = None,
-    colours: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="K='#rrggbb'", help="Set a region's palette colour; may be repeated."),
-    ] = None,
-    split: Annotated[
-        list[int] | None,
-        typer.Option(metavar="K", help="Split this region into one region for each of its ranges of values."),
-    ] = None,
+    changes: PaletteChanges = PaletteChanges(),
     options: PaletteOptions = PaletteOptions(),
     where: DeviceOptions = DeviceOptions(),
     json: Json = None,
@@ -133,15 +151,11 @@ def palette(
     `svv info SCENE.svv`. If the volume is known, each region still consists of ranges of the transfer function.
     After Ctrl-C, the same command resumes.
     """
-    from svv.core.correction import Correction
     from svv.io.scene_file import checkpoint_of
     from svv.io.viewset import ViewSet
     from svv.train.correct import correct_palette
 
-    correction = Correction(
-        tuple(parse_whole(text, "--merge") for text in merge or ()), tuple(remove or ()),
-        dict(parse_set(text) for text in colours or ()), tuple(split or ()), tuple(map(parse_colour, add or ())),
-    )  # fmt: skip
+    correction = changes.correction()
     check_targets(out, json)
     loaded = load(scene, where.device)
     with shown("Reading") as progress:

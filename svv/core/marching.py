@@ -44,7 +44,7 @@ def box_span(origins: Tensor, directions: Tensor, extent: Tensor) -> tuple[Tenso
     return near, far
 
 
-def march(
+def march(  # noqa: PLR0913  (as the kernels take them, whose reference this is)
     origins: Tensor, directions: Tensor, occupied: Tensor, cells: int, extent: Sequence[float], step: float,
     extinction: Callable[[Tensor], Tensor], least_weight: float, keep: float, stop: float, fade: float, merge: bool,
     seed: int = 0, first_ray: int = 0,

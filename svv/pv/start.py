@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from svv.errors import BadInput
-from svv.measure import share_processors
+from svv.measure import share_cores
 
 PROGRAMS = ("paraview", "pvpython", "pvbatch", "pvserver")
 OLDEST = (5, 11)
@@ -215,7 +215,7 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
         "PV_PLUGIN_PATH": os.pathsep.join(dict.fromkeys(plugins)),
         "PYTHONPATH": os.pathsep.join(python_path(paraview, environment, environ)),
     }
-    share_processors(ours)
+    share_cores(ours)
     return ours
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -52,6 +52,21 @@ def ramp(colours: Floats, t: NDArray[Any]) -> Floats:
     return (colours[i] * (1 - w) + colours[i + 1] * w).astype(np.float32)
 
 
+class Dab(NamedTuple):
+    """Where a brush touches the canvas, in pixels: an ellipse, or, when long, a bent stroke."""
+
+    y: float
+    x: float
+    angle: float
+    """Of its length, radians from the x-axis."""
+    length: float
+    """Half its length."""
+    width: float
+    """Half its width."""
+    bend: float = 0.0
+    """Its sagitta as a part of the length."""
+
+
 @dataclass
 class Canvas:
     """A picture in work: its colours and, for the light at the end, how thick the paint lies."""
@@ -66,15 +81,12 @@ class Canvas:
     def __post_init__(self) -> None:
         self.thickness = np.zeros(self.colours.shape[:2], np.float32)
 
-    def dab(
-        self, rng: Generator, y: float, x: float, angle: float, length: float, width: float,
-        colour: NDArray[Any], bend: float = 0.0, bristles: float = 0.3, cover: float = 1.0,
-    ) -> None:  # fmt: skip
-        """Lay one dab of paint: an ellipse (or, when long, a bent stroke) streaked along its length.
+    def dab(self, rng: Generator, shape: Dab, colour: NDArray[Any], bristles: float = 0.3, cover: float = 1.0) -> None:
+        """Lay one dab of paint of this shape, streaked along its length.
 
-        ``length`` and ``width`` are its half axes in pixels, ``bend`` its sagitta as a part of the length,
-        ``bristles`` the strength of the streaks, ``cover`` its opacity.
+        ``bristles`` is the strength of the streaks, ``cover`` its opacity.
         """
+        y, x, angle, length, width, bend = shape
         n, m = self.thickness.shape
         reach = max(length, width) + abs(bend) * length + 1.5
         y0, y1 = max(0, int(y - reach)), min(n, int(y + reach) + 2)
@@ -159,7 +171,7 @@ def brush_strokes(rng: Generator, n: int) -> Floats:
             turn = (ahead - angles[iy, ix] + np.pi) % (2 * np.pi) - np.pi
             bend = float(np.clip(turn / 2, -0.35, 0.35))
             angle = angles[iy, ix] + rng.normal(0, 0.07)
-            canvas.dab(rng, y, x, angle, length * rng.uniform(0.7, 1.2), width, colour, bend, bristles=0.7)
+            canvas.dab(rng, Dab(y, x, angle, length * rng.uniform(0.7, 1.2), width, bend), colour, bristles=0.7)
     return canvas.lit(1.1)
 
 
@@ -181,7 +193,7 @@ def stippling(rng: Generator, n: int) -> Floats:
             colour = np.clip(ramp(colours, np.array(t)) * rng.uniform(0.88, 1.12), 0, 1)
             if rng.random() < 0.45 + 0.55 * (1 - depth[iy, ix]):
                 size = radius * rng.uniform(0.75, 1.15)
-                canvas.dab(rng, y, x, rng.uniform(0, np.pi), size * 1.12, size, colour, bristles=0, cover=cover)
+                canvas.dab(rng, Dab(y, x, rng.uniform(0, np.pi), size * 1.12, size), colour, bristles=0, cover=cover)
     return canvas.lit(0.25)
 
 

@@ -12,23 +12,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from svv.core.cameras import CameraRig
 from svv.core.correction import Correction, Entry, corrected
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.edits import History, edits_of, with_edits
-from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.kernels.dispatch import device_report, forget_gpu_peak
+from svv.kernels.dispatch import forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaletteOptions
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, given, preset
+from svv.train.loop import Running
 from svv.train.pipeline import key_of
-from svv.train.ranges import Owners, hull_of, membership
+from svv.train.ranges import Owners, membership, regions_for
 from svv.train.recolour import recolour
+from svv.train.report import report_on
 from svv.train.sampling import with_fewest_samples
 from svv.train.unmix import Unmixing
 
@@ -101,16 +101,14 @@ def correct_palette(
     forget_gpu_peak(scene.device)
     with measured() as cost:
         network, shares, spent = recolour(
-            views, scene.base, scene.occupancy, scene.marching, palette, scene.settings, chosen.recolour, seed,
-            time_limit, part(progress, 0.0, 0.98), saved, owners, unmixing,
+            views, scene, palette, chosen.recolour,
+            Running(seed, time_limit, part(progress, 0.0, 0.98), saved), owners, unmixing,
         )  # fmt: skip
         begin = time.monotonic()
-        regions = []
-        for entry, colour, share in zip(entries, network.colours.tolist(), shares, strict=True):
-            shown = tuple((ranges[r].low, ranges[r].high) for r in entry.ranges)
-            regions.append(Region(tuple(colour), float(share), values=hull_of(shown), ranges=shown))
-        plain = replace(scene, palette_network=network, regions=tuple(regions), history=History(), styled=None,
-                        painting=None, others=())  # fmt: skip
+        shown = [tuple((ranges[r].low, ranges[r].high) for r in entry.ranges) for entry in entries]
+        regions = regions_for(network, shares, shown)
+        plain = replace(scene, palette_network=network, regions=regions, history=History(), styled=None, painting=None,
+                        others=())  # fmt: skip
         plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
     if scene.variants:
@@ -118,17 +116,10 @@ def correct_palette(
     kept = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
     result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, kept, strict=True)))
     seconds = {"pcn": spent, "sampling": time.monotonic() - begin}
-    report = {
-        "seconds": {**seconds, "total": sum(seconds.values())},
-        "peak_rss_bytes": cost.peak_rss_bytes,
-        "parameters": result.info()["parameters"]["total"],
-        **device_report(scene.device),
-        "threads": torch.get_num_threads(),
-        "seed": seed,
-        "preset": chosen.name,
-        "encoding": scene.settings.encoding,
-        "notes": [*notes, reason],
-    }
+    report = report_on(
+        result, {**seconds, "total": sum(seconds.values())}, cost, chosen, seed,
+        encoding=scene.settings.encoding, notes=[*notes, reason],
+    )  # fmt: skip
     made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
 

@@ -8,16 +8,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from svv.errors import Progress, part
+from svv.errors import part
 from svv.fields.networks import FieldSettings, encode_directions
 from svv.fields.phong import Beams
-from svv.fields.region import Region
 from svv.fields.rendering import RayCaster, composite, march
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train.batches import RayPool
 from svv.train.config import RecolourSettings
-from svv.train.ranges import Owners
+from svv.train.loop import Running
+from svv.train.ranges import Owners, regions_for
 from svv.train.recolour import recolour
 from svv.train.unmix import Unmixing
 
@@ -79,11 +79,9 @@ def light_by_trial(
     views: ViewSet,
     palette: NDArray[np.floating],
     settings: RecolourSettings,
-    seed: int,
-    owners: Owners | None,
-    given: Unmixing | None,
-    progress: Progress,
-    limit: float | None = None,
+    running: Running,
+    owners: Owners | None = None,
+    given: Unmixing | None = None,
 ) -> tuple[Scene, str]:
     """The scene with an explicit light where that draws held-out views as well as the network does, and why.
 
@@ -95,11 +93,9 @@ def light_by_trial(
         views: Training views.
         palette: Colours of the regions. (P, 3)
         settings: Of stage 2.
-        seed: Of both trials.
+        running: Seed of both trials, seconds for both together, and progress.
         owners: The region that each point belongs to, where that is known.
         given: What the pixels say of the palette, where that is needed.
-        progress: Called several times a second.
-        limit: Seconds for both.
     """
     count = len(views.cameras)
     held = list(range(0, count, HELD_OUT))
@@ -108,15 +104,11 @@ def light_by_trial(
     found = {}
     for number, lighting in enumerate(("phong", "network")):
         fields = replace(scene.settings, lighting=lighting)
-        network, shares, _ = recolour(
-            seen, scene.base, scene.occupancy, scene.marching, palette, fields, short, seed,
-            None if limit is None else 0.5 * limit,
-            part(progress, 0.5 * number, 0.5 * number + 0.5), None, owners, given,
-        )  # fmt: skip
-        regions = tuple(Region(tuple(c), float(p)) for c, p in zip(network.colours.tolist(), shares, strict=True))
-        found[lighting] = accuracy(
-            replace(scene, settings=fields, palette_network=network, regions=regions), unseen, seed
-        )
+        lit, half = replace(scene, settings=fields), part(running.progress, 0.5 * number, 0.5 * number + 0.5)
+        limit = None if running.limit is None else 0.5 * running.limit
+        network, shares, _ = recolour(seen, lit, palette, short, Running(running.seed, limit, half), owners, given)
+        lit = replace(lit, palette_network=network, regions=regions_for(network, shares))
+        found[lighting] = accuracy(lit, unseen, running.seed)
     taken = "phong" if found["phong"] >= found["network"] - MARGIN else "network"
     reason = (
         f"an explicit light (Blinn-Phong) draws {len(held)} held-out views with {found['phong']:.2f} dB after "

@@ -11,13 +11,28 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from svv.errors import Progress
+from svv.errors import Progress, silent
+from svv.train.checkpoint import Checkpoint
 
 SAVE_EVERY = 30.0
 """Seconds between two checkpoints."""
 
 PARTS = 10
 """Parts of a run whose mean losses are kept."""
+
+
+@dataclass(frozen=True)
+class Running:
+    """How a stage is run, whatever it does."""
+
+    seed: int
+    """Of initial features, batches and jitter."""
+    limit: float | None = None
+    """Seconds allowed."""
+    progress: Progress = silent
+    """Called several times a second; stops the work when it raises."""
+    saved: Checkpoint | None = None
+    """Where to resume from, and to save to."""
 
 
 @dataclass

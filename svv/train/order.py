@@ -21,7 +21,8 @@ from svv.train.checkpoint import Checkpoint
 from svv.train.config import StylizeSettings
 from svv.train.contrast import match_contrast
 from svv.train.ink import PAPER, Ink, Style, StyleInput
-from svv.train.loop import Loop
+from svv.train.loop import Loop, Running
+from svv.train.painting import Start
 from svv.train.previews import Previews, Show
 from svv.train.start import is_laid, run_stage, started, targets_of
 from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
@@ -135,10 +136,9 @@ class Painting:
         # Patches know no shapes: what they make of strokes that are there is specks (docs/measurements/painting.md).
         plain = as_colours and not self.refined and isinstance(self.network, PatchFeatures)
         laid, end = plain or not targets, 0.9 if as_colours and self.weights.contrast else 1.0
-        field = started(
-            scene, self._transferred(targets), targets, settings, self.seed, scene.styled if order.go_on else None,
-            self.saved, self.seconds, part(progress, 0.0, end if laid else 0.3), self.previews, order.inks,
-        )  # fmt: skip
+        start = Start(self._transferred(targets), targets, order.inks, scene.styled if order.go_on else None)
+        running = Running(self.seed, None, part(progress, 0.0, end if laid else 0.3), self.saved)
+        field = started(scene, start, settings, running, self.seconds, self.previews)
         if not laid:
             self._match(field, targets, part(progress, 0.3, end))
             give_memory_back()  # samples and moments, a third of a gigabyte: what follows has samples of its own

@@ -9,6 +9,7 @@ put their strokes elsewhere, no stroke ever appears. So the regions get the styl
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -69,31 +70,39 @@ def painted_field(scene: Scene, pixel: float) -> UnrestrictedField:
     return UnrestrictedField(scene.settings, scene.occupancy, (cells,), direct=True).to(scene.device)
 
 
+@dataclass(frozen=True)
+class Start:
+    """What is painted before anything is matched."""
+
+    transferred: Tensor
+    """The palette after colour transfer, RGB. (P, 3)"""
+    targets: Mapping[int, StyleTarget]
+    """Style of each region that gets one."""
+    inks: Mapping[int, Ink] = field(default_factory=dict)
+    """Regions that are drawn instead, anew even where the scene says that they are painted."""
+    before: UnrestrictedField | None = None
+    """Colours to begin with: the regions that the scene says are painted keep them, and only those that are new in
+    ``targets`` are painted."""
+
+
 @torch.no_grad()
 def painted_start(
     scene: Scene,
-    transferred: Tensor,
-    targets: dict[int, StyleTarget],
+    start: Start,
     pixel: float,
     seed: int,
     progress: Progress,
-    before: UnrestrictedField | None = None,
     show: Callable[[UnrestrictedField], None] = lambda field: None,
-    inks: Mapping[int, Ink] | None = None,
 ) -> UnrestrictedField:
     """Paint the regions.
 
     Args:
         scene: With a palette colour network.
-        transferred: The palette after colour transfer, RGB. (P, 3)
-        targets: Style of each region that gets one.
+        start: Which of them, and how.
         pixel: Side of a pixel of the styles on the surface, in box units.
         seed: Another one is another layout.
         progress: Called several times a second.
-        before: A field to begin with: the regions that the scene says are styled keep its colours, and only those
-            that are new in ``targets`` are painted.
         show: Given the field with every region in one colour, and again after each region that is painted.
-        inks: Regions that are drawn instead, anew even where the scene says that they are styled.
 
     Returns:
         A direct colour field.
@@ -102,18 +111,17 @@ def painted_start(
         BadInput: none of the regions to be painted is visible.
     """
     assert scene.palette_network is not None
-    occupancy = scene.occupancy
-    field = painted_field(scene, pixel)
-    lattice = field.encoding
+    occupancy, targets, inks, before = scene.occupancy, start.targets, start.inks, start.before
+    paint = painted_field(scene, pixel)
+    lattice = paint.encoding
     assert isinstance(lattice, SparseLattice)
     place, cell = lattice.places_of_level(0, occupancy.occupied, occupancy.cells), 1.0 / lattice.resolutions[0]
-    inks = inks or {}
     styled = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
     kept = [k for k in styled if k not in inks]
     painted = sorted([*inks, *(k for k, t in targets.items() if t.settings.seeded and k not in kept)])
-    region, colours = _flat(scene, transferred, place, painted, kept, before)
+    region, colours = _flat(scene, start.transferred, place, painted, kept, before)
     lattice.table.copy_(torch.from_numpy(colours))
-    show(field)
+    show(paint)
     views: list[StyledView] = []
     if painted:
         views = visible_from(scene, scene.rig.sphere(VIEWS, VIEW_SIZE), part(progress, 0.0, 0.1))
@@ -139,9 +147,9 @@ def painted_start(
             piece = own[first : first + (1 << 17)]
             colours[piece] = laid(place[piece]).clip(0.0, 1.0)
         lattice.table.copy_(torch.from_numpy(colours))
-        show(field)
+        show(paint)
     progress(1.0, "painting")
-    return field
+    return paint
 
 
 def _quilt(

@@ -14,7 +14,7 @@ from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.kernels.dispatch import device_named, device_report, forget_gpu_peak
+from svv.kernels.dispatch import device_named, forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaintOptions, TrainOptions
 from svv.styles.features import load_features
@@ -24,6 +24,7 @@ from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.ink import Ink, Style, StyleInput
 from svv.train.order import Painting, ordered
 from svv.train.previews import Show
+from svv.train.report import report_on
 from svv.train.start import is_laid
 from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, loss_for
 from svv.train.training import Training
@@ -75,18 +76,10 @@ def train_scene(
         training = Training(views, chosen, time_limit, seed, progress, saved, device)
         scene = training.run()
     seconds = {**training.seconds, "total": sum(training.seconds.values())}
-    report = {
-        "seconds": seconds,
-        "peak_rss_bytes": cost.peak_rss_bytes,
-        "parameters": scene.info()["parameters"]["total"],
-        **device_report(device),
-        "threads": torch.get_num_threads(),
-        "seed": seed,
-        "preset": chosen.name,
-        "encoding": chosen.field.encoding,
-        "lighting": scene.settings.lighting,
-        "notes": training.notes,
-    }
+    report = report_on(
+        scene, seconds, cost, chosen, seed,
+        encoding=chosen.field.encoding, lighting=scene.settings.lighting, notes=training.notes,
+    )  # fmt: skip
     made = {
         **report,
         "svv": __version__,
@@ -162,23 +155,15 @@ def stylize_scene(
     styled = order.painted(scene, field)
     if preview is not None:
         preview(styled)
-    report = {
-        "seconds": {**work.seconds, "total": cost.seconds},
-        "peak_rss_bytes": cost.peak_rss_bytes,
-        "parameters": styled.info()["parameters"]["total"],
-        **device_report(scene.device),
-        "threads": torch.get_num_threads(),
-        "seed": asked.seed,
-        "preset": chosen.name,
-        "features": "none" if network is None else f"{network.title}, {network.channels} channels",
-        "styles": {str(k): order.labels[v] for k, v in order.pairs.items()},
-        "masked": sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
-        "stroke_size": asked.stroke_size,
-        "strength": asked.strength,
-        "continued": work.refined,
-        "previews": [] if work.previews is None else work.previews.seconds,
-        "notes": [*order.notes, *([network.note] if network and network.note else [])],
-    }
+    report = report_on(
+        styled, {**work.seconds, "total": cost.seconds}, cost, chosen, asked.seed,
+        features="none" if network is None else f"{network.title}, {network.channels} channels",
+        styles={str(k): order.labels[v] for k, v in order.pairs.items()},
+        masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
+        stroke_size=asked.stroke_size, strength=asked.strength, continued=work.refined,
+        previews=[] if work.previews is None else work.previews.seconds,
+        notes=[*order.notes, *([network.note] if network and network.note else [])],
+    )  # fmt: skip
     return replace(styled, made={**scene.made, "stylized": report}), report
 
 

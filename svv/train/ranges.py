@@ -14,6 +14,7 @@ from torch import Tensor
 from svv.core.classified import ClassifiedVolume
 from svv.core.colour import to_hex
 from svv.core.palette import Palette, PaletteSettings
+from svv.fields.networks import PaletteField
 from svv.fields.region import Region
 from svv.fields.rendering import composite, march
 from svv.fields.scene import Scene
@@ -110,6 +111,19 @@ def regions_of(volume: ClassifiedVolume, views: ViewSet, scene: Scene, seed: int
     )
     owners = Owners(volume, region_of_range, scene.device)
     return KnownRegions(Palette(colours, part, tuple(steps)), ranges, owners)
+
+
+def regions_for(
+    network: PaletteField,
+    shares: Sequence[float] | NDArray[np.floating],
+    ranges: Sequence[tuple[tuple[float, float], ...]] | None = None,
+) -> tuple[Region, ...]:
+    """The regions of a palette network: its colours, their shares of what is seen, and their ranges where known."""
+    known = ranges or ((),) * len(shares)
+    return tuple(
+        Region(tuple(colour), float(share), values=hull_of(own), ranges=own)
+        for colour, share, own in zip(network.colours.tolist(), shares, known, strict=True)
+    )
 
 
 def hull_of(ranges: Sequence[tuple[float, float]]) -> tuple[float, float] | None:

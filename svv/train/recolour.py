@@ -10,18 +10,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.palette import Palette, PaletteSettings, extract_palette
-from svv.errors import Progress
 from svv.fields.encodings import LatticeAdam
-from svv.fields.networks import BaseField, FieldSettings, PaletteField, encode_directions
+from svv.fields.networks import BaseField, PaletteField, encode_directions
 from svv.fields.occupancy import Occupancy
 from svv.fields.phong import Beams
 from svv.fields.rendering import Marching, composite, march
+from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.train.batches import Batch, RayBudget, RayPool
-from svv.train.checkpoint import Checkpoint
 from svv.train.config import RecolourSettings
-from svv.train.loop import Loop, falling, network_adam
+from svv.train.loop import Loop, Running, falling, network_adam
 from svv.train.ranges import Owners, shares_of
 from svv.train.unmix import Unmixing
 
@@ -137,16 +136,10 @@ def palette_of(views: ViewSet, occupancy: Occupancy, seed: int, settings: Palett
 
 def recolour(
     views: ViewSet,
-    base: BaseField,
-    occupancy: Occupancy,
-    marching: Marching,
+    scene: Scene,
     palette: NDArray[np.floating],
-    field: FieldSettings,
     settings: RecolourSettings,
-    seed: int,
-    limit: float | None,
-    progress: Progress,
-    checkpoint: Checkpoint | None = None,
+    running: Running,
     owners: Owners | None = None,
     given: Unmixing | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
@@ -154,32 +147,30 @@ def recolour(
 
     Args:
         views: Training views.
-        base: Frozen base field; its device is where the network is trained.
-        occupancy: Where something is visible.
-        marching: How rays are sampled.
+        scene: With a frozen base field; its settings shape the network, and its device is where that is trained.
         palette: Initial palette colours, RGB in [0, 1]. (P, 3)
-        field: Shape of the networks.
         settings: Of the stage.
-        seed: Of initial features, batches and jitter.
-        limit: Seconds allowed.
-        progress: Called several times a second; stops the training when it raises.
-        checkpoint: Where to go on from, and to save to.
+        running: Seed, time, progress and checkpoint.
         owners: The region that each point belongs to, where that is known.
         given: What pixels say of the palette, where it was made by hand.
 
     Returns:
         The frozen network, each region's share of the visible light (P,), and the seconds spent.
     """
+    base, occupancy, seed, checkpoint = scene.base, scene.occupancy, running.seed, running.saved
     torch.manual_seed(seed)
-    network = PaletteField(field, occupancy, base.geometry_width, torch.as_tensor(palette, dtype=torch.float32))
+    network = PaletteField(
+        scene.settings, occupancy, base.geometry_width, torch.as_tensor(palette, dtype=torch.float32)
+    )
     network.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
     device = base.encoding.table.device
     network.to(device).light_like(base)
     if network.phong is not None and base.density is not None:
         network.phong.start(base.density, occupancy, views.meta.shading, seed)
     pool = RayPool(views, occupancy.box, seed, device)
-    work = Recolouring(base, network, occupancy, marching, pool, settings, owners, given, field.headlight)
-    loop = Loop(settings.iterations, limit, progress, "palette colour network")
+    headlight = scene.settings.headlight
+    work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given, headlight)
+    loop = Loop(settings.iterations, running.limit, running.progress, "palette colour network")
     if checkpoint is not None:
         state = checkpoint.stage("palette", network, work.networks, work.tables)
         if state.restored is not None:

@@ -22,9 +22,8 @@ from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.kernels.types import Samples
 from svv.train.batches import RayBudget, RayPool
-from svv.train.checkpoint import Checkpoint
 from svv.train.config import ReconstructSettings
-from svv.train.loop import Loop, falling, network_adam
+from svv.train.loop import Loop, Running, falling, network_adam
 
 LEAST_EXTINCTION_SHARE = 0.05
 """Part of a volume's largest extinction that is looked at, however faint that is."""
@@ -198,10 +197,7 @@ def reconstruct(
     field: FieldSettings,
     settings: ReconstructSettings,
     occupancy: Occupancy,
-    seed: int,
-    limit: float | None,
-    progress: Progress,
-    checkpoint: Checkpoint | None = None,
+    running: Running,
     device: torch.device = CPU,
 ) -> tuple[BaseField, Occupancy, Marching, float, str]:
     """Train the base field.
@@ -211,17 +207,14 @@ def reconstruct(
         field: Shape of the networks.
         settings: Of the stage.
         occupancy: Where to look (:func:`first_occupancy`).
-        seed: Of initial features, batches and jitter.
-        limit: Seconds allowed.
-        progress: Called several times a second; stops the training when it raises.
-        checkpoint: Where to go on from, and to save to.
+        running: Seed, time, progress and checkpoint.
         device: Where to train.
 
     Returns:
         The frozen field, the pruned occupancy, how its rays are sampled, the seconds spent, and why it stopped there.
     """
-    work = Reconstruction(views, occupancy, field, settings, seed, device)
-    loop = Loop(settings.iterations, limit, progress, "base NeRF")
+    work, checkpoint = Reconstruction(views, occupancy, field, settings, running.seed, device), running.saved
+    loop = Loop(settings.iterations, running.limit, running.progress, "base NeRF")
     if checkpoint is not None:
         work.go_on_from(checkpoint.extra("base"))
         state = checkpoint.stage("base", work.field, work.networks, work.tables)
@@ -232,7 +225,7 @@ def reconstruct(
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()
-    return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, limit)
+    return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, running.limit)
 
 
 def _why_there(loop: Loop, limit: float | None) -> str:

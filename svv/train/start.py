@@ -11,7 +11,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from svv.errors import Progress
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
@@ -19,9 +18,9 @@ from svv.train.checkpoint import Arrays, Checkpoint
 from svv.train.config import StylizeSettings
 from svv.train.contrast import stroke_scales
 from svv.train.distil import Distillation, paint_pixel
-from svv.train.ink import Ink, Style
-from svv.train.loop import Loop
-from svv.train.painting import painted_field, painted_start
+from svv.train.ink import Style
+from svv.train.loop import Loop, Running
+from svv.train.painting import Start, painted_field, painted_start
 from svv.train.previews import Previews
 from svv.train.style_loss import StyleLossSettings, StyleTarget, enlarged
 from svv.train.stylize import Stylization
@@ -68,39 +67,30 @@ def targets_of(
 
 def started(
     scene: Scene,
-    transferred: Tensor,
-    targets: dict[int, StyleTarget],
+    start: Start,
     settings: StylizeSettings,
-    seed: int,
-    before: UnrestrictedField | None,
-    saved: Checkpoint | None,
+    running: Running,
     seconds: dict[str, float],
-    progress: Progress,
     previews: Previews | None,
-    inks: Mapping[int, Ink],
 ) -> UnrestrictedField:
     """The colours that the stylization begins with: painted, or, as the paper has it, distilled into a network.
 
     Args:
         scene: With a palette colour network.
-        transferred: The palette after colour transfer, RGB. (P, 3)
-        targets: Style of each region that gets one.
+        start: Styles and inks of the regions (inks only where paint is laid, :func:`is_laid`), and earlier colours.
         settings: Of stage 3.
-        seed: Of networks, rays and layout.
-        before: Colours to begin with, for the regions that the scene says are styled.
-        saved: Where a finished start is kept, and taken from.
+        running: Seed of networks, rays and layout; progress; and the checkpoint that keeps a finished start.
         seconds: How long it took is noted here.
-        progress: Called several times a second; stops the work when it raises.
         previews: Shown the start as it comes, region by region.
-        inks: Regions that are drawn in ink, where paint is laid (:func:`is_laid`).
 
     Raises:
         BadInput: none of the regions is visible.
     """
+    saved, before, progress = running.saved, start.before, running.progress
     if not is_laid(scene, settings):
-        distillation = Distillation(scene, transferred, settings, seed, before)
+        distillation = Distillation(scene, start.transferred, settings, running.seed, before)
         watch = None if previews is None else partial(previews.look, distillation.field)
-        known = before is not None and all(scene.regions[k].style is not None for k in targets)
+        known = before is not None and all(scene.regions[k].style is not None for k in start.targets)
         steps = 0 if known else settings.distil_iterations
         loop = Loop(steps, None, progress, "distillation", watch=watch)
         seconds["distil"] = run_stage(loop, distillation, saved, "distil") if steps else 0.0
@@ -113,7 +103,7 @@ def started(
         return field
     begin = time.monotonic()
     show = (lambda field: None) if previews is None else partial(previews.look, at_once=True)
-    field = painted_start(scene, transferred, targets, pixel, seed, progress, before, show, inks)
+    field = painted_start(scene, start, pixel, running.seed, progress, show)
     seconds["paint"] = time.monotonic() - begin
     if saved is not None:
         saved.finish("paint", {"seconds": seconds["paint"]}, _arrays(field))

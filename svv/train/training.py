@@ -12,14 +12,14 @@ import torch
 from svv.core.cameras import CameraRig
 from svv.core.palette import Palette
 from svv.errors import Progress, part
-from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field
 from svv.train.levels import with_fewest_levels
 from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
-from svv.train.ranges import KnownRegions, Owners, hull_of, regions_of
+from svv.train.loop import Running
+from svv.train.ranges import KnownRegions, Owners, regions_for, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import first_occupancy, reconstruct
 from svv.train.sampling import with_fewest_samples
@@ -89,8 +89,8 @@ class Training:
             self.notes.append(reason)
         first = None if self.limit is None else max(0.1, (self.limit - self.seconds["hull"]) * BASE_PART)
         base, occupancy, marching, self.seconds["base"], reason = reconstruct(
-            views, field, chosen.reconstruct, occupancy, self.seed, first, part(progress, 0.02, 0.7), self.saved,
-            self.device,
+            views, field, chosen.reconstruct, occupancy,
+            Running(self.seed, first, part(progress, 0.02, 0.7), self.saved), self.device,
         )  # fmt: skip
         self.notes.append(reason)
         self.notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty")
@@ -127,10 +127,10 @@ class Training:
             return scene
         with self._timed("lighting"):
             left = self._left()
+            running = Running(self.seed, None if left is None else left / 3.0, part(self.progress, 0.7, 0.76))
             scene, reason = light_by_trial(
-                scene, self.views, palette.colours, self.chosen.recolour, self.seed, owners, given,
-                part(self.progress, 0.7, 0.76), None if left is None else left / 3.0,
-            )  # fmt: skip
+                scene, self.views, palette.colours, self.chosen.recolour, running, owners, given
+            )
         self.notes.append(reason)
         return scene
 
@@ -139,15 +139,12 @@ class Training:
         owners = None if known is None else known.owners
         told = part(self.progress, 0.76 if "lighting" in self.seconds else 0.7, 1.0)
         network, shares, self.seconds["pcn"] = recolour(
-            self.views, scene.base, scene.occupancy, scene.marching, palette.colours, scene.settings,
-            self.chosen.recolour, self.seed, self._left(), told, self.saved, owners, given,
+            self.views, scene, palette.colours, self.chosen.recolour,
+            Running(self.seed, self._left(), told, self.saved), owners, given,
         )  # fmt: skip
-        ranges = ((),) * len(shares) if known is None else known.ranges
-        regions = tuple(
-            Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
-            for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
+        return replace(
+            scene, palette=network, regions=regions_for(network, shares, None if known is None else known.ranges)
         )
-        return replace(scene, palette_network=network, regions=regions)
 
     def _left(self) -> float | None:
         """Seconds of the limit that are left, at least a tenth."""

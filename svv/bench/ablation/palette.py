@@ -20,7 +20,6 @@ from svv.bench.stability.measures import matched, overlaps
 from svv.bench.styles.modes import kept_scene
 from svv.core.palette import PaletteSettings
 from svv.errors import Progress, part
-from svv.fields.region import Region
 from svv.fields.rendering import composite, march
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
@@ -33,7 +32,8 @@ from svv.render.pictures import Picture, cropped, over_white, sheet
 from svv.train.batches import RayPool
 from svv.train.config import RecolourSettings, preset
 from svv.train.evaluate import evaluate_scene
-from svv.train.ranges import hull_of, regions_of
+from svv.train.loop import Running
+from svv.train.ranges import regions_for, regions_of
 from svv.train.recolour import palette_of, recolour
 
 Row = dict[str, Any]
@@ -169,12 +169,7 @@ def _retrained(
         known = regions_of(views.classified, views, scene, seed)
     found = palette_of(views, scene.occupancy, seed, palette) if known is None else known.palette
     network, shares, seconds = recolour(
-        views, scene.base, scene.occupancy, scene.marching, found.colours, scene.settings, settings, seed, None,
-        progress, None, None if known is None else known.owners,
-    )  # fmt: skip
-    ranges = ((),) * len(shares) if known is None else known.ranges
-    regions = tuple(
-        Region(tuple(colour), float(share), values=hull_of(ranges[i]), ranges=ranges[i])
-        for i, (colour, share) in enumerate(zip(network.colours.tolist(), shares, strict=True))
+        views, scene, found.colours, settings, Running(seed, progress=progress), None if known is None else known.owners
     )
+    regions = regions_for(network, shares, None if known is None else known.ranges)
     return replace(scene, palette_network=network, styled=None, regions=regions), seconds

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 from svv.styles.gallery.subjects import hills, still_life
-from svv.styles.textures import Canvas, Floats, from_hex, rank, smooth, spectrum_noise
+from svv.styles.textures import Canvas, Dab, Floats, from_hex, rank, smooth, spectrum_noise
 
 
 def paper_grain(rng: Generator, n: int, size: float) -> Floats:
@@ -153,7 +153,8 @@ def pastel(rng: Generator, n: int) -> Floats:
             colour = colours[part][int(np.clip(shade * 3, 0, 2))] + rng.normal(0, 0.03, 3)
             angle = subject.angle[iy, ix] + (0.35 if part > 1 else -0.5) + rng.normal(0, 0.12)
             reach = length * unit * (0.35 if part == 1 else rng.uniform(0.5, 1.0))
-            canvas.dab(rng, y, x, angle, reach, width * unit, np.clip(colour, 0, 1), rng.normal(0, 0.06), 0.25, 0.85)
+            dab = Dab(y, x, angle, reach, width * unit, rng.normal(0, 0.06))
+            canvas.dab(rng, dab, np.clip(colour, 0, 1), 0.25, 0.85)
     return np.clip(canvas.colours, 0, 1).astype(np.float32)
 
 

@@ -8,7 +8,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinat
 
 from svv.styles.gallery.drawings import paper_grain
 from svv.styles.gallery.subjects import flowers, hills
-from svv.styles.textures import Canvas, Floats, from_hex, ramp, rank, smooth, spectrum_noise
+from svv.styles.textures import Canvas, Dab, Floats, from_hex, ramp, rank, smooth, spectrum_noise
 
 
 def watercolour(rng: Generator, n: int) -> Floats:
@@ -83,6 +83,6 @@ def impasto(rng: Generator, n: int) -> Floats:
             colour = np.clip(colour * rng.uniform(0.88, 1.14) + rng.normal(0, 0.02, 3), 0, 1)
             reach = long * rng.uniform(0.7, 1.2) * (0.5 if part == 2 else 1.0)
             angle = subject.angle[iy, ix] + rng.normal(0, 0.14)
-            canvas.dab(rng, y, x, angle, reach, wide, colour, rng.normal(0, 0.08), 0.75)
+            canvas.dab(rng, Dab(y, x, angle, reach, wide, rng.normal(0, 0.08)), colour, 0.75)
             canvas.thickness[max(0, iy - 1) : iy + 2, max(0, ix - 1) : ix + 2] += 0.02
     return canvas.lit(2.2)

@@ -129,7 +129,7 @@ def train(chosen) -> None:
 
     with shown("Training") as progress:
         views, _ = make_views(
-            chosen.out / "volume.mha", function(), chosen.views, mapper=chosen.ray_caster, rescale=False,
+            chosen.out / "volume.mha", function(), n=chosen.views, mapper=chosen.ray_caster, rescale=False,
             progress=part(progress, 0.0, 0.2),
         )  # fmt: skip
         scene, _ = train_scene(views, options_of(TrainOptions, chosen), part(progress, 0.2, 1.0))

@@ -95,8 +95,8 @@ def views_of(name: str) -> ViewSet:
     """Training views of a scene."""
     made = MADE[name]
     return make_views(
-        made.known.volume(made.resolution), made.known.transfer_function(), 16, made.size, mapper="cpu", rescale=False,
-        shading=Shading(on=made.shaded),
+        made.known.volume(made.resolution), made.known.transfer_function(), n=16, size=made.size, mapper="cpu",
+        rescale=False, shading=Shading(on=made.shaded),
     )[0]  # fmt: skip
 
 

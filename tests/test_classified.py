@@ -61,7 +61,7 @@ def test_it_dims_rays_as_the_ray_caster_does(turn: str) -> None:
         if turn == "mirrored":
             axes[:, 0] *= -1.0
         set_geometry(image, axes, np.array([100.0, -7.0, 3.0]))
-    views, _ = make_views(image, demo_transfer_function(), 4, 96, mapper="cpu", step=0.125)
+    views, _ = make_views(image, demo_transfer_function(), n=4, size=96, mapper="cpu", step=0.125)
     assert views.classified is not None
     for camera, drawn in zip(views.cameras, views.images, strict=True):
         error = alpha_of(views.classified, camera) - drawn[..., 3] / 255.0
@@ -119,7 +119,7 @@ def test_occupied_cells_are_those_with_a_visible_vertex(
 
 @pytest.fixture(scope="module")
 def views() -> tuple[ViewSet, ViewSet]:
-    train, test = make_views(demo_volume(32), demo_transfer_function(), 20, 96, test=3, mapper="cpu")
+    train, test = make_views(demo_volume(32), demo_transfer_function(), n=20, size=96, test=3, mapper="cpu")
     assert test is not None
     return train, test
 
@@ -244,7 +244,7 @@ def test_a_fog_that_is_hardly_there_is_looked_at() -> None:
     """Where the most there is lies below what pruning drops, that is what the scene is made of."""
     image = from_array(np.linspace(0, 1, 4096, dtype=np.float32).reshape(16, 16, 16), (1.0,) * 3, (0.0,) * 3)
     tf = TransferFunction(((0, 1, 1, 1), (1, 1, 1, 1)), ((0, 0.0, 0.5, 0), (1, 0.3, 0.5, 0)), 100.0)
-    views, _ = make_views(image, tf, 6, 32, mapper="cpu")
+    views, _ = make_views(image, tf, n=6, size=32, mapper="cpu")
     occupancy, _ = first_occupancy(views, ReconstructSettings(cells=32), PRESETS["draft"].field, silent)
     assert occupancy.fraction > 0.5
 

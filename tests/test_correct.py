@@ -36,7 +36,7 @@ Drawn = tuple[Scene, ViewSet]
 def drawn(known: KnownScene, views: int = 16, size: int = 80) -> tuple[ViewSet, ViewSet, np.ndarray]:
     """Views to train on, views to measure on, and the classes of the latter's pixels."""
     volume = known.volume(32)
-    train, test = make_views(volume, known.transfer_function(), views, size, test=4, mapper="cpu")
+    train, test = make_views(volume, known.transfer_function(), n=views, size=size, test=4, mapper="cpu")
     assert test is not None
     return train, test, known.class_maps(volume, test.cameras)
 

@@ -266,7 +266,7 @@ def test_views_come_with_all_that_made_them(tmp_path: Path) -> None:
     np.save(tmp_path / "blob.npy", blob())
     told: list[float] = []
     train, test = make_views(
-        tmp_path / "blob.npy", ramp(), 12, 32, test=4, progress=lambda fraction, label: told.append(fraction)
+        tmp_path / "blob.npy", ramp(), n=12, size=32, test=4, progress=lambda fraction, label: told.append(fraction)
     )
     assert told[-1] == 1.0 and all(a <= b for a, b in pairwise(told))
     assert test is not None and len(train) == 12 and len(test) == 4
@@ -294,7 +294,7 @@ def test_views_come_with_all_that_made_them(tmp_path: Path) -> None:
 def test_bounds_hold_all_that_is_visible_and_no_more() -> None:
     axes = rotation(5) * (1.0, 2.0, 0.5)
     image = placed(blob(), axes, np.array([3.0, 4.0, 5.0]))
-    train, _ = make_views(image, ramp(), 3, 16)
+    train, _ = make_views(image, ramp(), n=3, size=16)
     low, high = np.array(train.meta.bounds)
     z, y, x = np.nonzero(to_array(image) > 200)
     points = (index_to_world(image) @ np.stack([x, y, z, np.ones_like(x)]))[:3].T
@@ -308,23 +308,25 @@ def test_the_frame_is_filled_like_the_published_views(fov: float) -> None:
     array = np.random.default_rng(0).integers(0, 100, (5, 5, 5)).astype(np.uint8)
     tf = TransferFunction(((0, 1, 1, 1), (99, 1, 0, 0)), ((0, 0.1, 0.5, 0), (99, 0.9, 0.5, 0)))
     image = from_array(array, (0.258,) * 3, (-0.516,) * 3)
-    train, _ = make_views(image, tf, 3, 16, fov=fov)
+    train, _ = make_views(image, tf, n=3, size=16, fov=np.degrees(fov))
     rig = train.meta.rig
     assert rig is not None and rig.radius == pytest.approx(4.0311 * np.tan(np.pi / 12) / np.tan(fov / 2))
     np.testing.assert_allclose(rig.centre, 0, atol=1e-12)
-    assert all(camera.fov_x == fov for camera in train.cameras)
+    assert all(camera.fov_x == pytest.approx(fov) for camera in train.cameras)
 
 
 def test_the_whole_volume_can_fill_the_frame() -> None:
     array = np.pad(blob(), ((0, 20), (0, 0), (0, 0)))
-    near, far = (make_views(from_array(array), ramp(), 3, 16, frame=frame)[0].meta for frame in ("visible", "whole"))
+    near, far = (
+        make_views(from_array(array), ramp(), n=3, size=16, frame=frame)[0].meta for frame in ("visible", "whole")
+    )
     assert far.rig is not None and near.rig is not None and far.rig.radius > near.rig.radius
     np.testing.assert_allclose(far.rig.centre, (11.5, 10.5, 19.5))
     assert far.bounds == near.bounds
 
 
 def test_without_a_function_two_ranges_are_shown(demo: vtkImageData) -> None:
-    train, test = make_views(demo, None, 3, 32)
+    train, test = make_views(demo, None, n=3, size=32)
     assert test is None and 0.02 < (train.images[..., 3] > 0).mean() < 0.9
 
 
@@ -334,14 +336,14 @@ def test_progress_stops_the_work() -> None:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        make_views(from_array(blob()), ramp(), 12, 16, progress=stop)
+        make_views(from_array(blob()), ramp(), n=12, size=16, progress=stop)
 
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "n": ({"n": 2}, "At least 3"),
     "size": ({"size": 0}, "at least one pixel"),
     "test": ({"test": 182}, "0 to 181"),
-    "fov": ({"fov": 4.0}, "angle of view"),
+    "fov": ({"fov": 200.0}, "angle of view"),
     "frame": ({"frame": "all"}, "visible"),
     "mapper": ({"mapper": "cuda"}, "auto, gpu or cpu"),
     "step": ({"step": 0.0}, "sample distance"),

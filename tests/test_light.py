@@ -227,7 +227,9 @@ def test_the_command_moves_the_light(lit_cube: Scene, cube: Scene, tmp_path: Pat
 @pytest.fixture(scope="module")
 def views() -> ViewSet:
     known = sphere()
-    return make_views(known.volume(32), known.transfer_function(), 24, 72, test=0, mapper="cpu", shading=Shading())[0]
+    return make_views(
+        known.volume(32), known.transfer_function(), n=24, size=72, test=0, mapper="cpu", shading=Shading()
+    )[0]
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ def trained(request: pytest.FixtureRequest) -> tuple[bool, ViewSet, Scene, str]:
     """Whether the views are shaded, the views, the scene, and what it says of its lighting."""
     tf = demo_transfer_function()
     tf = replace(tf, opacities=(tf.opacities[0], *tf.opacities[4:]))  # without the translucent shell
-    views, _ = make_views(demo_volume(32), tf, 24, 96, test=0, mapper="cpu", shading=Shading(on=request.param))
+    views, _ = make_views(demo_volume(32), tf, n=24, size=96, test=0, mapper="cpu", shading=Shading(on=request.param))
     scene, report = train_scene(views, SHORT)
     (said,) = [note for note in report["notes"] if "lighting network" in note]
     return request.param, views, scene, said

@@ -118,5 +118,5 @@ def test_an_image_of_pyvista_is_a_volume() -> None:
     volume = as_volume(image)
     np.testing.assert_array_equal(to_array(volume), values())
     np.testing.assert_allclose(index_to_world(volume), index_to_world(image))
-    train, _ = make_views(image, None, 12, 16, mapper="cpu")
+    train, _ = make_views(image, None, n=12, size=16, mapper="cpu")
     assert len(train) == 12

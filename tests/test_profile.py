@@ -29,7 +29,7 @@ CEILINGS = Ceilings(bytes=1e9, operations=1e10, half_operations=None, gathers=1e
 
 @pytest.fixture(scope="module")
 def views() -> ViewSet:
-    return make_views(demo_volume(24), demo_transfer_function(), 12, 48, test=0, mapper="cpu")[0]
+    return make_views(demo_volume(24), demo_transfer_function(), n=12, size=48, test=0, mapper="cpu")[0]
 
 
 def test_the_floor_is_what_takes_longest() -> None:

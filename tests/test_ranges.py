@@ -154,7 +154,7 @@ def accuracy(views: ViewSet, preset: Preset) -> tuple[np.ndarray, list[float]]:
 def test_trained_regions_are_the_ranges(hue: tuple[float, float, float]) -> None:
     """A translucent shell around a red core: each region is nine tenths its range at least."""
     tf = bumps((0.3, 0.4, 0.1, hue), (0.8, 0.5, 0.8, RED))
-    views, _ = make_views(from_array(ball(32), (1.0,) * 3, (0.0,) * 3), tf, 20, 96, mapper="cpu")
+    views, _ = make_views(from_array(ball(32), (1.0,) * 3, (0.0,) * 3), tf, n=20, size=96, mapper="cpu")
     overlap, told = accuracy(views, SHORT)
     assert len(overlap) == 2
     assert overlap.min() > 0.9
@@ -164,7 +164,7 @@ def test_trained_regions_are_the_ranges(hue: tuple[float, float, float]) -> None
 def test_a_short_training_tells_a_white_in_the_shade_from_a_grey() -> None:
     """They look alike, so colours pull a white region's weights towards the grey: the volume has the last word."""
     known = SCENES["greys"]
-    views, _ = make_views(known.volume(32), known.transfer_function(), 16, 96, mapper="cpu", rescale=False)
+    views, _ = make_views(known.volume(32), known.transfer_function(), n=16, size=96, mapper="cpu", rescale=False)
     short = replace(SHORT, reconstruct=replace(SHORT.reconstruct, iterations=100, samples=4096))
     short = replace(short, recolour=replace(SHORT.recolour, iterations=60, samples=4096))
     assert accuracy(views, short)[0].min() > 0.85
@@ -174,7 +174,7 @@ def test_a_range_that_is_not_seen_is_no_region() -> None:
     """A core inside of an opaque shell."""
     tf = bumps((0.4, 0.3, 1.0, BLUE), (0.85, 0.2, 0.8, RED))
     image = from_array(ball(32), (1.0,) * 3, (0.0,) * 3)
-    views, _ = make_views(image, replace(tf, unit_distance=0.5), 12, 64, mapper="cpu")
+    views, _ = make_views(image, replace(tf, unit_distance=0.5), n=12, size=64, mapper="cpu")
     assert views.classified is not None and len(views.classified.ranges) == 2
     scene, report = train_scene(views, SHORT)
     assert len(scene.regions) == 1

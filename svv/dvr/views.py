@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from svv.dvr.volumes import read_volume
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.view_meta import ViewMeta, VolumeGrid
 from svv.io.viewset import ViewSet
+from svv.options.making import ViewOptions
 
 STEP = {"cpu": 0.5, "gpu": 0.25}
 """Finest default sample distance in voxels (half a voxel is VTK's own). The GPU's finer one is to be had for nothing
@@ -81,35 +83,26 @@ def render_views(
 def make_views(
     volume: vtkImageData | str | Path,
     tf: TransferFunction | str | Path | None = None,
-    n: int = 92,
-    size: int = 800,
+    options: ViewOptions = ViewOptions(test=0),
     *,
-    test: int = 0,
-    mapper: str = "auto",
-    fov: float = FOV,
     shading: Shading | None = None,
-    step: float | None = None,
     rescale: bool | None = None,
-    frame: str = "visible",
     name: str | None = None,
     progress: Progress = silent,
+    **changes: Any,
 ) -> tuple[ViewSet, ViewSet | None]:
     """The views that a scene is trained on, and those that it is tested on.
 
     Args:
         volume: A file (see ``read_volume``) or an image; a ``pyvista.ImageData`` is one.
         tf: A transfer function, or its JSON file; by default two ranges of the histogram.
-        n: Training views on a sphere around the volume, >= 3 (see ``geodesic_directions``).
-        size: Width and height of the images, pixels.
-        test: Test views, spread over the path of 181 (see ``orbit_cameras``), first and last included.
-        mapper: ``auto`` (GPU where OpenGL runs on hardware), ``gpu`` or ``cpu``.
-        fov: Full angle of view, radians.
+        options: How many, how large, and how they are drawn. Training views lie on a sphere around the volume (see
+            ``geodesic_directions``), test views on the path of 181 (see ``orbit_cameras``), first and last included.
         shading: By default a headlight with ParaView's coefficients.
-        step: Sample distance in voxels (see ``Stage.voxel``), by default ``default_step``.
         rescale: Whether to stretch the function over the data's range (see ``TransferFunction.fitted``).
-        frame: What fills the images: the ``visible`` box, or the ``whole`` volume.
         name: Of the volume, for the record; by default its file name.
-        progress: Told often.
+        progress: Called often; stops the work when it raises.
+        changes: Fields of the options by name, such as ``size=400``.
 
     Returns:
         The training and the test views (None where ``test`` is 0). ``meta`` says how to make them again; the training
@@ -118,7 +111,9 @@ def make_views(
     Raises:
         BadInput: Any reason of ``read_volume``, ``TransferFunction`` and ``render_views``, or an option out of range.
     """
-    _check_options(n, size, test, fov, frame)
+    asked = replace(options, **changes)
+    _check_options(asked)
+    n, size, fov = asked.n, asked.size, float(np.radians(asked.fov))
     began = time.monotonic()
     progress(0.0, "Reading the volume")
     image = as_volume(volume) if isinstance(volume, vtkImageData) else read_volume(volume)
@@ -130,17 +125,19 @@ def make_views(
     fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(image))
     stage = set_stage(image, fitted)
     centre, half = stage.centre, 0.5 * stage.visible_size
-    if frame == "whole":
+    if asked.frame == "whole":
         matrix, last = index_to_world(image), np.array(image.GetDimensions()) - 1
         centre, half = matrix[:3, 3] + 0.5 * matrix[:3, :3] @ last, 0.5 * last * image.GetSpacing()
     # Narrower angles stand farther off, so that the volume takes the same part of the image.
     radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
     x, y, z = (float(v) for v in centre)
-    rig, numbers = CameraRig((x, y, z), radius, fov), unseen_numbers(test)
+    rig, numbers = CameraRig((x, y, z), radius, fov), unseen_numbers(asked.test)
     cameras = rig.sphere(n, size) + rig.orbit(ORBIT, size, numbers)
     shading = shading or Shading()
     volume_classified = classified(stage)
-    images, mapper_name, distance = _render(stage, cameras, mapper, shading, step, part(progress, 0.02, 1.0))
+    images, mapper_name, distance = _render(
+        stage, cameras, asked.mapper, shading, asked.step, part(progress, 0.02, 1.0)
+    )
     low, high = stage.bounds.tolist()
     meta = ViewMeta(
         volume=name or (Path(volume).name if isinstance(volume, (str, Path)) else "volume"),
@@ -157,7 +154,7 @@ def make_views(
     )
     names = tuple(f"r_{i:04d}" for i in range(n))
     train = ViewSet(tuple(cameras[:n]), images[:n], names, meta, volume_classified)
-    if not test:
+    if not asked.test:
         return train, None
     return train, ViewSet(tuple(cameras[n:]), images[n:], tuple(f"r_{i:04d}" for i in numbers), meta)
 
@@ -218,17 +215,17 @@ def default_step(caster: CpuMapper | GpuMapper, stage: Stage) -> float:
     return next(good, STEP[caster.name])
 
 
-def _check_options(n: int, size: int, test: int, fov: float, frame: str) -> None:
-    if n < 3:
-        raise BadInput(f"At least 3 views are needed, not {n}.")
-    if size < 1:
-        raise BadInput(f"The views' size must be at least one pixel, not {size}.")
-    if not 0 <= test <= ORBIT:
-        raise BadInput(f"There can be 0 to {ORBIT} test views, not {test}.")
-    if not 0 < fov < np.pi:
-        raise BadInput(f"The angle of view must lie between 0 and pi radians, not {fov}.")
-    if frame not in ("visible", "whole"):
-        raise BadInput(f"What fills the images must be 'visible' or 'whole', not '{frame}'.")
+def _check_options(asked: ViewOptions) -> None:
+    if asked.n < 3:
+        raise BadInput(f"At least 3 views are needed, not {asked.n}.")
+    if asked.size < 1:
+        raise BadInput(f"The views' size must be at least one pixel, not {asked.size}.")
+    if not 0 <= asked.test <= ORBIT:
+        raise BadInput(f"There can be 0 to {ORBIT} test views, not {asked.test}.")
+    if not 0 < asked.fov < 180:
+        raise BadInput(f"The angle of view must lie between 0 and 180 degrees, not {asked.fov}.")
+    if asked.frame not in ("visible", "whole"):
+        raise BadInput(f"What fills the images must be 'visible' or 'whole', not '{asked.frame}'.")
 
 
 def _render(

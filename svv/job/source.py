@@ -49,7 +49,7 @@ class Drawn(ABC):
         from svv.dvr.views import make_views
 
         drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
-        train, unseen = make_views(self.image(), **self.how(), **vars(options), name=self.name, progress=drawing)
+        train, unseen = make_views(self.image(), **self.how(), options=options, name=self.name, progress=drawing)
         train.write(folder, "train", part(writing, 0.0, 0.8))
         if unseen is not None:
             unseen.write(folder, "test", part(writing, 0.8, 1.0))

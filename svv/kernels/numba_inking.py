@@ -158,7 +158,7 @@ def walk(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def draw(  # type: ignore[no-untyped-def]
+def draw(  # type: ignore[no-untyped-def]  # long: one loop, whose state would be a dozen parameters
     order, least, longest, apart, near, thin, step, shortest, side, slot, points, normals, tangents, tones,
     bin_side, head, following, where, normal, tangent, tone, start, lines,
 ):  # fmt: skip

@@ -61,7 +61,7 @@ def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def march(  # type: ignore[no-untyped-def]
+def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins,
     directions,
     distance,

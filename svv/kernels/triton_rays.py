@@ -133,7 +133,7 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
 
 
 @triton.jit(do_not_specialize=["seed"])
-def march(  # type: ignore[no-untyped-def]
+def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed,
     shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, fade, rays,
     start, count, tail, position, skipped, sigma, ray,

@@ -54,6 +54,12 @@ class ViewOptions:
     """Width and height of the views in pixels."""
     mapper: Annotated[MapperName, Setting(panel="RayCaster", advanced=True)] = "auto"
     """VTK's ray caster; auto picks the GPU if OpenGL runs on hardware."""
+    fov: Annotated[float, Setting(least=1, most=150, panel="")] = 30.0
+    """Full angle of view in degrees."""
+    step: Annotated[float | None, Setting(metavar="VOXELS", panel="")] = None
+    """Distance between samples in voxels; by default as fine as makes a difference."""
+    frame: Annotated[Literal["visible", "whole"], Setting(panel="")] = "visible"
+    """What fills the views: what the transfer function shows, or the whole volume."""
 
 
 @dataclass(frozen=True)

@@ -126,7 +126,7 @@ def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple
     return make_views(
         as_volume(image, values["Scalars"] or None, "The input"),
         transfer_function_of(values),
-        **vars(options_in(ViewOptions, values)),
+        options_in(ViewOptions, values),
         shading=shading_of(values),
         rescale=False,  # in ParaView the function is already where the user put it
         name=values["Scalars"] or "volume",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from svv.core.cameras import CameraRig
+from svv.core.classified import ClassifiedVolume
 from svv.core.correction import Correction, Entry, corrected
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.edits import History, edits_of, with_edits
@@ -82,13 +83,8 @@ def correct_palette(
     if asked.views_only:
         views = replace(views, classified=None)
     volume = views.classified if all(region.values for region in scene.regions) else None
-    member = np.zeros((0, len(scene.regions)), bool) if volume is None else membership(scene.regions, volume)
-    before = [
-        Entry(region.colour, region.share, (number,), tuple(int(r) for r in np.flatnonzero(member[:, number])))
-        for number, region in enumerate(scene.regions)
-    ]
     ranges = () if volume is None else volume.ranges
-    entries, notes = corrected(before, correction, ranges)
+    entries, notes = corrected(_entries(scene, volume), correction, ranges)
     palette, owners, unmixing = np.array([entry.colour for entry in entries]), None, None
     if volume is not None:
         owners = Owners(volume, np.array([[r in e.ranges for e in entries] for r in range(len(ranges))]), scene.device)
@@ -122,6 +118,15 @@ def correct_palette(
     )  # fmt: skip
     made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
+
+
+def _entries(scene: Scene, volume: ClassifiedVolume | None) -> list[Entry]:
+    """The palette as it is, with the ranges of each region where the volume is known."""
+    member = np.zeros((0, len(scene.regions)), bool) if volume is None else membership(scene.regions, volume)
+    return [
+        Entry(region.colour, region.share, (number,), tuple(int(r) for r in np.flatnonzero(member[:, number])))
+        for number, region in enumerate(scene.regions)
+    ]
 
 
 def _check_views(scene: Scene, views: ViewSet) -> None:

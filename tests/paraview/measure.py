@@ -162,7 +162,7 @@ def outside(chosen: argparse.Namespace) -> None:
         views: int, size: int, preset: str, limit: float | None, pixels: int, styles: list
     ) -> tuple[Scene, dict[str, float]]:
         times = [time.perf_counter()]
-        drawn, _ = make_views(chosen.volume, tf, views, size)
+        drawn, _ = make_views(chosen.volume, tf, n=views, size=size)
         times.append(time.perf_counter())
         scene, _ = train_scene(drawn, preset, time_limit=limit)
         times.append(time.perf_counter())

@@ -111,7 +111,7 @@ class Bench:
         if (scene, views) not in self._drawn:
             s, known = self.settings, SCENES[scene]
             volume = known.volume(s.resolution)
-            train, test = make_views(volume, known.transfer_function(), views, s.size, test=s.test, mapper="cpu",
+            train, test = make_views(volume, known.transfer_function(), n=views, size=s.size, test=s.test, mapper="cpu",
                                      rescale=False, name=scene, progress=progress)  # fmt: skip
             assert test is not None
             self._drawn[scene, views] = Drawn(known, volume, train, test, known.class_maps(volume, test.cameras))
@@ -259,7 +259,7 @@ def refusal(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progr
     """Whether a transfer function that shows nothing is refused in one sentence."""
     volume = TRANSPARENT.volume(bench.settings.resolution)
     try:
-        make_views(volume, TRANSPARENT.transfer_function(), 12, 32, mapper="cpu", rescale=False)
+        make_views(volume, TRANSPARENT.transfer_function(), n=12, size=32, mapper="cpu", rescale=False)
     except BadInput as error:
         text = str(error)
         return {"refused": "transparent" in text and text.endswith(".") and "\n" not in text, "sentence": text}

@@ -11,9 +11,10 @@ from svv.errors import BadInput
 from svv.io.images import read_style
 from svv.render.gallery import style_file, write_gallery
 from svv.styles import gallery
-from svv.styles.gallery import GALLERY, gallery_picture, open_style
+from svv.styles.gallery import gallery_picture, open_style
 from svv.styles.gallery.drawings import discs, streamed
 from svv.styles.gallery.subjects import flowers, hills, sea, still_life
+from svv.styles.offered import GALLERY
 
 SIZE = 128
 

@@ -14,11 +14,10 @@ from scipy.spatial import cKDTree
 from svv.errors import BadInput, silent
 from svv.kernels.numba_inking import flat_distance
 from svv.styles.gallery import open_style
+from svv.styles.offered import INKS
 from svv.train.form import form_of_opacity
 from svv.train.ink import (
     BLANK,
-    HATCHING,
-    INKS,
     NEAREST,
     SQUEEZED,
     STEP,
@@ -37,6 +36,8 @@ from svv.train.ink import (
 from svv.train.quilt import LIGHT
 from svv.train.style_choice import checked_masks, mean_colour
 from tests.test_painting import CELLS, GRID, UP, on_tube, tube
+
+HATCHING = INKS["hatching"]
 
 UNIT = 1 / 200
 RADIUS = 0.3

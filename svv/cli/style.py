@@ -50,7 +50,9 @@ def styles(
 
     Pass any of them to --style as gallery:NAME. They are generated on first use and kept in the user's cache.
     """
-    from svv.styles.gallery import GALLERY, PREFIX, gallery_name
+    from svv.options.making import PREFIX
+    from svv.styles.gallery import gallery_name
+    from svv.styles.offered import GALLERY
 
     chosen = list(dict.fromkeys(gallery_name(name) for name in names or GALLERY))
     if out is None:

@@ -19,8 +19,8 @@ from svv.fields.model import Model
 from svv.fields.networks import PaletteField, encode_directions
 from svv.fields.phong import Beams
 from svv.fields.rendering import RayCaster, composite, march
-from svv.io.images import DRAWN
 from svv.options.editing import PAINT_LIGHT
+from svv.options.making import DRAWN
 
 LIGHT_VIEWS, LIGHT_VIEW_SIZE = 12, 64
 """Views all around, and their side in pixels, over which a region's light is averaged: the mean over 42 views of

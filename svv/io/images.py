@@ -11,8 +11,6 @@ from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 
 from svv.errors import BadInput
 
-DRAWN = "ink:"
-"""Begins the names of styles that are drawn without a picture (:mod:`svv.train.ink`)."""
 SMALLEST = 16
 """Pixels a style must have on either side: below that there is no stroke to match."""
 LARGEST = 1024

@@ -8,6 +8,9 @@ from typing import Annotated, Literal, get_args
 
 from svv.options.described import Setting
 
+DRAWN, PREFIX = "ink:", "gallery:"
+"""Before the name of an ink and of a picture of the gallery, where a style picture is asked for."""
+
 PresetName = Literal["draft", "fast", "balanced", "paper"]
 EncodingName = Literal["lattice", "hash"]
 LightingName = Literal["network", "phong", "auto"]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress
 from svv.io.mask_file import Mask, Selection
-from svv.pv.panels import AS_IT_IS, AUTOMATIC, INKS, NO_GALLERY, PICTURE, REGIONS
+from svv.pv.panels import AS_IT_IS, AUTOMATIC, NO_GALLERY, PICTURE, REGIONS
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -53,9 +53,9 @@ def source_of(values: Values, region: int) -> str | None:
 
 def _offered(word: str) -> str:
     """The source of what the panel itself offers: an ink or a picture of the gallery."""
-    from svv.styles.gallery import PREFIX
+    from svv.options.making import DRAWN, PREFIX
 
-    return word if word in INKS else PREFIX + word
+    return word if word.startswith(DRAWN) else PREFIX + word
 
 
 def asks_for_part(values: Values, region: int) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
 from svv.options.editing import LightEdit, OutlineEdit, RegionEdit
-from svv.options.making import DeviceOptions, PresetName, RenderOptions, TrainOptions, ViewOptions
+from svv.options.making import DRAWN, DeviceOptions, PresetName, RenderOptions, TrainOptions, ViewOptions
 from svv.pv.option_panel import properties_of
 from svv.pv.properties import (
     Property,
@@ -27,6 +27,7 @@ from svv.pv.properties import (
     text,
     transfer_function,
 )
+from svv.styles.offered import GALLERY, INKS
 
 PICTURES = "png jpg jpeg tif tiff bmp webp"
 TAKE_HELP = (
@@ -40,13 +41,8 @@ REGIONS = 8
 ROW = ("Style", "Positive", "Negative", "Mask", "Part")
 """What StyleRF Stylize asks about each region."""
 AUTOMATIC, AS_IT_IS, PICTURE, NO_GALLERY = "by mapping", "as it is", "picture ", "none"
-GALLERY = (
-    "stipple", "cross-hatching", "woodcut", "watercolour", "impasto", "pastel", "mosaic", "ink-wash", "screen-print",
-    "charcoal", "oil", "pointillism",
-)  # fmt: skip
-"""The names of :data:`svv.styles.gallery.GALLERY`, which takes too long to import before ParaView's window is there."""
-INKS = ("ink:stippling", "ink:hatching", "ink:cross-hatching")
-"""The styles of :data:`svv.train.ink.INKS`, which need no picture."""
+OFFERED = (*GALLERY, *(DRAWN + kind for kind in INKS))
+"""Styles that need no picture of the user's."""
 AS_IT_CAME, BESIDE, IN_WORLD = "as it came", "beside the camera", "in the world"
 """Where StyleRF Edit can put the light."""
 COLOURS, FALSE_COLOURS, IN_COLOUR = "image", "numbered regions", "regions in their colours"
@@ -214,7 +210,7 @@ def style_properties(region: int) -> Sequence[Property]:
     """Which style a region gets, and which part of its picture."""
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
-        choice(f"{name}Style", (AUTOMATIC, AS_IT_IS, *(f"{PICTURE}{k}" for k in range(REGIONS)), *GALLERY, *INKS),
+        choice(f"{name}Style", (AUTOMATIC, AS_IT_IS, *(f"{PICTURE}{k}" for k in range(REGIONS)), *OFFERED),
                AUTOMATIC, "The region's picture: by the mapping, none, one of Style Files (from 0), or one of the "
                "gallery; or a drawing in ink, which needs none.",
                advanced),

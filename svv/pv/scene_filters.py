@@ -25,9 +25,8 @@ from svv.pv.keeping import FOUND, Keeping
 from svv.pv.option_panel import options_in, properties_of
 from svv.pv.panels import (
     ADDED,
-    GALLERY,
-    INKS,
     NO_GALLERY,
+    OFFERED,
     PICTURES,
     REGIONS,
     added_properties,
@@ -234,7 +233,7 @@ class StyleRFPalette(SceneOutput):
 @smproperty.xml('<OutputPort name="Scene" index="0"/><OutputPort name="Mask" index="1"/>')
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Style pictures for the regions."),
-    choice("Gallery", (NO_GALLERY, *GALLERY, *INKS), NO_GALLERY,
+    choice("Gallery", (NO_GALLERY, *OFFERED), NO_GALLERY,
            "One more picture, of those that come with the program, or a drawing in ink, which needs none."),
     choice("Mapping", ("in turn", "by colour"), "in turn",
            "Who gets which picture: the regions in turn, or each the one whose mean colour is most like it. A "

@@ -207,8 +207,7 @@ def style_key(values: Values) -> str:
     Raises:
         BadInput: a file is not there.
     """
-    from svv.io.images import DRAWN
-    from svv.styles.gallery import PREFIX
+    from svv.options.making import DRAWN, PREFIX
 
     files = []
     for name in values["StyleFiles"]:

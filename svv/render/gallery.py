@@ -10,10 +10,10 @@ from PIL import Image
 
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.atomic import make_folder
-from svv.io.images import DRAWN
 from svv.io.output import to_bytes, write_png, write_small_png
+from svv.options.making import DRAWN, PREFIX
 from svv.render.pictures import Picture, sheet
-from svv.styles.gallery import PREFIX, gallery_name, gallery_picture
+from svv.styles.gallery import gallery_name, gallery_picture
 
 COLUMNS, SIDE = 4, 180
 """Pictures beside each other on the contact sheet, and how large."""

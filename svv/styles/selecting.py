@@ -23,7 +23,8 @@ from svv.io.mask_file import (
 )
 from svv.io.mask_pictures import mask_overlay, regions_overlay
 from svv.io.output import write_small_png
-from svv.styles.gallery import PREFIX, open_style
+from svv.options.making import PREFIX
+from svv.styles.gallery import open_style
 from svv.styles.segmenters import segmenter, style_regions
 
 

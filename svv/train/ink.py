@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.errors import BadInput, Progress, part, silent
-from svv.io.images import DRAWN
 from svv.kernels import numba_inking
+from svv.options.making import DRAWN
 from svv.styles.gallery import open_style
+from svv.styles.offered import INKS, Layer
 from svv.train.form import Floats, Form
 from svv.train.quilt import LIGHT
 
@@ -70,35 +71,6 @@ PACKED = 0.70
 
 TRIES = 10
 """Candidates for dots at each point of the surface."""
-
-
-@dataclass(frozen=True)
-class Layer:
-    """Lines of one direction."""
-
-    across: float
-    """Angle against the direction in which the surface bends least, radians."""
-    apart: float
-    """Distance of their middles, in units."""
-    tone: float
-    """Where they begin: the lighter part of the surface has none of them."""
-    thin: float
-    """Their width there,"""
-    thick: float
-    """and in the darkest places, in units."""
-    between: bool = False
-    """Whether they lie between the lines of the layer before, with which they then share the direction."""
-
-
-HATCHING = (Layer(0.0, 8.4, 0.12, 1.2, 2.8), Layer(0.0, 4.2, 0.36, 1.1, 2.8, True))
-CROSSED = (
-    Layer(0.0, 10.0, 0.12, 1.3, 2.2), Layer(0.0, 5.0, 0.34, 1.2, 2.2, True),
-    Layer(1.15, 10.0, 0.54, 1.3, 2.2), Layer(1.15, 5.0, 0.68, 1.2, 2.2, True),
-)  # fmt: skip
-
-
-INKS: dict[str, tuple[Layer, ...]] = {"stippling": (), "hatching": HATCHING, "cross-hatching": CROSSED}
-"""Name -> layers of lines; without any it is dots."""
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,10 @@ from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import check_writable, make_folder, write_json
 from svv.io.made import digest
 from svv.io.output import write_png
+from svv.options.making import PREFIX
 from svv.render.pictures import Picture, cropped, fitted, over_white, read_png, sheet
-from svv.styles.gallery import GALLERY, PREFIX, open_style
+from svv.styles.gallery import open_style
+from svv.styles.offered import GALLERY
 from svv.train.lpips import load_lpips
 
 CHOICES = "choices.json"

@@ -22,9 +22,10 @@ from svv.io.atomic import check_writable
 from svv.io.output import write_png
 from svv.io.scene_file import checkpoint_of
 from svv.job.stages import Show, Stages, fingerprint, unseen
+from svv.options.making import PREFIX
 from svv.render.frames import orbit, region_colours
 from svv.render.pictures import Picture, cropped, fitted, over_white, sheet
-from svv.styles.gallery import PREFIX, open_style
+from svv.styles.gallery import open_style
 from svv.styles.segmenters import style_regions
 from svv.train.ink import StyleInput
 from svv.train.lpips import load_lpips

@@ -6,46 +6,25 @@ Everything in it is generated from a seed and belongs to the project. Where a st
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
 from svv.io.cache import cache_folder
-from svv.io.images import DRAWN, SMALLEST, read_style
+from svv.io.images import SMALLEST, read_style
 from svv.io.output import to_bytes, write_png
-from svv.styles.gallery.drawings import charcoal, cross_hatching, ink_wash, pastel, stipple
-from svv.styles.gallery.paintings import impasto, watercolour
-from svv.styles.gallery.prints import mosaic, screen_print, woodcut
-from svv.styles.textures import Floats, brush_strokes, stippling
+from svv.options.making import DRAWN, PREFIX
+from svv.styles.offered import GALLERY
 
-PREFIX = "gallery:"
 SIZE = 512
 LARGEST = 1024
 """Side in pixels up to which pictures are painted; styles are never used larger."""
 VERSION = 1
 """To be raised with any change of a painter: kept pictures of older ones are then painted anew."""
-
-GALLERY: dict[str, tuple[Callable[[Generator, int], Floats], str]] = {
-    "stipple": (stipple, "dots of a pen, ultramarine on white"),
-    "cross-hatching": (cross_hatching, "pen lines in sepia on tan paper, heightened with white"),
-    "woodcut": (woodcut, "black block, vermilion and indigo on cream"),
-    "watercolour": (watercolour, "glazes of blue, green and rose on white paper"),
-    "impasto": (impasto, "thick oil paint, sunflower yellow on turquoise and green"),
-    "pastel": (pastel, "soft chalks on dark rough paper, lilac, rose and teal"),
-    "mosaic": (mosaic, "small stones, gold, lapis and terracotta"),
-    "ink-wash": (ink_wash, "sumi-e, greys of one ink on rice paper, a red seal"),
-    "screen-print": (screen_print, "flat inks and halftone dots, pink, cyan, yellow and black"),
-    "charcoal": (charcoal, "black chalk on rough grey paper, rubbed and drawn over"),
-    "oil": (brush_strokes, "brush strokes in eddies, night blue, ochre and vermilion"),
-    "pointillism": (stippling, "dots of unmixed colour on warm paper"),
-}
-"""Name -> what paints it, and what it looks like."""
 
 
 def gallery_name(text: str) -> str:
@@ -92,7 +71,7 @@ def gallery_picture(name: str, size: int = SIZE, seed: int = 0, progress: Progre
     return levels.astype(np.float32) / np.float32(255)
 
 
-def _painted(name: str, size: int, seed: int) -> Floats:
+def _painted(name: str, size: int, seed: int) -> NDArray[np.float32]:
     # The media draw some of their steps at whole numbers of pixels: below this side there are none.
     side = max(size, 128)
     picture = GALLERY[name][0](np.random.default_rng(seed), side)

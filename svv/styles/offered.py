@@ -1,0 +1,76 @@
+"""What is offered without a picture of the user's own: the gallery's painters and the inks, by name.
+
+Commands and panels list these before anything is painted, so nothing heavy is imported here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Painter:
+    """A function that paints a picture from a random generator and a side in pixels; imported when it is called."""
+
+    module: str
+    function: str
+
+    def __call__(self, generator: Any, side: int) -> Any:
+        """The picture: (side, side, 3) float32, sRGB in [0, 1]."""
+        return getattr(import_module(f"svv.styles.{self.module}"), self.function)(generator, side)
+
+
+GALLERY: dict[str, tuple[Painter, str]] = {
+    "stipple": (Painter("gallery.drawings", "stipple"), "dots of a pen, ultramarine on white"),
+    "cross-hatching": (
+        Painter("gallery.drawings", "cross_hatching"),
+        "pen lines in sepia on tan paper, heightened with white",
+    ),
+    "woodcut": (Painter("gallery.prints", "woodcut"), "black block, vermilion and indigo on cream"),
+    "watercolour": (Painter("gallery.paintings", "watercolour"), "glazes of blue, green and rose on white paper"),
+    "impasto": (Painter("gallery.paintings", "impasto"), "thick oil paint, sunflower yellow on turquoise and green"),
+    "pastel": (Painter("gallery.drawings", "pastel"), "soft chalks on dark rough paper, lilac, rose and teal"),
+    "mosaic": (Painter("gallery.prints", "mosaic"), "small stones, gold, lapis and terracotta"),
+    "ink-wash": (Painter("gallery.drawings", "ink_wash"), "sumi-e, greys of one ink on rice paper, a red seal"),
+    "screen-print": (
+        Painter("gallery.prints", "screen_print"),
+        "flat inks and halftone dots, pink, cyan, yellow and black",
+    ),
+    "charcoal": (Painter("gallery.drawings", "charcoal"), "black chalk on rough grey paper, rubbed and drawn over"),
+    "oil": (Painter("textures", "brush_strokes"), "brush strokes in eddies, night blue, ochre and vermilion"),
+    "pointillism": (Painter("textures", "stippling"), "dots of unmixed colour on warm paper"),
+}
+"""Name -> what paints it, and what it looks like."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Lines of one direction in an ink drawing."""
+
+    across: float
+    """Angle against the direction in which the surface bends least, radians."""
+    apart: float
+    """Distance between their middles, in units of the stroke size."""
+    tone: float
+    """Tone from which on they are drawn, in [0, 1]; the lighter part of the surface has none of them."""
+    thin: float
+    """Width at that tone, in units."""
+    thick: float
+    """Width in the darkest places, in units."""
+    between: bool = False
+    """Whether they lie between the lines of the layer before, with which they then share the direction."""
+
+
+INKS: dict[str, tuple[Layer, ...]] = {
+    "stippling": (),
+    "hatching": (Layer(0.0, 8.4, 0.12, 1.2, 2.8), Layer(0.0, 4.2, 0.36, 1.1, 2.8, True)),
+    "cross-hatching": (
+        Layer(0.0, 10.0, 0.12, 1.3, 2.2),
+        Layer(0.0, 5.0, 0.34, 1.2, 2.2, True),
+        Layer(1.15, 10.0, 0.54, 1.3, 2.2),
+        Layer(1.15, 5.0, 0.68, 1.2, 2.2, True),
+    ),
+}
+"""Name -> layers of lines; an ink without any is dots."""

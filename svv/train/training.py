@@ -143,7 +143,9 @@ class Training:
             Running(self.seed, self._left(), told, self.saved), owners, given,
         )  # fmt: skip
         return replace(
-            scene, palette_network=network, regions=regions_for(network, shares, None if known is None else known.ranges)
+            scene,
+            palette_network=network,
+            regions=regions_for(network, shares, None if known is None else known.ranges),
         )
 
     def _left(self) -> float | None:

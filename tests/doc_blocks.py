@@ -95,7 +95,7 @@ def fill(folder: Path) -> None:
     writer.SetDataModeToBinary()
     assert writer.Write()
     (folder / "head.json").write_text(json.dumps(function.to_dict()))
-    train, _ = make_views(volume, function, 16, 64, mapper="cpu")
+    train, _ = make_views(volume, function, n=16, size=64, mapper="cpu")
     train.write(folder / "views")
 
 

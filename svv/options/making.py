@@ -120,9 +120,9 @@ class PaintOptions:
     """Pairs of region and style, or colour to pair them by likeness; in turn by default."""
     keep: Annotated[tuple[int, ...], Setting(metavar="K", panel="")] = ()
     """A region to leave unpainted."""
-    stroke_size: Annotated[float, Setting(least=0.25, most=4.0)] = 1.0
-    """Scale of the strokes: 2 makes them twice as large."""
-    strength: Annotated[float, Setting(most=1.0, metavar="F", panel="")] = 1.0
+    stroke_size: Annotated[float, Setting(metavar="F", slider=(0.25, 4.0))] = 1.0
+    """Scale of the strokes, from 0.25 to 4: 2 makes them twice as large."""
+    strength: Annotated[float, Setting(metavar="F", panel="")] = 1.0
     """How strongly the style shows, up to 1; can be edited afterwards."""
     go_on: Annotated[bool, Setting("--continue", panel="")] = False
     """Continue from the scene's painting instead of starting afresh."""

@@ -29,9 +29,9 @@ def test_tables_keep_a_255th_of_their_span(seed: int, scale: float, middle: floa
     with torch.no_grad():
         lattice.table.add_(middle)
         lattice.table[lattice.rows_of_level(1)].mul_(100.0)  # each level has a span of its own
-    codes, ends = lattice.packed()
-    again = lattice.unpack(codes, ends)
-    for level, (low, high) in enumerate(torch.from_numpy(ends)):
+    packed = lattice.packed()
+    again = lattice.unpacked(packed)
+    for level, (low, high) in enumerate(torch.from_numpy(packed[".ends"])):
         rows = lattice.rows_of_level(level)
         error = (again[rows] - lattice.table[rows].detach()).abs()
         assert (error <= 0.505 * (high - low) / 255.0 + 1e-6 * low.abs() + 1e-6 * high.abs()).all()
@@ -42,19 +42,20 @@ def test_what_was_packed_once_stays(seed: int) -> None:
     """An edited scene is written and read by every filter that it passes."""
     lattice = SparseLattice(ALL, 4, (2, 4), 3)
     lattice.randomize(1.0, torch.Generator().manual_seed(seed))
-    codes, ends = lattice.packed()
+    packed = lattice.packed()
     with torch.no_grad():
-        lattice.table.copy_(lattice.unpack(codes, ends))
+        lattice.table.copy_(lattice.unpacked(packed))
     again = lattice.packed()
-    np.testing.assert_array_equal(again[0], codes)
-    np.testing.assert_array_equal(again[1], ends)
+    assert again.keys() == packed.keys()
+    for name, array in packed.items():
+        np.testing.assert_array_equal(again[name], array)
 
 
 def test_a_table_of_one_number_stays_that_number() -> None:
     lattice = SparseLattice(ALL, 4, (2, 4), 3)
     with torch.no_grad():
         lattice.table.fill_(0.3)
-    np.testing.assert_allclose(lattice.unpack(*lattice.packed()), 0.3, rtol=1e-6)
+    np.testing.assert_allclose(lattice.unpacked(lattice.packed()), 0.3, rtol=1e-6)
 
 
 def scene() -> Scene:

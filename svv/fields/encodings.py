@@ -8,7 +8,7 @@ kernels of its device: the backward pass adds to ``gradient`` and marks the vert
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,18 @@ class Encoding(nn.Module):
     def width(self) -> int:
         """Features of a position: levels x features a level."""
         return self.levels * self.features
+
+    def packed(self) -> dict[str, NDArray[Any]]:
+        """The table as files keep it: name -> array; here in half precision, under the empty name."""
+        return {"": self.table.detach().cpu().numpy().astype(np.float16)}
+
+    def unpacked(self, arrays: Mapping[str, NDArray[Any]]) -> Tensor:
+        """The table of what :meth:`packed` gave, or of the whole numbers of an unpacked file. (V, F)
+
+        Raises:
+            ValueError: arrays of another shape.
+        """
+        return torch.from_numpy(arrays[""].astype(np.float32))
 
     def randomize(self, scale: float, generator: torch.Generator) -> None:
         """Fill the table with uniform numbers in [-scale, scale]."""
@@ -150,8 +162,8 @@ class SparseLattice(Encoding):
             found |= take
         return np.nextafter((vertices / resolution).astype(np.float32), (middle / resolution).astype(np.float32))
 
-    def packed(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """The table in bytes: codes (V, F), and smallest and largest number of each feature of a level (L, 2, F)."""
+    def packed(self) -> dict[str, NDArray[Any]]:
+        """The table in bytes: codes (V, F), and ``ends``, smallest and largest of each feature of a level (L, 2, F)."""
         table = self.table.detach().cpu()
         codes, ends = torch.empty(table.shape, dtype=torch.uint8), torch.zeros(self.levels, 2, self.features)
         for level in range(self.levels):
@@ -159,14 +171,18 @@ class SparseLattice(Encoding):
             if rows.start < rows.stop:
                 low, high = ends[level] = torch.stack(torch.aminmax(table[rows], dim=0))
                 codes[rows] = ((table[rows] - low) * (255.0 / (high - low).clamp(min=1e-12))).round().byte()
-        return codes.numpy(), ends.numpy()
+        return {"": codes.numpy(), ".ends": ends.numpy()}
 
-    def unpack(self, codes: NDArray[np.uint8], ends: NDArray[np.float32]) -> Tensor:
+    def unpacked(self, arrays: Mapping[str, NDArray[Any]]) -> Tensor:
         """What the table was before :meth:`packed`, to half a 255th of a feature's span. (V, F)
 
         Raises:
             ValueError: not of this lattice's shape.
         """
+        codes = arrays[""]
+        if codes.dtype != np.uint8:
+            return super().unpacked(arrays)
+        ends = arrays[".ends"].astype(np.float32)
         if codes.shape != tuple(self.table.shape) or ends.shape != (self.levels, 2, self.features):
             raise ValueError(f"a table of {codes.shape} and {ends.shape} is not this lattice's")
         part = torch.from_numpy(codes.astype(np.float32)) / 255.0

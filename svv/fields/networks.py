@@ -5,7 +5,7 @@ Letters: S samples, P palette colours, G geometry features.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
@@ -54,13 +54,18 @@ class FieldSettings:
 
     def encode(self, occupancy: Occupancy) -> Encoding:
         """A new table for this scene."""
-        if self.encoding == "hash":
-            return HashGrid(self.levels, self.features, self.log2_entries, *self.resolutions)
-        return SparseLattice(occupancy.occupied, occupancy.cells, self.resolutions, self.features)
+        return ENCODINGS[self.encoding](self, occupancy)
 
     def to_json(self) -> dict[str, object]:
         """Plain values for the scene's header."""
         return asdict(self)
+
+
+ENCODINGS: dict[str, Callable[[FieldSettings, Occupancy], Encoding]] = {
+    "lattice": lambda s, o: SparseLattice(o.occupied, o.cells, s.resolutions, s.features),
+    "hash": lambda s, o: HashGrid(s.levels, s.features, s.log2_entries, *s.resolutions),
+}
+"""Name -> a new table of a scene. All but the lattice leave the density to an MLP, as the paper does."""
 
 
 class Layers(nn.Sequential):
@@ -116,7 +121,7 @@ class BaseField(nn.Module):
         self.encoding = settings.encode(occupancy)
         self.density: SparseLattice | None = None
         self.density_mlp: nn.Sequential | None = None
-        if settings.encoding == "hash":
+        if not isinstance(self.encoding, SparseLattice):
             self.density_mlp = mlp(self.encoding.width, settings.width, 1, 16, rough=False)
             self.geometry_width = 15
         else:

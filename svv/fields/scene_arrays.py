@@ -12,7 +12,7 @@ from torch import nn
 from svv.core.box import Box
 from svv.core.cameras import CameraRig
 from svv.core.light import Lamp
-from svv.fields.encodings import Encoding, SparseLattice
+from svv.fields.encodings import Encoding
 from svv.fields.model import NETWORKS
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
@@ -62,10 +62,7 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
             for key, value in network.state_dict().items():
                 tensors[f"{name}.{key}"] = value.cpu().numpy()
             for key, encoding in _encodings(name, network) if packed else ():
-                if isinstance(encoding, SparseLattice):
-                    tensors[key], tensors[f"{key}.ends"] = encoding.packed()
-                else:
-                    tensors[key] = tensors[key].astype(np.float16)
+                tensors |= {key + suffix: array for suffix, array in encoding.packed().items()}
     return header, tensors
 
 
@@ -99,9 +96,9 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
             own = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
             state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in own.items()}
             for key, encoding in _encodings(name, network):
-                if isinstance(encoding, SparseLattice) and own[key].dtype == np.uint8:
-                    state[key] = encoding.unpack(own[key], own[f"{key}.ends"])
-                    del state[f"{key}.ends"]
+                packed = {k.removeprefix(key): v for k, v in own.items() if k.startswith(key)}
+                state = {k: v for k, v in state.items() if not k.startswith(key)}
+                state[key] = encoding.unpacked(packed)
             network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
             network.requires_grad_(False)
     rig = CameraRig.from_json(header["camera_rig"]) if header["camera_rig"] else None

@@ -12,7 +12,7 @@ import numpy as np
 from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.errors import BadInput
-from svv.fields.networks import FieldSettings
+from svv.fields.networks import ENCODINGS, FieldSettings
 from svv.options.described import Described, described
 from svv.options.making import LIGHTINGS, PaintOptions, PaletteOptions, TrainOptions
 
@@ -187,8 +187,8 @@ PRESETS = {
 }
 
 
-HOMES = {"lattice": "balanced", "hash": "paper"}
-"""Encoding -> the preset whose table and learning rates were found for it."""
+HOMES = {"lattice": "balanced"}
+"""Encoding -> the preset whose table and learning rates were found for it; of others, the paper's."""
 
 
 def preset(name: str | Preset, encoding: str | None = None) -> Preset:
@@ -209,10 +209,10 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
     chosen = PRESETS[name]
     if encoding is None or encoding == chosen.field.encoding:
         return chosen
-    if encoding not in HOMES:
-        raise BadInput(f"There is no encoding '{encoding}'; choose one of {', '.join(HOMES)}.")
-    home = PRESETS[HOMES[encoding]]
-    table = {name: getattr(home.field, name) for name in ("encoding", "resolutions", "features")}
+    if encoding not in ENCODINGS:
+        raise BadInput(f"There is no encoding '{encoding}'; choose one of {', '.join(ENCODINGS)}.")
+    home = PRESETS[HOMES.get(encoding, "paper")]
+    table = {"encoding": encoding, **{name: getattr(home.field, name) for name in ("resolutions", "features")}}
     rates = ("feature_rate", "network_rate", "decay")
     return replace(
         chosen,

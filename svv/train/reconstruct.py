@@ -68,7 +68,7 @@ class Reconstruction:
         if density is not None and known is None:
             with torch.no_grad():
                 density.table[density.rows_of_level(0)] = settings.initial_exponent
-        finest = field.resolutions[-1] if field.encoding == "lattice" else 512
+        finest = field.resolutions[-1] if density is not None else 512
         self.marching = Marching(1.0 / finest, keep=settings.keep)
         self.pool = RayPool(views, occupancy.box, seed, device)
         self.budget = RayBudget(settings.rays, settings.samples)

@@ -1,7 +1,7 @@
-"""Edits of a scene's regions, and the history that undoes them. Nothing is trained: an edit is a few numbers.
+"""Edits of a scene's regions, and the history that undoes them. Editing trains nothing: an edit is a few numbers.
 
-An edit is every field of a :class:`svv.fields.region.Region` but those that say what the region is (:data:`IDENTITY`),
-so a new kind of edit is a new field there, and undo, reset and the scene's file know it.
+Every field of a :class:`svv.fields.region.Region` is an edit except those that identify the region (:data:`IDENTITY`).
+A new kind of edit is therefore a new field there; undo, reset and the scene file handle it without further changes.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light")
-"""Fields of a region that are no edits: they come from training and painting."""
+"""Fields of a region that are not edits: they come from training and painting."""
 
 MOST_UNDO_STEPS = 50
-"""Edits that can be undone at most; older ones are forgotten."""
+"""Maximum number of edits that can be undone; older ones are forgotten."""
 
 Edits = dict[str, Any]
-"""The edits of one region by field, those alone that are not as trained."""
+"""The edits of one region by field; only those that differ from the trained values."""
 
 
 def edits_of(region: Region) -> Edits:
@@ -41,45 +41,45 @@ def edits_of(region: Region) -> Edits:
 
 
 def with_edits(region: Region, edits: Edits) -> Region:
-    """A region with these edits and no others; raises TypeError for what is no edit."""
+    """A region with these edits and no others; raises TypeError for a field that is not an edit."""
     plain = _plain(region)
     if unknown := sorted(set(edits) - set(plain)):
-        raise TypeError(f"'{unknown[0]}' is no edit of a region")
+        raise TypeError(f"'{unknown[0]}' is not an edit of a region")
     return replace(region, **{**plain, **edits})
 
 
 def restyled(region: Region, style: str | None) -> Region:
-    """A region with another style and its edits: light on paint that was not edited is that of the style."""
+    """A region with another style and the same edits; light on paint takes the style's default unless it was edited."""
     return with_edits(replace(region, style=style), edits_of(region))
 
 
 def _plain(region: Region) -> Edits:
-    """What a region without edits has."""
+    """The edit fields of a region that has not been edited."""
     plain = {f.name: f.default for f in fields(region) if f.name not in IDENTITY}
     return {**plain, "paint_light": paint_light_of(region.style)}
 
 
 @dataclass(frozen=True)
 class Step:
-    """One edit that can be undone, or done again."""
+    """One edit that can be undone or redone."""
 
     what: str
-    """What was done, in a few words."""
+    """Short description of the edit."""
     edits: tuple[Edits, ...]
-    """The edits of every region before it; of a step that was undone, after it."""
+    """The edits of every region before the step; for a step that was undone, after it."""
     lamp: Lamp = field(default_factory=Lamp)
-    """The light before it, likewise."""
+    """The light before the step; for a step that was undone, after it."""
 
 
 @dataclass(frozen=True)
 class History:
-    """What was done to a scene's regions, the last step last, and what was undone, the next to redo last."""
+    """Edits made to a scene's regions, the most recent last, and edits undone, the next one to redo last."""
 
     past: tuple[Step, ...] = ()
     future: tuple[Step, ...] = ()
 
     def after(self, what: str, before: EditedModel) -> History:
-        """The history with one more step, from ``before`` on; what was undone cannot be redone any more."""
+        """The history with one more step, from ``before`` on; undone edits can no longer be redone."""
         return History((*self.past, before.as_step(what))[-MOST_UNDO_STEPS:])
 
     def to_json(self) -> dict[str, Any]:
@@ -89,7 +89,7 @@ class History:
 
     @classmethod
     def from_json(cls, content: dict[str, Any], regions: Sequence[Region]) -> History:
-        """The inverse of :meth:`to_json`; raises KeyError, TypeError or ValueError where it fits other regions."""
+        """The inverse of :meth:`to_json`; raises KeyError, TypeError or ValueError if it does not fit the regions."""
 
         def step(values: dict[str, Any]) -> Step:
             edits = [_with_tuples(e) for e in values["edits"]]
@@ -101,10 +101,10 @@ class History:
 
 @dataclass(frozen=True)
 class EditedModel(Model):
-    """A model and its edits. Each makes a new one, which shares the networks and remembers how to undo it."""
+    """A model and its edits. Each edit returns a new model that shares the networks and can undo the edit."""
 
     history: History = field(default_factory=History)
-    """What undoes the edits."""
+    """The steps that can be undone and redone."""
 
     def edited(
         self,
@@ -117,23 +117,23 @@ class EditedModel(Model):
         """A scene with one region's colour, opacity or lighting changed (photorealistic style editing).
 
         Args:
-            region: Which one.
-            colour: RGB in [0, 1] that the region's palette colour becomes; its shades turn with it.
+            region: Number of the region.
+            colour: New palette colour of the region, RGB in [0, 1]; its shades change with it.
             opacity: Factor on the extinction, >= 0; 1 is as trained.
-            lighting: Factor on the lighting, >= 0; 1 is as trained, 0 the flat material.
-            reflects: Of a scene with an explicit light, what the region makes of it: ``ambient``, ``diffuse`` and
-                ``specular``, parts of the light, >= 0, and ``shininess``, the exponent of the highlight, >= 1.
+            lighting: Factor on the lighting, >= 0; 1 is as trained, 0 shows the flat material.
+            reflects: Reflection coefficients of the region in a scene with an explicit light: ``ambient``, ``diffuse``
+                and ``specular``, fractions of the light, >= 0, and ``shininess``, the highlight's exponent, >= 1.
 
         Raises:
-            BadInput: no such region, a colour outside [0, 1], a negative or infinite factor, a new colour for a
-                region that is styled, or a reflection where the light is a network's.
+            BadInput: There is no such region, a colour is outside [0, 1], a factor is negative or infinite, a styled
+                region is given a colour, or coefficients are given although a network provides the lighting.
         """
         self._check(region)
         changes: Edits = {}
         said = []
         if colour is not None:
             if len(colour) != 3 or not all(0.0 <= c <= 1.0 for c in colour):
-                raise BadInput(f"The colour {tuple(colour)} is none: give red, green and blue between 0 and 1.")
+                raise BadInput(f"{tuple(colour)} is not a colour: give red, green and blue between 0 and 1.")
             if self.regions[region].style is not None:
                 raise BadInput(
                     f"Region {region} is styled: its colours come from the style '{self.regions[region].style}', not "
@@ -168,59 +168,59 @@ class EditedModel(Model):
         direction: Sequence[float] | None = None,
         intensity: float | None = None,
     ) -> Self:
-        """A scene under a light that stands elsewhere; without arguments a headlight again, as bright as it is.
+        """A scene with the light moved; without arguments it becomes a headlight of the same brightness again.
 
         Args:
             azimuth: Degrees to the right of the camera, which the light follows, in [-180, 180].
             elevation: Degrees above the camera, in [-90, 90].
-            direction: Where the light comes from in the world instead, x, y and z; it no longer follows the camera.
-            intensity: Factor on its brightness, >= 0; 1 is the light of the views. By default as it is.
+            direction: World direction that the light comes from instead, x, y and z; it no longer follows the camera.
+            intensity: Factor on its brightness, >= 0; 1 is the light of the views. Unchanged by default.
 
         Raises:
-            BadInput: the scene's light is a network's, or there is none; or numbers out of range.
+            BadInput: The lighting comes from a network, the scene has no light, or a number is out of range.
         """
         self._check_light()
         if direction is not None and (azimuth or elevation):
-            raise BadInput("Give the light angles beside the camera or a direction in the world, not both.")
+            raise BadInput("Give the light either angles relative to the camera or a direction in the world, not both.")
         fixed: Any = None if direction is None else tuple(direction)
         bright = self.lamp.intensity if intensity is None else intensity
         lamp = Lamp(float(azimuth), float(elevation), fixed, float(bright))
         return self._after(lamp.said(), self.regions, lamp)
 
     def hidden(self, *regions: int) -> Self:
-        """A scene in which these regions are not seen; their opacities are kept for when they are shown again.
+        """A scene in which these regions are hidden; their opacities are kept for when they are shown again.
 
         Raises:
-            BadInput: no region is named, or one that there is not.
+            BadInput: No region is named, or a region does not exist.
         """
         self._check(*regions)
         return self._changed(f"hide {_list(regions)}", {region: {"hidden": True} for region in regions})
 
     def shown(self, *regions: int) -> Self:
-        """A scene in which these regions, by default all, are seen again, as opaque as they were.
+        """A scene in which these regions, by default all, are visible again, as opaque as they were.
 
         Raises:
-            BadInput: there is no such region.
+            BadInput: There is no such region.
         """
         chosen = regions or tuple(range(len(self.regions)))
         self._check(*chosen)
         return self._changed(f"show {_list(regions) or 'all'}", {region: {"hidden": False} for region in chosen})
 
     def isolated(self, *regions: int) -> Self:
-        """A scene in which these regions alone are seen; the opacities of all are kept.
+        """A scene in which only these regions are visible; all opacities are kept.
 
         Raises:
-            BadInput: no region is named, or one that there is not.
+            BadInput: No region is named, or a region does not exist.
         """
         self._check(*regions)
         hidden = {k: {"hidden": k not in regions} for k in range(len(self.regions))}
         return self._changed(f"isolate {_list(regions)}", hidden)
 
     def with_strength(self, strength: float, *regions: int) -> Self:
-        """A scene whose styles are shown as strongly as said, from 0 (the palette's colours) to 1, by default all.
+        """A scene with the styles of these regions, by default all, at a strength from 0 (palette colours) to 1.
 
         Raises:
-            BadInput: a strength outside of [0, 1], or a region that there is not.
+            BadInput: The strength is outside [0, 1], or a region does not exist.
         """
         if not 0.0 <= strength <= 1.0:
             raise BadInput(f"The strength of a style must lie between 0 and 1, not {strength}.")
@@ -229,15 +229,15 @@ class EditedModel(Model):
     def with_paint_light(self, amount: float, *regions: int) -> Self:
         """A scene with more or less light on the paint of these regions, by default of all.
 
-        The mean brightness of paint stays, for what is seen is by how much the light differs from its mean; regions
-        that are not painted stay as they are.
+        The mean brightness of paint stays the same, because only the light's deviation from its mean is shown. Regions
+        that are not painted do not change.
 
         Args:
-            amount: Part of the light's contrast: 0 shows unlit paint, 1 all of it.
-            regions: Which.
+            amount: Fraction of the light's contrast: 0 shows unlit paint, 1 the full contrast.
+            regions: Numbers of the regions.
 
         Raises:
-            BadInput: an amount outside of [0, 1], or a region that there is not.
+            BadInput: The amount is outside [0, 1], or a region does not exist.
         """
         if not 0.0 <= amount <= 1.0:
             raise BadInput(f"The light on paint must lie between 0 and 1, not {amount}.")
@@ -246,14 +246,14 @@ class EditedModel(Model):
     def with_stroke_opacity(self, amount: float, *regions: int) -> Self:
         """A scene in which the opacity of these regions' paint, by default of all, follows its strokes.
 
-        Mean opacities stay (:mod:`svv.fields.stroke_opacity`), and so do regions not painted, or in one colour.
+        Mean opacities (:mod:`svv.fields.stroke_opacity`) and regions that are unpainted or of one colour do not change.
 
         Args:
             amount: Above 0 dark strokes are more opaque and light ones less, below 0 the other way round.
-            regions: Which.
+            regions: Numbers of the regions.
 
         Raises:
-            BadInput: an amount outside of [-1, 1], or a region that there is not.
+            BadInput: The amount is outside [-1, 1], or a region does not exist.
         """
         if not -1.0 <= amount <= 1.0:
             raise BadInput(f"The opacity of strokes must lie between -1 and 1, not {amount}.")
@@ -266,17 +266,17 @@ class EditedModel(Model):
         width: float | None = None,
         colour: Sequence[float] | None = None,
     ) -> Self:
-        """A scene whose silhouettes and creases are drawn as ink, of these regions, by default of all.
+        """A scene with the silhouettes and creases of these regions, by default of all, drawn in ink.
 
         Args:
-            strength: How much of the ink is seen: 0 none, 1 all. By default as it is, or 1 where it is 0.
-            regions: Which.
-            width: Of silhouettes, in pixels of an image whose shorter side has 800, in (0, 16]; it scales with the
-                image, and creases are thinner. By default as it is.
-            colour: RGB in [0, 1]. By default as it is, at first nearly black.
+            strength: Opacity of the ink, from 0 (invisible) to 1. Unchanged by default, or 1 where it is 0.
+            regions: Numbers of the regions.
+            width: Width of silhouettes in (0, 16], in pixels of an image whose shorter side has 800; it scales with
+                the image, and creases are thinner. Unchanged by default.
+            colour: RGB in [0, 1]. Unchanged by default; initially nearly black.
 
         Raises:
-            BadInput: a strength, a width or a colour out of range, or a region that there is not.
+            BadInput: A strength, width or colour is out of range, or a region does not exist.
         """
         ink = None if colour is None else tuple(float(c) for c in colour)
         Pen(
@@ -296,10 +296,10 @@ class EditedModel(Model):
         return self._changed(", ".join(said), changes)
 
     def reset(self, *regions: int) -> Self:
-        """A scene with these regions, by default all and the light, as trained and painted. It can be undone.
+        """A scene with these regions, by default all and the light, as trained and painted. The reset can be undone.
 
         Raises:
-            BadInput: there is no such region.
+            BadInput: There is no such region.
         """
         chosen = regions or tuple(range(len(self.regions)))
         self._check(*chosen)
@@ -310,18 +310,18 @@ class EditedModel(Model):
         """The scene before the last edit.
 
         Raises:
-            BadInput: nothing was edited, or all of it is undone.
+            BadInput: Nothing was edited, or every edit is undone already.
         """
         if not self.history.past:
-            raise BadInput("There is nothing to undo: the scene's history holds no edit.")
+            raise BadInput("There is nothing to undo: the scene's history holds no edits.")
         *past, step = self.history.past
         return self._at(step, History(tuple(past), (*self.history.future, self.as_step(step.what))))
 
     def redone(self) -> Self:
-        """The scene with the edit that was undone last.
+        """The scene with the most recently undone edit applied again.
 
         Raises:
-            BadInput: nothing was undone since the last edit.
+            BadInput: Nothing was undone since the last edit.
         """
         if not self.history.future:
             raise BadInput("There is nothing to redo: no edit was undone since the last one.")
@@ -329,7 +329,7 @@ class EditedModel(Model):
         return self._at(step, History((*self.history.past, self.as_step(step.what)), tuple(future)))
 
     def as_step(self, what: str) -> Step:
-        """The edits as they are, for the history."""
+        """The current edits, as a step for the history."""
         return Step(what, tuple(map(edits_of, self.regions)), self.lamp)
 
     def as_one_step(self, before: EditedModel) -> Self:
@@ -343,9 +343,9 @@ class EditedModel(Model):
         return replace(self, history=before.history.after("; ".join(steps), before))
 
     def with_edits_of(self, other: EditedModel) -> Self:
-        """This scene with the edits, and their history, of another that has the same regions.
+        """This scene with the edits, and their history, of another scene that has the same regions.
 
-        Which regions are styled, and how strongly, stays.
+        Which regions are styled, and how strongly, does not change.
         """
         regions = (
             replace(restyled(theirs, own.style), strength=own.strength, mean_light=own.mean_light)
@@ -358,21 +358,21 @@ class EditedModel(Model):
             raise BadInput("This scene has no light to change: its views were drawn without shading.")
         if self.settings.lighting != "phong":
             raise BadInput(
-                "The light of this scene cannot be moved, for a network has learned it together with the surfaces: "
+                "The light of this scene cannot be moved, because a network learned it together with the surfaces: "
                 "train it again with --lighting phong (in ParaView: Lighting of StyleRF Train) for a light that can."
             )
 
     def _check(self, *regions: int) -> None:
         if not self.regions:
-            raise BadInput("The scene has no regions, as it holds no palette network; train it again.")
+            raise BadInput("The scene has no regions because it holds no palette network; train it again.")
         if not regions:
-            raise BadInput(f"Name at least one region, of 0 to {len(self.regions) - 1}.")
+            raise BadInput(f"Name at least one region, from 0 to {len(self.regions) - 1}.")
         for region in regions:
             if not 0 <= region < len(self.regions):
                 raise BadInput(f"There is no region {region}: the scene has the regions 0 to {len(self.regions) - 1}.")
 
     def _changed_each(self, what: str, regions: Sequence[int], edits: Edits) -> Self:
-        """The scene with the same edits of these regions, of all if none is named."""
+        """The scene with the same edits of these regions, or of all if none is named."""
         if regions:
             self._check(*regions)
         return self._changed(what, dict.fromkeys(regions or range(len(self.regions)), edits))

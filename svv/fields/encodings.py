@@ -1,7 +1,7 @@
 """Position encodings behind one interface: a sparse vertex lattice (default) and a hash grid (the paper's).
 
-An encoding is a module that maps box coordinates (S, 3) to features (S, width). Its table is read and written by the
-kernels of its device: the backward pass adds to ``gradient`` and marks the vertices it touched in ``used``, and
+An encoding is a module that maps box coordinates (S, 3) to features (S, width). The kernels of its device read and
+write its table: the backward pass adds to ``gradient`` and marks the vertices it touched in ``used``, and
 :class:`LatticeAdam` then steps only those. Plain references are in :mod:`svv.core.encodings`.
 """
 
@@ -20,7 +20,7 @@ from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Lattice
 
 VERTICES_AT_A_TIME = 1 << 18
-"""Vertices that are looked at together where millions would take hundreds of megabytes."""
+"""Vertices processed together, because millions at once would take hundreds of megabytes."""
 
 
 class _Lookup(torch.autograd.Function):
@@ -38,7 +38,7 @@ class _Lookup(torch.autograd.Function):
 
 
 class Encoding(nn.Module):
-    """A table of features and the way positions look them up."""
+    """A table of features and the rule by which positions look them up."""
 
     table: nn.Parameter
 
@@ -51,7 +51,7 @@ class Encoding(nn.Module):
 
     @property
     def width(self) -> int:
-        """Features of a position: levels x features a level."""
+        """Number of features of a position: levels x features per level."""
         return self.levels * self.features
 
     def packed(self) -> dict[str, NDArray[Any]]:
@@ -78,7 +78,7 @@ class Encoding(nn.Module):
         return self.look_up(x)
 
     def buffers_for_gradient(self) -> tuple[Tensor, Tensor]:
-        """The gradient (V, F) and the marks of used rows (V,) uint8, made when first needed."""
+        """The gradient (V, F) and the marks of used rows (V,) uint8, allocated when first needed."""
         if self.gradient is None or self.used is None:
             self.gradient = torch.zeros_like(self.table, requires_grad=False)
             self.used = self.table.new_zeros(len(self.table), dtype=torch.uint8)
@@ -96,7 +96,7 @@ class Encoding(nn.Module):
 class SparseLattice(Encoding):
     """Features on the vertices of occupied cells at several resolutions, interpolated trilinearly.
 
-    Where nothing is visible nothing is stored, so positions must lie in occupied cells: elsewhere the kernels may read
+    Nothing is stored where nothing is visible, so positions must lie in occupied cells: elsewhere the kernels may read
     past the table. Vertices are numbered in raster order, so the kernels find the neighbour in z without a look-up.
     """
 
@@ -112,7 +112,7 @@ class SparseLattice(Encoding):
             occupied: Cells that hold something visible. (X, Y, Z)
             cells: Cells per box unit of ``occupied``.
             resolutions: Cells per box unit of each level; each divides ``cells`` or is a multiple of it.
-            features: Features a level.
+            features: Features per level.
         """
         shapes, bases, index, ends, base, rows = [], [], [], [], 0, 0
         for resolution in resolutions:
@@ -135,22 +135,22 @@ class SparseLattice(Encoding):
 
     @property
     def layout(self) -> Lattice:
-        """Where the features lie, as the kernels take it."""
+        """Layout of the features in the form that the kernels take."""
         return Lattice(self.shapes, self.scales, self.bases, self.index)
 
     def rows_of_level(self, level: int) -> slice:
-        """The table's rows that belong to a level."""
+        """Rows of the table that belong to a level."""
         return slice(self._ends[level - 1] if level else 0, self._ends[level])
 
     def vertices_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.int64]:
-        """Whole-number coordinates of a level's vertices in the order of its rows, for the cells it was made for."""
+        """Integer coordinates of a level's vertices in the order of its rows; the cells are those of construction."""
         return np.argwhere(_vertices(_resample(occupied, cells, self.resolutions[level])))
 
     def places_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.float32]:
-        """Box coordinates of a level's vertices in the order of its rows, where they may be looked up. (V, 3)
+        """Box coordinates of a level's vertices in the order of its rows, at which they can be looked up. (V, 3)
 
-        A vertex on the far side of every occupied cell it belongs to lies, by its coordinates, in a cell of which
-        nothing else is stored. So each is moved by one float32 towards the middle of an occupied cell.
+        By its coordinates, a vertex on the far side of every occupied cell it belongs to lies in a cell that is not
+        stored. Each vertex is therefore moved by one float32 step towards the middle of an occupied cell.
         """
         resolution = self.resolutions[level]
         filled = np.pad(_resample(occupied, cells, resolution), 1)
@@ -163,7 +163,7 @@ class SparseLattice(Encoding):
         return np.nextafter((vertices / resolution).astype(np.float32), (middle / resolution).astype(np.float32))
 
     def packed(self) -> dict[str, NDArray[Any]]:
-        """The table in bytes: codes (V, F), and ``ends``, smallest and largest of each feature of a level (L, 2, F)."""
+        """The table as bytes: codes (V, F), and ``ends``, the smallest and largest value of each feature per level (L, 2, F)."""
         table = self.table.detach().cpu()
         codes, ends = torch.empty(table.shape, dtype=torch.uint8), torch.zeros(self.levels, 2, self.features)
         for level in range(self.levels):
@@ -174,21 +174,21 @@ class SparseLattice(Encoding):
         return {"": codes.numpy(), ".ends": ends.numpy()}
 
     def unpacked(self, arrays: Mapping[str, NDArray[Any]]) -> Tensor:
-        """What the table was before :meth:`packed`, to half a 255th of a feature's span. (V, F)
+        """The table before :meth:`packed`, to within half a 255th of a feature's range. (V, F)
 
         Raises:
-            ValueError: not of this lattice's shape.
+            ValueError: The arrays do not have this lattice's shape.
         """
         codes = arrays[""]
         if codes.dtype != np.uint8:
             return super().unpacked(arrays)
         ends = arrays[".ends"].astype(np.float32)
         if codes.shape != tuple(self.table.shape) or ends.shape != (self.levels, 2, self.features):
-            raise ValueError(f"a table of {codes.shape} and {ends.shape} is not this lattice's")
+            raise ValueError(f"a table of {codes.shape} and {ends.shape} does not fit this lattice")
         part = torch.from_numpy(codes.astype(np.float32)) / 255.0
         for level, (low, high) in enumerate(torch.from_numpy(ends)):
             rows = self.rows_of_level(level)
-            part[rows] = low * (1.0 - part[rows]) + high * part[rows]  # the ends come out to the last bit
+            part[rows] = low * (1.0 - part[rows]) + high * part[rows]  # reproduces both ends exactly
         return part
 
     def look_up(self, x: Tensor) -> Tensor:
@@ -198,7 +198,7 @@ class SparseLattice(Encoding):
         kernels_for(x).lattice_backward(x, gradient, self.layout, *self.buffers_for_gradient())
 
     def restricted(self, occupied: NDArray[np.uint8], cells: int, finer: Sequence[int] = ()) -> SparseLattice:
-        """The same features on fewer cells, with ``finer`` levels of zeros behind those there are.
+        """The same features on fewer cells, followed by ``finer`` levels of zeros.
 
         ``occupied`` must be a subset of the cells this lattice was made for.
         """
@@ -214,10 +214,10 @@ class SparseLattice(Encoding):
         return result
 
     def summed(self, occupied: NDArray[np.uint8], cells: int) -> SparseLattice:
-        """A lattice of the finest level alone that gives the sum of all levels' features, exactly.
+        """A lattice of only the finest level that gives exactly the sum of all levels' features.
 
         Resolutions are nested, so within a fine cell every coarser level is itself trilinear: its values at the fine
-        vertices say all. ``occupied`` must be a subset of the cells this lattice was made for.
+        vertices determine it. ``occupied`` must be a subset of the cells this lattice was made for.
         """
         if self.levels == 1:
             return self.restricted(occupied, cells)
@@ -266,7 +266,7 @@ class HashGrid(Encoding):
 
 
 class LatticeAdam:
-    """Adam (Kingma & Ba 2015) that steps only the rows which the last backward pass used."""
+    """Adam (Kingma & Ba 2015) that steps only the rows that the last backward pass used."""
 
     def __init__(self, encodings: Iterable[Encoding], beta1: float = 0.9, beta2: float = 0.99,
                  epsilon: float = 1e-12) -> None:  # fmt: skip
@@ -274,18 +274,18 @@ class LatticeAdam:
         self.restart(encodings)
 
     def restart(self, encodings: Iterable[Encoding]) -> None:
-        """Step these from now on, as if for the first time; who holds the optimiser (a checkpoint) sees them, too."""
+        """Optimise these encodings from now on, from a fresh state; a checkpoint that holds the optimiser follows."""
         self.encodings = list(encodings)
         self.finer = [e.rows_of_level(0).stop if isinstance(e, SparseLattice) else 0 for e in self.encodings]
         self.moments = [e.table.new_zeros(2, *e.table.shape) for e in self.encodings]
         self.age = [e.table.new_zeros(len(e.table), dtype=torch.int32) for e in self.encodings]
 
     def step(self, rates: Sequence[float], pulls: Sequence[float] | None = None) -> None:
-        """One step; clears the gradients it used.
+        """Take one step, and clear the gradients it used.
 
         Args:
             rates: Learning rate of each encoding.
-            pulls: Weight of half the squared values of each encoding's finer levels in the loss; by default 0.
+            pulls: Weight in the loss of half the squared values of each encoding's finer levels; by default 0.
         """
         pulls = [0.0] * len(self.encodings) if pulls is None else pulls
         for k, (encoding, rate) in enumerate(zip(self.encodings, rates, strict=True)):
@@ -300,7 +300,7 @@ class LatticeAdam:
         return state | {f"{k}.age": v.cpu().numpy() for k, v in enumerate(self.age)}
 
     def load(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take the state of an earlier :meth:`state`."""
+        """Restore the state returned by an earlier :meth:`state`."""
         if "constants" in state:
             beta1, beta2, epsilon = state["constants"].tolist()
             self.constants = beta1, beta2, epsilon
@@ -314,7 +314,7 @@ def _resample(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArr
     o = occupied > 0
     if resolution >= cells:
         if resolution % cells:
-            raise ValueError(f"resolution {resolution} is no multiple of {cells}")
+            raise ValueError(f"resolution {resolution} is not a multiple of {cells}")
         k = resolution // cells
         return o.repeat(k, 0).repeat(k, 1).repeat(k, 2)
     if cells % resolution:

@@ -1,7 +1,7 @@
-"""Rays to pixels of a palette scene without gradients, with the image kernels of its device.
+"""Pixels of a palette scene from rays, without gradients, by the image kernels of its device.
 
-What they draw is what :meth:`svv.fields.scene.Scene.shade` says. Where a device has no such kernels
-(:attr:`svv.kernels.types.Kernels.IMAGE`), or the scene's features lie in a hash grid, that makes the image itself.
+They draw what :meth:`svv.fields.scene.Scene.shade` computes. On devices without such kernels
+(:attr:`svv.kernels.types.Kernels.IMAGE`), and for scenes with a hash grid, that method draws the image itself.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from svv.kernels.types import ImageKernels, Samples, Surface
 
 
 def image_kernels_of(scene: Model) -> ImageKernels | None:
-    """The kernels that draw the scene's palette and paint; None where there are none for its device and encoding."""
+    """The kernels that draw the scene's palette and paint; None if its device or encoding has no such kernels."""
     on_lattices = (
         scene.palette_network is not None
         and isinstance(scene.base.encoding, SparseLattice)
@@ -38,7 +38,7 @@ def draw(
     kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays, network: str, beams: Beams,
     images: tuple[Tensor, Tensor, Tensor],
 ) -> None:  # fmt: skip
-    """Write what rays see into RGBA (R, 4), depth (R,) and region (R,), for the network ``pcn`` or ``styled``."""
+    """Render rays into RGBA (R, 4), depth (R,) and region (R,), with the network ``pcn`` or ``styled``."""
     palette, geometry, light = scene.palette_network, scene.base.encoding, None
     assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
     if palette.lighting_mlp is None:
@@ -64,7 +64,7 @@ def _add_light(
     kernels: ImageKernels, scene: Model, samples: Samples, surface: Surface, light: Tensor | None, beams: Beams,
     lights: Tensor,
 ) -> None:  # fmt: skip
-    """Light the surface's colour, in place: with what the lighting MLP says, or under an explicit light."""
+    """Light the surface's colour in place, by the lighting MLP or by an explicit light."""
     assert scene.palette_network is not None
     if scene.palette_network.phong is not None:
         normals, coefficients = scene.palette_network.phong.normals, scene.coefficients()
@@ -79,7 +79,7 @@ _BOTH: WeakKeyDictionary[SparseLattice, tuple[Tensor, Tensor]] = WeakKeyDictiona
 
 
 def _both_tables(geometry: Tensor, material: SparseLattice) -> Tensor:
-    """Features of geometry and material side by side (V, 2 F), kept for the next image unless they are learning."""
+    """Features of geometry and material side by side (V, 2 F), cached for the next image unless they are training."""
     known, both = _BOTH.get(material, (None, None))
     learning = geometry.requires_grad or material.table.requires_grad
     if both is None or known is not geometry or learning:

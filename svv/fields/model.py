@@ -1,4 +1,4 @@
-"""What images of a scene are made from: networks, geometry and regions."""
+"""The parts of a scene that images are rendered from: networks, geometry and regions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NETWORKS = ("base", "pcn", "styled")
 """Names of a scene's networks, the plainest first."""
 
 JOINED_WEIGHT = 1.0 / 64.0
-"""Samples are joined until they weigh this much in the pixel: half as many colours in a translucent scene, for
+"""Weight in the pixel up to which samples are joined: halves the colours evaluated in a translucent scene at a cost of
 0.02 dB (an opaque one: 0.07 dB); 1/32 would cost 0.1 to 0.2 dB."""
 
 
@@ -37,44 +37,44 @@ class Model:
     styled: UnrestrictedField | None = None
     regions: tuple[Region, ...] = ()
     camera_rig: CameraRig | None = None
-    """Where the cameras of its training views stood."""
+    """Placement of the cameras of its training views."""
     made: dict[str, Any] = field(default_factory=dict)
     stride: float = 1.0
-    """Sample distance of images in steps of the training's, and"""
+    """Sample distance of images, as a multiple of the training step; chosen by :mod:`svv.train.sampling`."""
     joined: float = JOINED_WEIGHT
-    """the weight in a pixel until which samples are joined: both as :mod:`svv.train.sampling` chose them."""
+    """Weight in a pixel up to which samples are joined; chosen by :mod:`svv.train.sampling`."""
     lamp: Lamp = field(default_factory=Lamp)
-    """The light, of a scene whose lighting is ``phong``."""
+    """The light of a scene whose lighting is ``phong``."""
 
     @property
     def networks(self) -> tuple[str, ...]:
-        """The networks it holds, of ``base``, ``pcn`` and ``styled``, the plainest first."""
+        """Which of the networks ``base``, ``pcn`` and ``styled`` it holds, the plainest first."""
         there = (self.base, self.palette_network, self.styled)
         return tuple(name for name, network in zip(NETWORKS, there, strict=True) if network is not None)
 
     @property
     def rig(self) -> CameraRig:
-        """Its camera rig, for what needs one.
+        """Its camera rig.
 
         Raises:
-            BadInput: the scene was not trained from views, and has none.
+            BadInput: The scene has no camera rig because it was not trained from views.
         """
         if self.camera_rig is None:
-            raise BadInput("The scene does not say where the cameras of its views stood; train it again.")
+            raise BadInput("The scene does not record where the cameras of its views stood; train it again.")
         return self.camera_rig
 
     @property
     def device(self) -> torch.device:
-        """Where it is rendered."""
+        """The device on which it is rendered."""
         return self.base.encoding.table.device
 
     @property
     def marching_for_images(self) -> Marching:
-        """How rays are sampled for images of the scene without its edits."""
+        """How rays are sampled for images of the unedited scene."""
         return replace(self.marching, step=self.stride * self.marching.step, least_weight=self.joined, merge=True)
 
     def coefficients(self) -> Tensor | None:
-        """Ambient, diffuse, specular and shininess of each region as edited (P, 4); None without an explicit light."""
+        """Edited ambient, diffuse, specular and shininess of each region (P, 4); None without an explicit light."""
         if self.palette_network is None or self.palette_network.phong is None:
             return None
         learned = self.palette_network.phong.coefficients()
@@ -84,7 +84,7 @@ class Model:
         return torch.where(edited.isnan(), learned, edited)
 
     def edited_colours(self, offsets: Tensor) -> Tensor:
-        """Palette colours of samples with their offsets, recoloured as the regions' edits say. (S, P, 3)"""
+        """Palette colours of samples with their offsets, recoloured by the regions' edits. (S, P, 3)"""
         assert self.palette_network is not None
         palette = self.palette_network.colours
         colours = palette + offsets
@@ -98,11 +98,11 @@ class Model:
         return colours
 
     def paint(self, position: Tensor, network: str) -> Tensor | None:
-        """The UCN's colours (S, 3) of positions (S, 3), in regions that are not styled too; None where not asked."""
+        """The UCN's colours (S, 3) at positions (S, 3), unstyled regions included; None for any other network."""
         return None if network != "styled" or self.styled is None else self.styled(position)
 
     def with_style(self, diffuse: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
-        """Diffuse colour (S, 3) with the paint's (S, 3) in its place where the sample's region (S,) is styled."""
+        """Diffuse colour (S, 3), replaced by the paint's (S, 3) where the sample's region (S,) is styled."""
         if paint is None:
             return diffuse
         share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]

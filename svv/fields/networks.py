@@ -1,4 +1,4 @@
-"""The networks of the stages: base radiance field, palette (PCN) and unrestricted colour network (UCN).
+"""The networks of the stages: base radiance field, palette (PCN) and unrestricted (UCN) colour networks.
 
 Letters: S samples, P palette colours, G geometry features.
 """
@@ -22,19 +22,19 @@ from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Samples
 
 DIRECTION_WIDTH = 16
-"""Spherical harmonics of degree 4."""
+"""Number of spherical harmonics of degree 4."""
 
 
 @dataclass(frozen=True)
 class FieldSettings:
-    """Shape of a scene's networks; saved with it."""
+    """Architecture of a scene's networks; saved with the scene."""
 
     encoding: str = "lattice"
     """``lattice``: features on the vertices of occupied cells. ``hash``: the paper's hash grid."""
     resolutions: tuple[int, ...] = (16, 32, 64, 128)
     """Cells along the longest side of each lattice level, or the coarsest and finest of the hash grid."""
     features: int = 4
-    """Features a level."""
+    """Features per level."""
     levels: int = 16
     """Levels of the hash grid."""
     log2_entries: int = 19
@@ -42,15 +42,15 @@ class FieldSettings:
     width: int = 64
     """Width of hidden layers."""
     shading: bool = True
-    """Whether the lighting MLP also scales the diffuse colour, as a headlight does; the paper's only adds a grey."""
+    """Whether the lighting MLP also scales the diffuse colour, as a headlight does; the paper's MLP only adds grey."""
     lighting: str = "network"
-    """What lights the palette's colours. ``network``: the lighting MLP. ``phong``: normals and a few numbers a region,
-    so that the light can be moved. ``none``: nothing, as views drawn without shading need."""
+    """What lights the palette's colours. ``network``: the lighting MLP. ``phong``: normals and a few numbers per
+    region, so that the light can be moved. ``none``: nothing, for views drawn without shading."""
     headlight: str = "point"
-    """Of ``phong``, what a light at the camera is. ``point``: along each ray. ``axis``: along the camera's axis, for
-    all rays of a view."""
+    """Direction of a light at the camera under ``phong``. ``point``: along each ray. ``axis``: along the camera's axis
+    for all rays of a view."""
     finer: tuple[int, ...] = ()
-    """Levels of a lattice beyond ``resolutions`` that the scene's own colours do not need, but its paint may."""
+    """Lattice levels beyond ``resolutions`` that the scene's own colours do not need but its paint may."""
 
     def encode(self, occupancy: Occupancy) -> Encoding:
         """A new table for this scene."""
@@ -69,10 +69,10 @@ ENCODINGS: dict[str, Callable[[FieldSettings, Occupancy], Encoding]] = {
 
 
 class Layers(nn.Sequential):
-    """Linear layers with ReLU between, run as one by the kernels of their device."""
+    """Linear layers with ReLU between them, run as one operation by the kernels of their device."""
 
     rough = True
-    """Whether three digits are enough: kernels may then multiply in half precision."""
+    """Whether three digits are enough, so that kernels may multiply in half precision."""
 
     def forward(self, x: Tensor) -> Tensor:
         """(S, I) -> (S, O)"""
@@ -81,13 +81,13 @@ class Layers(nn.Sequential):
 
 
 def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) -> Layers:
-    """Linear layers with ReLU between, without biases, as Instant-NGP's.
+    """Linear layers without biases and with ReLU between them, as in Instant-NGP.
 
     Args:
-        inputs: Numbers a sample.
-        width: Of the hidden layers.
-        hidden: How many there are.
-        outputs: Numbers a sample.
+        inputs: Inputs per sample.
+        width: Width of the hidden layers.
+        hidden: Number of hidden layers.
+        outputs: Outputs per sample.
         rough: Whether three digits are enough, as for colours.
     """
     layers: list[nn.Module] = []
@@ -107,9 +107,9 @@ def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
 class BaseField(nn.Module):
     """Extinction and view-dependent colour (stage 1).
 
-    With the lattice, the extinction is the exponential of a lattice of its own with one feature a level: it is known
-    before any network runs, so only samples that are seen are ever coloured. The features of the colour are the
-    geometry features of the lighting MLP. With the hash grid it is the paper's: density MLP 32-64-16, colour MLP
+    With the lattice, the extinction is the exponential of a separate lattice with one feature per level. It is known
+    before any network runs, so only visible samples are ever coloured. The colour features also serve as geometry
+    features of the lighting MLP. With the hash grid, the field is the paper's: density MLP 32-64-16, colour MLP
     31-64-64-3.
     """
 
@@ -132,7 +132,7 @@ class BaseField(nn.Module):
 
     @property
     def encodings(self) -> list[Encoding]:
-        """Tables with an optimiser of their own."""
+        """Tables that :class:`svv.fields.encodings.LatticeAdam` optimises."""
         return [self.encoding] if self.density is None else [self.density, self.encoding]
 
     def geometry(self, samples: Samples) -> tuple[Tensor, Tensor]:
@@ -158,22 +158,22 @@ class BaseField(nn.Module):
 
 @dataclass(frozen=True)
 class PaletteColours:
-    """What the PCN says of samples."""
+    """Outputs of the PCN for samples."""
 
     specular: Tensor
-    """Grey c_s >= 0. (S,)"""
+    """Specular grey c_s >= 0. (S,)"""
     shade: Tensor
-    """Scale of the diffuse colour from the headlight, about 1. (S,)"""
+    """Shade m, the factor of the headlight on the diffuse colour, about 1. (S,)"""
     intensity: Tensor
-    """I >= 0. (S,)"""
+    """Intensity I >= 0. (S,)"""
     weights: Tensor
-    """Palette weights, > 0, sum 1. (S, P)"""
+    """Palette weights, > 0; they sum to 1. (S, P)"""
     offsets: Tensor
-    """Offsets delta. (S, P, 3)"""
+    """Offsets delta of the palette colours. (S, P, 3)"""
 
     @cached_property
     def region(self) -> Tensor:
-        """Region of each sample: its largest palette weight. (S,)"""
+        """Region of each sample: the index of its largest palette weight. (S,)"""
         return self.weights.argmax(dim=1)
 
     def diffuse(self, colours: Tensor) -> Tensor:
@@ -184,9 +184,9 @@ class PaletteColours:
 class PaletteField(nn.Module):
     """Palette colour network: c = c_s + m I sum_i w_i (P_i + delta_i) (StyleRF-VolVis, eq. 4).
 
-    The scale m(x, d) in (0, 2) is ours: a headlight multiplies the material's colour by the cosine to its normal,
-    which no added grey can express on coloured material. Without ``shading`` m is 1 and the network is the paper's;
-    with the lighting ``none`` c_s is 0 as well, and with ``phong`` both are an explicit light's (``phong``).
+    The shade m(x, d) in (0, 2) is not in the paper: a headlight multiplies the material's colour by the cosine to its
+    normal, which no added grey can express on coloured material. Without ``shading``, m is 1 and the network is the
+    paper's; with the lighting ``none``, c_s is 0 as well; with ``phong``, both come from an explicit light.
     """
 
     def __init__(
@@ -197,7 +197,7 @@ class PaletteField(nn.Module):
         colours: Tensor,
         normal_resolutions: Sequence[int] | None = None,
     ) -> None:
-        """Lay it out; an explicit light's normals have all levels unless ``normal_resolutions`` are given."""
+        """Lay out the field; an explicit light's normals have all levels unless ``normal_resolutions`` are given."""
         super().__init__()
         self.encoding = settings.encode(occupancy)
         self.colours = nn.Parameter(colours.clone())
@@ -244,8 +244,8 @@ class PaletteField(nn.Module):
             position: Box coordinates. (S, 3)
             geometry: Geometry features, for the lighting MLP. (S, G)
             directions: Encoded directions, for the lighting MLP. (S, 16)
-            beams: S beams, which an explicit light needs,
-            coefficients: and what its regions make of them; by default as learned. (P, 4)
+            beams: S beams, required by an explicit light.
+            coefficients: Reflection coefficients of the regions under an explicit light; by default as learned. (P, 4)
         """
         material = self.material(position)
         if self.phong is None:
@@ -258,8 +258,8 @@ class PaletteField(nn.Module):
 class UnrestrictedField(nn.Module):
     """Unrestricted colour network: diffuse colour without a palette (StyleRF-VolVis, section UCN).
 
-    ``direct``, a lattice of one level whose features are the colours themselves. Paint has no pattern that a network
-    could know: what the paper's network says of a place it has to keep for that place anyway.
+    If ``direct``, it is a lattice of one level whose features are the colours themselves. Paint has no pattern for a
+    network to learn: the paper's network has to store the colour of each place separately anyway.
     """
 
     def __init__(

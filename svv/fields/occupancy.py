@@ -18,56 +18,56 @@ from svv.kernels.dispatch import kernels_of
 from svv.kernels.numba_hull import visual_hull
 
 MASK_SIZE = 256
-"""Longest side of the masks the hull is carved from, in pixels: finer masks cost time and carve nothing more."""
+"""Longest side of the masks the hull is carved from, in pixels: finer masks cost time and carve no better."""
 
 
 @dataclass
 class Occupancy:
-    """Cells of the box; only samples in occupied ones are ever looked at.
+    """Cells of the box; only samples in occupied cells are ever evaluated.
 
-    ``occupied`` is uint8 (X, Y, Z); ``cells`` is their number per box unit.
+    ``occupied`` is uint8 (X, Y, Z); ``cells`` is the number of cells per box unit.
     """
 
     box: Box
     cells: int
     occupied: NDArray[np.uint8]
     samples_a_ray: int = 16
-    """Room that marching has found to suffice; it grows when it does not."""
+    """Buffer size per ray that has sufficed for marching so far; it grows when it does not."""
 
     def __post_init__(self) -> None:
         self._moved: dict[torch.device, Tensor] = {}
         self._distance: dict[torch.device, Tensor] = {}
 
     def occupied_on(self, device: torch.device) -> Tensor:
-        """``occupied`` where it is needed. (X, Y, Z) uint8"""
+        """``occupied`` on a device. (X, Y, Z) uint8"""
         if device not in self._moved:
             self._moved[device] = torch.tensor(self.occupied, device=device)
         return self._moved[device]
 
     def distance_on(self, device: torch.device) -> Tensor:
-        """0 in occupied cells, else the chessboard distance to the nearest: how far a ray may leap. (X, Y, Z) uint8"""
+        """How far a ray may leap: the chessboard distance to the nearest occupied cell. (X, Y, Z) uint8"""
         if device not in self._distance:
             self._distance[device] = kernels_of(device.type).leaps(self.occupied_on(device))
         return self._distance[device]
 
     @property
     def fraction(self) -> float:
-        """Share of the box's cells that is occupied."""
+        """Fraction of the box's cells that are occupied."""
         return float((self.occupied > 0).mean())
 
     @classmethod
     def full(cls, box: Box, cells: int) -> Occupancy:
-        """Everything occupied."""
+        """An occupancy with every cell occupied."""
         return cls(box, cells, np.ones(_shape(box, cells), np.uint8))
 
     def pruned(self, optical_depth: Tensor, least: float, grow: bool) -> Occupancy:
-        """Without the cells in which a step never reaches the optical depth ``least``.
+        """The occupancy without the cells in which a step never reaches the optical depth ``least``.
 
         Args:
-            optical_depth: Largest optical depth of a step found in each occupied cell, in raster order; on the device
+            optical_depth: Largest optical depth of a step found in each occupied cell, in raster order, on the device
                 that is to do the work.
             least: Threshold.
-            grow: Keep the neighbours of visible cells, too (while surfaces still move).
+            grow: Whether to keep the neighbours of visible cells as well (while surfaces still move).
         """
         occupied = self.occupied_on(optical_depth.device)
         visible = torch.zeros_like(occupied, dtype=torch.bool)
@@ -83,11 +83,11 @@ def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Oc
 
     Args:
         masks: Pixels in which something is visible. (N, H, W)
-        cameras: One a mask.
+        cameras: One per mask.
         cells: Cells along the longest side of the box.
 
     Raises:
-        BadInput: the masks have no common hull: every view is empty, or cameras and images do not fit together.
+        BadInput: The masks have no common hull: every view is empty, or cameras and images do not fit together.
     """
     small = _shrink(masks)
     box = _first_box(cameras)
@@ -96,8 +96,8 @@ def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Oc
         filled = np.argwhere(occupied)
         if not len(filled):
             raise BadInput(
-                "Nothing is visible in all views at once: either the images are empty, or the cameras do not belong "
-                "to them; check the alpha of the images and transform_matrix."
+                "No point is visible in all views: either the images are empty, or the cameras do not match them; "
+                "check the alpha of the images and transform_matrix."
             )
         corners = np.stack([filled.min(0), filled.max(0) + 1]) / resolution
         box = Box.of_bounds(*box.to_world(corners))
@@ -105,7 +105,7 @@ def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Oc
 
 
 def _first_box(cameras: Sequence[Camera]) -> Box:
-    """A cube that surely holds what the cameras look at: around the point nearest to their optical axes."""
+    """A cube certain to hold what the cameras look at, around the point nearest to their optical axes."""
     rig = CameraRig.of(cameras)
     centre, distance = np.array(rig.centre), rig.radius if rig.radius > 0 else 1.0
     half = 1.1 * distance * max(np.tan(c.fov_x / 2) * max(1.0, c.height / c.width) for c in cameras)
@@ -117,7 +117,7 @@ def _shape(box: Box, cells: int) -> NDArray[np.int64]:
 
 
 def _shrink(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Masks of at most about MASK_SIZE pixels a side; a pixel is set if any of its parts is."""
+    """Masks of at most about MASK_SIZE pixels per side; a pixel is set if any of its parts is."""
     n, h, w = masks.shape
     k = max(1, max(h, w) // MASK_SIZE)
     padded = np.pad(masks, [(0, 0), (0, -h % k), (0, -w % k)])
@@ -128,7 +128,7 @@ def _hull(masks: NDArray[np.bool_], cameras: Sequence[Camera], box: Box, cells: 
     n, h, w = masks.shape
     tables = np.zeros((n, h + 1, w + 1), np.int32)
     tables[:, 1:, 1:] = masks.cumsum(1, dtype=np.int32).cumsum(2, dtype=np.int32)
-    # The mask may be padded, so its scale is the shrink factor and not the ratio of the widths.
+    # The mask may be padded, so its scale is the shrink factor, not the ratio of the widths.
     shrink = np.ceil(cameras[0].width / w)
     focal = np.array([c.focal / shrink for c in cameras])
     rotations = np.stack([c.camera_to_world[:3, :3].T for c in cameras])

@@ -1,8 +1,8 @@
 """Light on paint: shading that keeps a style's brightness.
 
-A picture in whose manner a region is painted holds its own light and shade. The scene's shade m, whose mean is what it
-may be, for the palette's colours were learned together with it, would darken paint, and its specular c_s brighten it.
-So on paint only what differs from their means is seen, and of it, by default, a part.
+A style picture has its own light and shade. The scene's shade m, whose mean is arbitrary because it was learned
+together with the palette's colours, would darken the paint, and its specular c_s would brighten it. On paint, only
+their deviations from the mean are therefore shown, and by default only a fraction of those.
 
 Letters: S samples, P regions.
 """
@@ -23,30 +23,30 @@ from svv.options.editing import PAINT_LIGHT
 from svv.options.making import DRAWN
 
 LIGHT_VIEWS, LIGHT_VIEW_SIZE = 12, 64
-"""Views all around, and their side in pixels, over which a region's light is averaged: the mean over 42 views of
-twice the size is the same within 1 %."""
+"""Number of views all around over which a region's light is averaged, and their side in pixels: the mean over 42 views
+of twice the size is the same within 1 %."""
 
 LEAST_MEAN_SHADE = 0.05
-"""Least mean that a shade is divided by: a region that light hardly reaches has no form to be shown by it."""
+"""Least mean that a shade is divided by: shading cannot show the shape of a region that light hardly reaches."""
 
 _known: WeakKeyDictionary[PaletteField, tuple[tuple[float, float], ...]] = WeakKeyDictionary()
 
 
 def paint_light_of(style: str | None) -> float:
-    """Light on the paint of a region of this style unless an edit says otherwise: in ink, the strokes are the shade."""
+    """Default light on the paint of a region of this style; none for ink, whose strokes are the shading."""
     return 0.0 if style is not None and style.startswith(DRAWN) else PAINT_LIGHT
 
 
 def lights_of(scene: Model, network: str) -> Tensor:
-    """What each region makes of the light: a factor f, a scale a of the shade, and what the specular is less by, b.
+    """How each region responds to light: a factor f, a scale a of the shade, and b, subtracted from the specular.
 
     The lit colour is (1 + f (a m - 1)) c_d + f (c_s - b) for a diffuse colour c_d, shade m and specular c_s. Without
-    paint f is the region's lighting, a is 1 and b 0. On paint f is the lighting times the region's light on paint, a is
-    1 / mean(m) and b is mean(c_s). Where a style is shown with a strength s below 1, the light is the mean of both,
-    weighted by s.
+    paint, f is the region's lighting, a is 1 and b is 0. On paint, f is the lighting times the region's light on paint,
+    a is 1 / mean(m) and b is mean(c_s). Where a style is shown with a strength s below 1, the light is the mean of
+    both, weighted by s.
 
     Args:
-        scene: With a palette colour network.
+        scene: A scene with a palette colour network.
         network: ``pcn`` or ``styled``.
 
     Returns:
@@ -69,9 +69,9 @@ def lights_of(scene: Model, network: str) -> Tensor:
 
 @torch.no_grad()
 def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
-    """Mean shade m and specular c_s of each region: over what is seen of it all around, under the light of the views.
+    """Mean shade m and specular c_s over the visible parts of each region, all around, under the light of the views.
 
-    Edits do not change it. A region that cannot be seen has the means of all. Found once for a palette network.
+    Edits do not change them. A region that is not visible gets the means over all. Computed once per palette network.
     """
     palette = scene.palette_network
     assert palette is not None

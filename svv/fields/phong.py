@@ -1,4 +1,4 @@
-"""An explicit light instead of the lighting network: normals and a dozen numbers, so that the light can be moved.
+"""An explicit light in place of the lighting network: normals and a dozen numbers, so that the light can be moved.
 
 Letters: S samples, R rays, P palette colours.
 """
@@ -23,27 +23,27 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Rays
 
 LONGEST_VECTOR = 2.0
-"""Length of v beyond which it says nothing more; shorter ones fit into bytes more exactly."""
+"""Length beyond which a vector v carries no more information; shorter vectors fit into bytes more exactly."""
 
 SHININESS_UNIT = 10.0
-"""Unit of the highlight's exponent while learning."""
+"""Unit of the highlight's exponent during training."""
 
 START_COEFFICIENTS = {"ambient": 0.08, "diffuse": 0.9, "specular": 0.05, "shininess": 13.0}
-"""Coefficients at the start, where the views do not say how they were shaded."""
+"""Initial coefficients if the views do not record how they were shaded."""
 
 LEAST_COEFFICIENTS = {"ambient": 0.02, "diffuse": 0.05, "specular": 0.01, "shininess": 1.0}
-"""Smallest coefficients at the start, for a softplus hardly learns from 0."""
+"""Smallest initial coefficients, because a softplus hardly learns from 0."""
 
 EXTINCTION_POWER = 0.25
-"""Power of the extinction whose gradient the normals begin with: 1 would leave faint surfaces hardly any."""
+"""Power of the extinction whose gradient initialises the normals: with 1, faint surfaces would have almost none."""
 
 GRADIENT_DEVIATION = 1.0
-"""Width of the Gaussian whose derivatives give that gradient, cells."""
+"""Standard deviation of the Gaussian whose derivatives give that gradient, in cells."""
 
 
 @dataclass(frozen=True)
 class Beams:
-    """Where the light of R rays comes from: unit vectors towards viewer and light (R, 3), and how bright it is."""
+    """Light along R rays: unit vectors towards the viewer and towards the light, (R, 3) each, and its brightness."""
 
     facing: Tensor
     toward: Tensor
@@ -51,12 +51,12 @@ class Beams:
 
     @classmethod
     def headlight(cls, facing: Tensor) -> Beams:
-        """Of a light at the viewer."""
+        """Beams of a light at the viewer."""
         return cls(facing, facing)
 
     @classmethod
     def of(cls, lamp: Lamp, camera: Camera, rays: Rays, headlight: str) -> Beams:
-        """Of a lamp, for the rays of a camera, see :attr:`svv.fields.networks.FieldSettings.headlight`."""
+        """Beams of a lamp for a camera's rays; see :attr:`svv.fields.networks.FieldSettings.headlight`."""
         rotation = camera.camera_to_world[:3, :3]
         facing = -rays.directions
         if headlight == "axis":
@@ -69,17 +69,17 @@ class Beams:
         return cls(facing, facing @ facing.new_tensor(lamp.turn(rotation).T), lamp.intensity)
 
     def at(self, ray: Tensor) -> Beams:
-        """Those of each sample's ray. (S,) -> S beams"""
+        """Beams of each sample's ray. (S,) -> S beams"""
         ray = ray.long()
         facing = self.facing[ray]
         return Beams(facing, facing if self.toward is self.facing else self.toward[ray], self.intensity)
 
 
 class PhongLight(nn.Module):
-    """Normals of the scene and what each region makes of light (:func:`svv.core.light.blinn_phong`)."""
+    """Normals of the scene and reflection coefficients of each region (:func:`svv.core.light.blinn_phong`)."""
 
     def __init__(self, occupancy: Occupancy, resolutions: Sequence[int], regions: int) -> None:
-        """Normals on the vertices of occupied cells, cells per box unit of each level; all zero."""
+        """Lay out zero normals on the vertices of occupied cells; ``resolutions`` are cells per box unit of each level."""
         super().__init__()
         self.normals = SparseLattice(occupancy.occupied, occupancy.cells, resolutions, 3)
         self.raw = nn.Parameter(torch.zeros(regions, len(COEFFICIENTS)))
@@ -89,13 +89,13 @@ class PhongLight(nn.Module):
         return softplus(self.raw) * self.raw.new_tensor([1.0, 1.0, 1.0, SHININESS_UNIT])
 
     def start(self, density: SparseLattice, occupancy: Occupancy, shading: Shading | None, seed: int) -> None:
-        """Begin with the gradient of the extinction, and with what the views say of how they were shaded."""
+        """Initialise from the gradient of the extinction and from the shading recorded with the views."""
         said = START_COEFFICIENTS
         if shading is not None:
             told = shading.ambient, shading.diffuse, shading.specular, shading.specular_power
             said = dict(zip(COEFFICIENTS, told, strict=True))
         values = [max(float(said[name]), LEAST_COEFFICIENTS[name]) for name in COEFFICIENTS]
-        values[3] = min(values[3], 60.0) / SHININESS_UNIT  # a sharper highlight falls between pixels and learns nothing
+        values[3] = min(values[3], 60.0) / SHININESS_UNIT  # a sharper highlight falls between pixels and is not learned
         self.normals.randomize(0.001, torch.Generator().manual_seed(seed))
         with torch.no_grad():
             self.raw.copy_(self.raw.new_tensor(values).expm1().log())
@@ -105,14 +105,14 @@ class PhongLight(nn.Module):
 
     @torch.no_grad()
     def settle(self, occupancy: Occupancy) -> None:
-        """Sum the levels of the normals into one, once they are learned: the same normals, looked up in less time."""
+        """Sum the levels of the learned normals into one: the same normals, looked up in less time."""
         device = self.raw.device
         self.normals = self.normals.summed(occupancy.occupied, occupancy.cells).to(device)
         length = NORMAL_SCALE * self.normals.table.norm(dim=1, keepdim=True)
         self.normals.table.mul_(LONGEST_VECTOR / length.clamp(min=LONGEST_VECTOR))
 
     def normal(self, position: Tensor) -> Tensor:
-        """Normals, of either side, shorter than 1 where there is no surface. (S, 3) -> (S, 3)"""
+        """Normals of either orientation, shorter than 1 away from surfaces. (S, 3) -> (S, 3)"""
         return normals_of(self.normals(position).view(len(position), -1, 3).sum(dim=1))
 
     def forward(
@@ -125,9 +125,9 @@ class PhongLight(nn.Module):
 
 @torch.no_grad()
 def gradient_of(density: SparseLattice, occupancy: Occupancy, resolution: int) -> Tensor:
-    """Unit vectors against the gradient of the extinction at a lattice's vertices, as they are stored. (V, 3)
+    """Unit vectors against the gradient of the extinction at a lattice's vertices, in storage order. (V, 3)
 
-    Shorter where the gradient is hardly any. ``density`` gives the exponent, the sum over its levels.
+    They are shorter where the gradient nearly vanishes. The levels of ``density`` sum to the extinction's logarithm.
     """
     lattice = SparseLattice(occupancy.occupied, occupancy.cells, (resolution,), 1)
     vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells)

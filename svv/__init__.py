@@ -1,7 +1,7 @@
 """Expressive volume visualization: radiance fields of direct volume renderings, edited and stylized by region.
 
-The Python interface: scenes, what makes and paints them, and what they are made from (docs/tutorials/python.md).
-Nothing is loaded before it is used.
+The Python interface: scenes, the functions that train and paint them, and their inputs (docs/tutorials/python.md).
+Each name is imported on first use.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ PUBLIC = {
     "train_scene": "svv.train.pipeline",
     "write_png": "svv.io.output",
 }
-"""Where each name of the interface is defined; it is imported when it is first asked for (PEP 562)."""
+"""Public name -> the module that defines it, imported on first access (PEP 562)."""
 
 
 def __getattr__(name: str) -> Any:

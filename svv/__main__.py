@@ -1,4 +1,4 @@
-"""``python -m svv`` is the ``svv`` command."""
+"""Run the ``svv`` command as ``python -m svv``."""
 
 from svv.cli.app import main
 

@@ -1,4 +1,4 @@
-"""How our programs end: what went wrong becomes one sentence on standard error and an exit code."""
+"""How the programs end: an error becomes one sentence on standard error and an exit code."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from svv.errors import BadInput, Cancelled
 
 
 def end_with(run: Callable[[], object], name: str) -> NoReturn:
-    """Do the work of a program, then end it.
+    """Run a program's work, then exit.
 
     Args:
-        run: The work; what it returns is the exit code, where that is a number.
-        name: Of the program, before its sentence.
+        run: The work. If it returns an integer, that is the exit code.
+        name: Name of the program, printed before an error message.
 
-    Exit codes: 0 done, 2 bad use or bad input, 130 stopped by the user.
+    Exit codes: 0 success, 2 bad usage or bad input, 130 stopped by the user.
     """
     try:
         done = run()
     except BadInput as error:
         _fail(name, str(error))
     except (Cancelled, KeyboardInterrupt):
-        _fail(name, "stopped; to go on, give the same command again.", 130)
+        _fail(name, "stopped; run the same command again to resume.", 130)
     except MemoryError:
-        _fail(name, "There is not enough memory; take a smaller size or the preset draft.")
+        _fail(name, "There is not enough memory; choose a smaller size or the preset draft.")
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader of our output has left
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader of the output has gone
         sys.exit(0)
     except OSError as error:
         about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""

@@ -1,6 +1,6 @@
-"""What may go wrong in a way the user can mend, and how long work reports its progress.
+"""Errors that the user can fix, and the progress callback of long-running work.
 
-This module stands below every layer: it imports nothing of ours and nothing heavy.
+This module lies below every layer: it imports nothing else from the package and nothing heavy.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Progress = Callable[[float, str], None]
-"""Called with the finished fraction in [0, 1] and a short label; raising from it stops the work."""
+"""Called with the finished fraction in [0, 1] and a short label; raising an exception from it stops the work."""
 
 
 class BadInput(ValueError):
@@ -19,13 +19,13 @@ class BadInput(ValueError):
 
 
 class Cancelled(Exception):
-    """The user stopped the work; what was finished before stays (exit code 130)."""
+    """The user stopped the work; finished results are kept (exit code 130)."""
 
 
 def silent(fraction: float, label: str) -> None:
-    """Report progress to nobody."""
+    """Ignore the progress."""
 
 
 def part(progress: Progress, start: float, stop: float) -> Progress:
-    """Progress of a step that covers the fractions from ``start`` to ``stop`` of a longer work."""
+    """Return the progress callback of a step that spans the fractions ``start`` to ``stop`` of a longer task."""
     return lambda fraction, label: progress(start + (stop - start) * fraction, label)

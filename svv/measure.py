@@ -1,4 +1,4 @@
-"""What a piece of work cost: seconds and peak memory; and how to leave memory and CPUs to others."""
+"""Measure the time and peak memory of a piece of work, and leave memory and CPUs to other programs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from pathlib import Path
 
 @dataclass
 class Cost:
-    """Filled in when the work is done.
+    """Cost of a piece of work, filled in when it is done.
 
     Args:
         seconds: Wall-clock time.
-        peak_rss_bytes: Largest resident memory of the process during the work, as the operating system counts it.
+        peak_rss_bytes: Peak resident memory of the process during the work, as reported by the operating system.
     """
 
     seconds: float = 0.0
@@ -28,7 +28,7 @@ class Cost:
 
 @contextmanager
 def measured() -> Iterator[Cost]:
-    """Measure what the body costs; the numbers are there after it."""
+    """Measure the cost of the body; the figures are set when it ends."""
     cost = Cost()
     _forget_peak()
     start = time.monotonic()
@@ -40,23 +40,23 @@ def measured() -> Iterator[Cost]:
 
 
 SPINS = "10000"
-"""Rounds for which a thread waits for others without sleeping: about as long as it takes to wake it."""
+"""Iterations for which a waiting thread spins before it sleeps: about as long as waking it takes."""
 
 
 def share_cores(environ: MutableMapping[str, str]) -> None:
-    """Let threads that wait for each other sleep after some ten microseconds; before torch is loaded.
+    """Let threads that wait for each other sleep after about ten microseconds. Call it before torch is loaded.
 
-    GNU OpenMP, which torch and numba use, waits for milliseconds at full load otherwise. Where another program wants
-    the CPU, too, a thread then often waits for one that is not running because of it: beside one busy process
-    a step of training on two CPU cores took 55 ms, and takes 32 ms so; alone 17 ms either way. What the user has
-    set stays.
+    Otherwise GNU OpenMP, which torch and numba use, spins for milliseconds at full load. If another program also needs
+    the CPU, a thread then often waits for one that its own spinning keeps from running: beside one busy process,
+    a training step on two CPU cores took 55 ms and now takes 32 ms; alone it takes 17 ms either way. The user's own
+    settings are kept.
     """
     if "OMP_WAIT_POLICY" not in environ:
         environ.setdefault("GOMP_SPINCOUNT", SPINS)
 
 
 def give_memory_back() -> None:
-    """Return what was freed to the operating system; the C library keeps it for later otherwise (glibc)."""
+    """Return freed memory to the operating system; glibc would otherwise keep it for later."""
     gc.collect()
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
@@ -65,7 +65,7 @@ def give_memory_back() -> None:
 
 
 def _forget_peak() -> None:
-    """Let the peak start anew; where the system cannot (no Linux), it stays the peak since the process began."""
+    """Reset the peak; systems other than Linux cannot, and report the peak since the process began."""
     try:
         Path("/proc/self/clear_refs").write_text("5")
     except OSError:

@@ -1,4 +1,4 @@
-"""How the command line shows long work: a bar with the time left, and a clean stop on Ctrl-C."""
+"""Progress of long-running commands: a bar with the time left, and a clean stop on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from types import FrameType
 from svv.errors import Cancelled, Progress
 
 LINE_SECONDS = 15.0
-"""Where no terminal shows a bar: a line at least this often, as long as the work goes on."""
+"""Longest time between two progress lines where no terminal shows a bar, in seconds."""
 
 LINE_STEP = 0.1
-"""... and at each finished tenth."""
+"""Fraction of the work after which a progress line is printed in any case."""
 
 
 @contextmanager
 def shown(title: str) -> Iterator[Progress]:
     """Show the progress of one piece of work on standard error.
 
-    Gives the callable to hand down as ``progress``. On a terminal it draws a bar with the time left, elsewhere it
-    writes a line now and then. The first Ctrl-C makes its next call raise ``Cancelled``, so that the work stops
-    where it can leave its files in order; a second one stops at once.
+    Yields the callable to pass down as ``progress``. On a terminal it draws a bar with the time left; elsewhere it
+    prints a line from time to time. After the first Ctrl-C, its next call raises ``Cancelled``, so the work stops
+    at a point where its files are consistent; a second Ctrl-C stops at once.
     """
     with _stop_on_interrupt() as stopped:
         if sys.stderr.isatty():
@@ -50,9 +50,9 @@ def _stop_on_interrupt() -> Iterator[threading.Event]:
     try:
         yield stopped
     finally:
-        # None: it was set by a program in which Python is embedded, like pvpython.
+        # None: the handler was set by a program that embeds Python, such as pvpython.
         signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
-    if stopped.is_set():  # pressed after the last report: the work is done, but the user wants out
+    if stopped.is_set():  # pressed after the last report: the work is done, but the user asked to stop
         raise Cancelled
 
 
@@ -103,7 +103,7 @@ def _lines(title: str, stopped: threading.Event) -> Progress:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people read them: 8 s, 3 min 20 s, 2 h 5 min."""
+    """Format seconds for people: 8 s, 3 min 20 s, 2 h 5 min."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"

@@ -182,10 +182,10 @@ def test_bad_use_and_bad_input_are_one_sentence_and_leave_nothing(
     ("raised", "code", "said"),
     [
         (BadInput("The volume has\none slice."), 2, "svv: The volume has one slice.\n"),
-        (Cancelled(), 130, "svv: stopped; to go on, give the same command again.\n"),
+        (Cancelled(), 130, "svv: stopped; run the same command again to resume.\n"),
         (KeyboardInterrupt(), 130, None),
         (OSError(28, "No space left on device", "/data/x"), 2, "svv: /data/x: No space left on device.\n"),
-        (MemoryError(), 2, "svv: There is not enough memory; take a smaller size or the preset draft.\n"),
+        (MemoryError(), 2, "svv: There is not enough memory; choose a smaller size or the preset draft.\n"),
     ],
 )
 def test_what_goes_wrong_inside_a_command_ends_as_promised(

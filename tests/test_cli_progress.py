@@ -91,7 +91,7 @@ def test_ctrl_c_ends_the_command_with_130_and_no_traceback(terminal: bool) -> No
             break
         text += piece
     assert process.wait(timeout=60) == 130
-    assert b"svv: stopped; to go on, give the same command again." in text
+    assert b"svv: stopped; run the same command again to resume." in text
     assert b"Traceback" not in text
     os.close(master)
     if process.stderr:

@@ -1,6 +1,7 @@
-"""What a user chooses, a frozen dataclass for each stage: the one source of settings.
+"""The user's choices, one frozen dataclass per stage: the single source of all settings.
 
-A field has a type, a default and a sentence under it; :class:`svv.options.described.Setting` adds its range. From
-these the command makes its options (:mod:`svv.cli.option_group`), ParaView its properties (:mod:`svv.pv.option_panel`)
-and the documentation its tables. Nothing heavy is imported here: ParaView reads it before its window is there.
+Each field has a type, a default and a sentence below it; :class:`svv.options.described.Setting` adds its range. The
+options of the commands (:mod:`svv.cli.option_group`), the properties in ParaView (:mod:`svv.pv.option_panel`) and the
+tables of the documentation are derived from these. Nothing heavy is imported here: ParaView loads this package before
+it opens its window.
 """

@@ -1,4 +1,4 @@
-"""Arguments of scripts (argparse) made from the dataclasses of :mod:`svv.options`."""
+"""Script arguments (argparse) derived from the dataclasses of :mod:`svv.options`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ Options = TypeVar("Options")
 
 
 def add_arguments(parser: argparse.ArgumentParser, options: Any, flags: Mapping[str, str]) -> None:
-    """Add an argument for some fields of a dataclass.
+    """Add arguments for some fields of a dataclass.
 
     Args:
-        parser: Of the script.
+        parser: The script's parser.
         options: The dataclass with the script's defaults, such as ``TrainOptions(preset="fast")``.
-        flags: The fields that the script takes, and what it calls them: ``{"n": "--views"}``.
+        flags: The fields that the script accepts and the flag of each: ``{"n": "--views"}``.
     """
     for field in described(type(options)):
         if field.name not in flags:
@@ -37,6 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser, options: Any, flags: Mapping[
 
 
 def options_of(kind: type[Options], given: argparse.Namespace, **others: Any) -> Options:
-    """The dataclass that a script was given; fields without an argument are at their defaults, or as in ``others``."""
+    """Build the dataclass from parsed arguments; other fields have their defaults, or their values in ``others``."""
     named = {field.name: getattr(given, field.name) for field in described(kind) if hasattr(given, field.name)}
     return kind(**{**named, **others})

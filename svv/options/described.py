@@ -1,4 +1,4 @@
-"""Fields of a dataclass with everything that commands, panels and pages say about them."""
+"""Fields of a dataclass with everything that commands, panels and the documentation say about them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 @dataclass(frozen=True)
 class Switch:
-    """A check box that says whether the properties beside it count."""
+    """A check box that enables the properties beside it."""
 
     name: str
     help: str
@@ -23,45 +23,45 @@ class Switch:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a field's type, default and sentence do not say; ``Annotated[int, Setting(least=3)]``."""
+    """What a field's type, default and sentence do not express; ``Annotated[int, Setting(least=3)]``."""
 
     flag: str | None = None
-    """Name of the command's option; by default the field's name: ``--stroke-size``."""
+    """Name of the command's option; by default derived from the field's name: ``--stroke-size``."""
     least: float | None = None
     """Smallest value."""
     most: float | None = None
     """Largest value."""
     metavar: str | None = None
-    """What stands for the value in the command's help."""
+    """Placeholder for the value in the command's help."""
     syntax: str = ""
-    """How the command reads text that is neither a number nor a word: a name in ``svv.cli.option_group.SYNTAX``."""
+    """How the command parses text that is neither a number nor a word: a name in ``svv.cli.option_group.SYNTAX``."""
     panel: str | None = None
-    """Name of the property in panels; by default the field's name: ``StrokeSize``. Empty: panels do not show it."""
+    """Name of the property in panels; by default derived from the field's name: ``StrokeSize``. Empty: not in panels."""
     command: bool = True
-    """Whether the command shows it."""
+    """Whether the command has an option for the field."""
     advanced: bool = False
-    """Whether panels show it only with their advanced properties."""
+    """Whether panels show the field only among their advanced properties."""
     slider: tuple[float | None, float | None] | None = None
-    """Range in the panel, where the values themselves have no end or a slider would be too long."""
+    """Range of the panel's slider, for values without a limit or with too wide a range."""
     unset: Any = None
-    """The panel's value for None, which a property cannot be."""
+    """The panel's value that stands for None, which a property cannot hold."""
     unset_says: str = ""
-    """What the panel's help says about that value."""
+    """Explanation of ``unset`` in the panel's help."""
     switch: Switch | None = None
-    """The check box without which the value is None in the panel."""
+    """The check box that enables the property; while it is off, the value is None."""
     result: bool = True
-    """Whether the result depends on it; what does not is no part of the result's key."""
+    """Whether the result depends on the field, which is then part of the result's key."""
 
 
 @dataclass(frozen=True)
 class Described:
-    """One field."""
+    """One field of a dataclass, with all that describes it."""
 
     name: str
     kind: Any
-    """Its type, without None and annotations."""
+    """Type of the field, without None and annotations."""
     optional: bool
-    """Whether it may be None."""
+    """Whether the value may be None."""
     default: Any
     setting: Setting
     sentence: str
@@ -73,14 +73,14 @@ class Described:
 
     @property
     def property_name(self) -> str:
-        """Its name in ParaView's panels, '' where they do not show it."""
+        """Name of the property in ParaView's panels; '' if they do not show it."""
         if self.setting.panel is not None:
             return self.setting.panel
         return self.name.title().replace("_", "")
 
 
 def described(cls: Any) -> tuple[Described, ...]:
-    """The fields of a dataclass in their order."""
+    """Describe the fields of a dataclass, in order."""
     return _described(cls)
 
 
@@ -104,7 +104,7 @@ def _described(cls: Any) -> tuple[Described, ...]:
 
 @cache
 def sentences(cls: Any) -> dict[str, str]:
-    """The docstring under each field of a class, on one line; '' for a field without one."""
+    """Return the docstring below each field of a class, on one line; '' for a field without one."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__[:-1]):
         (node,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
@@ -118,5 +118,5 @@ def sentences(cls: Any) -> dict[str, str]:
 
 
 def chosen(options: Any) -> dict[str, Any]:
-    """What a result depends on, of the options that it was made with: name and value."""
+    """Return the options that the result depends on, by name."""
     return {f.name: getattr(options, f.name) for f in described(type(options)) if f.setting.result}

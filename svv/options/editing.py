@@ -1,4 +1,4 @@
-"""What edits change of a scene; one request holds all that a command or a panel asks for at once."""
+"""Edits of a scene; one request holds all that a command or a panel asks for at once."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from svv.options.described import Setting, Switch
 Colour = tuple[float, float, float]
 
 PAINT_LIGHT = 0.6
-"""Part of the light's contrast that is seen on paint unless an edit says otherwise."""
+"""Fraction of the light's contrast that shows on paint, unless an edit changes it."""
 
 OUTLINE_WIDTH = 2.0
-"""Width of a silhouette unless an edit says otherwise, in pixels of an 800 x 800 image, and"""
+"""Default width of outlines, in pixels of an 800 x 800 image."""
 OUTLINE_COLOUR: Colour = (0.06, 0.05, 0.05)
-"""its colour, nearly black."""
+"""Default colour of outlines, nearly black: sRGB in [0, 1]."""
 
 RECOLOUR = Switch("Recolour", "Give the region another colour.")
 REFLECT = Switch("Reflect", "Set how the region reflects a light that can be moved.", advanced=True)
 
 
 class Request:
-    """A dataclass of changes, of which those that are None change nothing."""
+    """A dataclass of changes; fields that are None change nothing."""
 
     def __bool__(self) -> bool:
         return any(getattr(self, f.name) is not None for f in fields(self))  # type: ignore[arg-type]
 
     def given(self) -> dict[str, Any]:
-        """The changes that are asked for."""
+        """Return the requested changes, by name."""
         every = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
         return {name: value for name, value in every.items() if value is not None}
 
 
 @dataclass(frozen=True)
 class RegionEdit(Request):
-    """What is changed of one region."""
+    """Changes of one region."""
 
     colour: Annotated[
         Colour | None, Setting(metavar="'#rrggbb'", syntax="colour", switch=RECOLOUR, unset=(1.0, 0.5, 0.0))
@@ -49,16 +49,16 @@ class RegionEdit(Request):
     ambient: Annotated[float | None, Setting(least=0, slider=(0.0, 1.0), switch=REFLECT, unset=0.1)] = None
     """Ambient reflection; for scenes trained with the lighting phong."""
     diffuse: Annotated[float | None, Setting(least=0, slider=(0.0, 2.0), switch=REFLECT, unset=0.9)] = None
-    """Diffuse reflection, likewise."""
+    """Diffuse reflection; for scenes trained with the lighting phong."""
     specular: Annotated[float | None, Setting(least=0, slider=(0.0, 2.0), switch=REFLECT, unset=0.2)] = None
-    """Specular reflection, likewise."""
+    """Specular reflection; for scenes trained with the lighting phong."""
     shininess: Annotated[float | None, Setting(least=1, slider=(1.0, 128.0), switch=REFLECT, unset=30.0)] = None
-    """Exponent of the specular highlight, likewise."""
+    """Exponent of the specular highlight; for scenes trained with the lighting phong."""
 
 
 @dataclass(frozen=True)
 class LightEdit(Request):
-    """Where the light of a scene stands that was trained with the lighting phong."""
+    """The light of a scene that was trained with the lighting phong."""
 
     light: Annotated[dict[str, Any] | None, Setting(metavar="headlight|AZ,EL|X,Y,Z", syntax="light", panel="")] = None
     """Where the light is: degrees to the right of and above the camera, or a vector in world coordinates; for scenes
@@ -69,15 +69,15 @@ class LightEdit(Request):
 
 @dataclass(frozen=True)
 class PaintEdit(Request):
-    """How the paint of the region, or of all regions, shows."""
+    """Appearance of the paint of the region, or of all regions."""
 
     strength: Annotated[float | None, Setting(least=0, most=1, unset=1.0)] = None
-    """How strongly the painting shows: 0 the palette's colours, 1 the paint."""
+    """How strongly the painting shows: 0 gives the palette's colours, 1 the paint."""
     paint_light: Annotated[float | None, Setting(least=0, most=1, unset=PAINT_LIGHT)] = None
-    """How strongly paint is shaded: 0 not at all, 1 as the palette's colours are."""
+    """How strongly paint is shaded: 0 not at all, 1 as much as the palette's colours."""
     stroke_opacity: Annotated[float | None, Setting(least=-1, most=1, unset=0.0)] = None
-    """How much opacity follows strokes: above 0 dark ones are more opaque, for light backgrounds; below 0 light ones,
-    for dark backgrounds."""
+    """How much opacity follows the strokes: above 0, dark strokes are more opaque, for light backgrounds; below 0, light
+    strokes, for dark backgrounds."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class OutlineEdit(Request):
     """Ink along the silhouettes and creases of the region, or of all regions."""
 
     outline: Annotated[float | None, Setting(least=0, most=1, unset=0.0)] = None
-    """Strength of ink outlines along silhouettes and creases: 0 none, 1 all."""
+    """Strength of ink outlines along silhouettes and creases: 0 none, 1 full."""
     outline_width: Annotated[float | None, Setting(metavar="PX", slider=(0.5, 16.0), unset=OUTLINE_WIDTH)] = None
     """Width of outlines in pixels of an 800 x 800 image."""
     outline_colour: Annotated[
@@ -96,7 +96,7 @@ class OutlineEdit(Request):
 
 @dataclass(frozen=True)
 class VisibilityEdit(Request):
-    """Which regions are seen, and which are as trained."""
+    """Which regions are shown, and which are restored to their trained state."""
 
     isolate: Annotated[tuple[int, ...] | None, Setting(metavar="K,...", syntax="regions", panel="")] = None
     """Show only these regions."""
@@ -110,18 +110,18 @@ class VisibilityEdit(Request):
 
 @dataclass(frozen=True)
 class SceneEdit:
-    """All that one command or one panel asks for: one step of a scene's history."""
+    """All changes that one command or one panel requests: one step of a scene's history."""
 
     regions: Mapping[int, RegionEdit] = field(default_factory=dict)
-    """What is changed of each region."""
+    """Changes of each region, by its number."""
     light: LightEdit = LightEdit()
     paint: PaintEdit = PaintEdit()
     outline: OutlineEdit = OutlineEdit()
     visibility: VisibilityEdit = VisibilityEdit()
     of: tuple[int, ...] = ()
-    """Regions whose paint is changed; none for all."""
+    """Regions whose paint is changed; empty means all."""
     outlined: tuple[int, ...] = ()
-    """Regions whose outlines are changed; none for all."""
+    """Regions whose outlines are changed; empty means all."""
 
     def __bool__(self) -> bool:
         return any((*self.regions.values(), self.light, self.paint, self.outline, self.visibility))

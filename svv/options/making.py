@@ -1,4 +1,4 @@
-"""How views are drawn, a scene is trained and painted, and what is rendered of it."""
+"""Options for drawing views, training and painting a scene, and rendering it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Literal, get_args
 from svv.options.described import Setting
 
 DRAWN, PREFIX = "ink:", "gallery:"
-"""Before the name of an ink and of a picture of the gallery, where a style picture is asked for."""
+"""Prefixes of an ink's name and of a gallery picture's name, where a style is expected."""
 
 PresetName = Literal["draft", "fast", "balanced", "paper"]
 EncodingName = Literal["lattice", "hash"]
@@ -123,7 +123,7 @@ class PaintOptions:
     stroke_size: Annotated[float, Setting(metavar="F", slider=(0.25, 4.0))] = 1.0
     """Scale of the strokes, from 0.25 to 4: 2 makes them twice as large."""
     strength: Annotated[float, Setting(metavar="F", panel="")] = 1.0
-    """How strongly the style shows, up to 1; can be edited afterwards."""
+    """How strongly the style shows, above 0 and up to 1; can be edited afterwards."""
     go_on: Annotated[bool, Setting("--continue", panel="")] = False
     """Continue from the scene's painting instead of starting afresh."""
     preset: PresetName = "balanced"
@@ -131,9 +131,9 @@ class PaintOptions:
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
     features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE", advanced=True)] = "auto"
-    """Which features to match; auto uses VGG-16 if its weights can be had."""
+    """Which features to match; auto uses VGG-16 if its weights are available."""
     variant: Annotated[str | None, Setting(metavar="NAME", panel="")] = None
-    """Add a painting of this name and keep the others."""
+    """Add a painting under this name and keep the others."""
     change: Annotated[
         tuple[str, ...],
         Setting("--set", metavar="STAGE.NAME=VALUE", panel="Settings", advanced=True),
@@ -151,7 +151,7 @@ class DeviceOptions:
 
 @dataclass(frozen=True)
 class OrbitOptions:
-    """The path around a scene that shows it from all sides."""
+    """The camera path around a scene, which shows it from all sides."""
 
     orbit: Annotated[int, Setting(least=2)] = 61
     """Frames of the orbit."""
@@ -161,7 +161,7 @@ class OrbitOptions:
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """What is rendered of a scene, and over what."""
+    """What is rendered of a scene, and over which background."""
 
     size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size", panel="")] = None
     """Size in pixels; 800 by default."""

@@ -77,7 +77,7 @@ class Training:
     seed: Annotated[int, Setting(least=0)] = 0
     """The same seed gives the same result."""
     features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE")] = "auto"
-    """Which features to match; auto uses VGG-16 if its weights can be had."""
+    """Which features to match; auto uses VGG-16 if its weights are available."""
 
 
 @dataclass(frozen=True)

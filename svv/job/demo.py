@@ -1,4 +1,4 @@
-"""The demo: the whole job on a volume and on style pictures that the project generates itself."""
+"""The demo: the whole job on a generated volume and generated style pictures."""
 
 from __future__ import annotations
 
@@ -13,27 +13,28 @@ from svv.job.stages import Show, Stages, unseen
 from svv.job.steps import JobSettings
 
 STYLES = ("woodcut", "watercolour", "impasto")
-"""Pictures of the gallery, for the field lines, the shell and the ring (:data:`svv.styles.gallery.GALLERY`)."""
+"""Gallery pictures for the field lines, the shell and the ring (:data:`svv.styles.gallery.GALLERY`)."""
 
 OPACITIES = {"shell": 0.04, "lines": 0.95, "ring": 0.98}
-"""Paint wants surfaces: fog with strokes in it is fog (see :func:`svv.dvr.demo_volume.demo_transfer_function`)."""
+"""Opacities of the regions. Paint needs surfaces: strokes in fog still look like fog (see
+:func:`svv.dvr.demo_volume.demo_transfer_function`)."""
 
 
 def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show = unseen) -> Path:
-    """Generate the input, then do the whole job, or what is left of it.
+    """Generate the input, then do the whole job, or whatever part of it is not done yet.
 
     Args:
-        out: The folder of all results; made where it is missing.
+        out: Folder for all results; created if missing.
         settings: What to do.
         resolution: Voxels along each side of the volume.
-        show: How progress is shown.
+        show: Shows the progress of each stage.
 
     Returns:
-        The page ``report.html``.
+        Path of the page ``report.html``.
 
     Raises:
-        BadInput: a folder that cannot be written to, or a setting out of range.
-        Cancelled: ``show``'s progress stopped the demo; the same call goes on where it was.
+        BadInput: The folder cannot be written to, or a setting is out of range.
+        Cancelled: ``show``'s progress stopped the demo; the same call resumes it.
     """
     check(settings)
     stages = Stages(out, show)

@@ -1,4 +1,4 @@
-"""The page that shows what a job made: one HTML file that needs nothing beside it."""
+"""The page that shows the results of a job: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ JPEG_QUALITY = 90
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of the page with its heading and one sentence about it.
+    """A picture on the page, with its heading and one sentence about it.
 
-    A ``drawing``, with few colours and sharp edges, is kept as it is; other pictures are compressed.
+    A ``drawing``, with few colours and sharp edges, is stored losslessly; other pictures are compressed.
     """
 
     heading: str
@@ -33,11 +33,11 @@ class Picture:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of the page; a cell is shown as it is, numbers stand at the right.
+    """A table on the page; cells are shown verbatim and right-aligned except in the first column.
 
     Args:
-        heading: Its heading.
-        text: One sentence about it.
+        heading: Heading of the table.
+        text: One sentence about the table.
         columns: Names of the columns.
         rows: One cell per column.
         swatch: Index of a column whose cells are colours ``#rrggbb``, shown as such; -1 for none.
@@ -52,15 +52,15 @@ class Table:
 
 @dataclass(frozen=True)
 class Page:
-    """What the page shows, in its order.
+    """Content of the page, in order.
 
     Args:
-        title: Its heading.
-        text: One sentence under it.
-        numbers: (value, what it is) of the few numbers that matter most.
+        title: Heading of the page.
+        text: One sentence below the heading.
+        numbers: (value, meaning) of the few figures that matter most.
         movie: An MP4 file, shown first.
         parts: Pictures and tables.
-        facts: (name, value) of how it was made, shown at the end.
+        facts: (name, value) of the conditions of the run, shown at the end.
     """
 
     title: str
@@ -72,10 +72,10 @@ class Page:
 
 
 def write_page(path: Path, page: Page) -> None:
-    """Write the page, whole or not at all.
+    """Write the page atomically.
 
     Raises:
-        BadInput: it cannot be written (see :func:`svv.io.atomic.atomic_path`).
+        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
     """
     body = [
         f"<header><h1>{escape(page.title)}</h1><p>{escape(page.text)}</p></header>",
@@ -91,14 +91,14 @@ def write_page(path: Path, page: Page) -> None:
 
 
 def cost_table(costs: Sequence[dict[str, object]]) -> Table:
-    """Seconds and peak memory of the stages of a job (see :attr:`svv.job.stages.Stages.costs`)."""
+    """Build the table of time and peak memory of a job's stages (see :attr:`svv.job.stages.Stages.costs`)."""
     seconds = [float(str(cost["seconds"])) for cost in costs]
     memory = [int(str(cost["peak_rss_bytes"])) for cost in costs]
     rows = [
         [str(cost["title"]), duration(s) if s >= 10 else f"{s:.1f} s", f"{m / 1e9:.2f} GB"]
         for cost, s, m in zip(costs, seconds, memory, strict=True)
     ]
-    rows.append(["All together", duration(sum(seconds)), f"{max(memory, default=0) / 1e9:.2f} GB"])
+    rows.append(["Total", duration(sum(seconds)), f"{max(memory, default=0) / 1e9:.2f} GB"])
     text = "Wall-clock time and peak resident memory of each stage."
     return Table("Time and memory", text, ("Stage", "Time", "Peak memory"), rows)
 

@@ -1,4 +1,4 @@
-"""What a job found, as a page: see :mod:`svv.job.page`."""
+"""The results of a job as a page (:mod:`svv.job.page`)."""
 
 from __future__ import annotations
 
@@ -26,33 +26,39 @@ SCORES = {
     "lpips": ("LPIPS", "{:.4f}"),
     "seconds_per_view": ("Time for a view", "{:.2f} s"),
 }
-"""Field of the scores -> column and format."""
+"""Field of :class:`svv.train.evaluate.Scores` -> column heading and number format."""
 
-LIGHT = {"network": "a network's, at the camera", "phong": "explicit, can be moved", "none": "none in the views"}
-"""Lighting of a scene -> as people read it."""
+LIGHT = {
+    "network": "learned by a network, at the camera",
+    "phong": "explicit, can be moved",
+    "none": "none in the views",
+}
+"""Lighting of a scene -> its description for people."""
 
 PROTOCOL = (
     "Views that were not trained on, truth and prediction over white. PSNR is the mean over the images; the "
     "foreground is where the true opacity is above 0. Higher is better for PSNR and SSIM, lower for FLIP and LPIPS; "
-    "a dash where a metric cannot be had."
+    "a dash means that a metric is not available."
 )
 
 
 def write_result(path: Path, job: Job) -> None:
-    """Write the page of a job whose stages are done.
+    """Write the page of a finished job.
 
     Raises:
-        BadInput: it cannot be written (see :func:`svv.io.atomic.atomic_path`).
+        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
     """
     scene = Scene.load(job.variants.get("styled", ("", None))[1] or job.scene)
     training, styling = _read(job, "train", "train.json"), _read(job, "stylize", "stylize.json")
     scores = {k: Scores.from_json(v) for k, v in _read(job, "evaluate", "scores.json").items()}
-    styles = [Picture("Styles", "What the regions are painted after.", job.out / "styles.png")] if styling else []
+    styles = (
+        [Picture("Styles", "The styles with which the regions are painted.", job.out / "styles.png")] if styling else []
+    )
     parts: list[Picture | Table] = [
         Picture("All around", "The same views of every variant.", job.out / "contact.png"),
         _regions(scene),
         *styles,
-        Picture("Region by region", "Each region alone, the others made transparent.", job.out / "regions.png"),
+        Picture("Region by region", "Each region alone, with the others made transparent.", job.out / "regions.png"),
     ]
     if scores:
         parts += [
@@ -62,7 +68,7 @@ def write_result(path: Path, job: Job) -> None:
     parts.append(cost_table(list(job.stages.costs.values())))
     page = Page(
         "From a volume to a stylized orbit",
-        "A radiance field learned from views of a volume rendering: any side, other colours, another style.",
+        "A radiance field learned from views of a volume rendering: seen from any side, recoloured and restyled.",
         _numbers(training, scores),
         job.out / "orbit.mp4",
         parts,
@@ -93,7 +99,7 @@ def _regions(scene: Scene) -> Table:
             row.append("{:.4g} to {:.4g}".format(*(region.values or ())))
         rows.append([*row, region.style or "as it is"] if styled else row)
     columns = ["Region", "Colour", "Share"] + ["Values"] * known + ["Style"] * styled
-    text = "What the palette found: each region can be recoloured, relit, thinned out or stylized on its own."
+    text = "The regions of the palette: each can be recoloured, relit, thinned out or stylized on its own."
     return Table("Regions", text, columns, rows, swatch=1)
 
 
@@ -136,5 +142,5 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
 
 
 def _read(job: Job, stage: str, name: str) -> dict[str, Any]:
-    """What a stage wrote; empty where that stage was not part of the job."""
+    """Read what a stage wrote; empty if the stage was not part of the job."""
     return dict(json.loads((job.out / name).read_text(encoding="utf-8"))) if stage in job.stages.costs else {}

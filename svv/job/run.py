@@ -1,4 +1,4 @@
-"""The whole job in its order."""
+"""The whole job, stage by stage."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from svv.job.steps import Job, JobSettings
 
 
 def check(settings: JobSettings) -> None:
-    """Raise BadInput where an option does not exist, or does not go with another."""
+    """Raise BadInput if an option does not exist or is incompatible with another."""
     from svv.kernels.dispatch import device_named
     from svv.train.config import settings_of
 
@@ -29,24 +29,24 @@ def run_job(
     show: Show = unseen,
     stages: Stages | None = None,
 ) -> Path:
-    """Do the whole job, or what is left of it.
+    """Do the whole job, or whatever part of it is not done yet.
 
     Args:
         source: Where the views come from.
-        styles: Style pictures, given to the regions in turn; none for no stylization.
-        out: The folder of all results; made where it is missing.
+        styles: Style pictures, assigned to the regions in turn; empty for no stylization.
+        out: Folder for all results; created if missing.
         settings: What to do.
-        show: How progress is shown.
-        stages: Stages that were begun in the same folder, for a job whose source is made by a stage of its own.
+        show: Shows the progress of each stage.
+        stages: Stages already begun in the same folder, for a job in which an earlier stage creates the source.
 
     Returns:
-        The page ``report.html``.
+        Path of the page ``report.html``.
 
     Raises:
-        BadInput: bad input anywhere, or a folder that cannot be written to.
-        Cancelled: ``show``'s progress stopped the job; the same call goes on where it was.
+        BadInput: Any input is unusable, or the folder cannot be written to.
+        Cancelled: ``show``'s progress stopped the job; the same call resumes it.
     """
-    check(settings)  # what is wrong is said before anything is made, and not after minutes of work
+    check(settings)  # report errors before the work begins, not minutes into it
     source.identity()
     for style in styles:
         read_style(style)

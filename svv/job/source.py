@@ -1,4 +1,4 @@
-"""Where a job's views come from: a volume and its transfer function, or a folder of views."""
+"""Sources of a job's views: a volume and its transfer function, or a folder of views."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from svv.options.making import ViewOptions
 
 
 class Drawn(ABC):
-    """A volume and its transfer function, of which views are drawn."""
+    """A volume and its transfer function, from which views are drawn."""
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """Of the volume, for the record."""
+        """Name of the volume, for the record."""
 
     @abstractmethod
     def identity(self) -> dict[str, Any]:
-        """What tells whether the volume, the function and their options are still the same (JSON)."""
+        """Identify the volume, the transfer function and their options, to detect changes (JSON)."""
 
     @abstractmethod
     def image(self) -> Any:
-        """The volume, a ``vtkImageData``."""
+        """Return the volume, a ``vtkImageData``."""
 
     @abstractmethod
     def how(self) -> dict[str, Any]:
-        """Arguments of :func:`svv.dvr.views.make_views`: ``tf``, and what it needs besides."""
+        """Return arguments of :func:`svv.dvr.views.make_views`: ``tf``, and any others that the source requires."""
 
     def make_views(self, folder: Path, options: ViewOptions, progress: Progress) -> ViewMeta:
         """Draw the views into a folder; see :func:`svv.dvr.views.make_views`.
 
         Returns:
-            What the views say about how they were made.
+            The metadata of the views.
         """
         from svv.dvr.views import make_views
 
@@ -56,18 +56,18 @@ class Drawn(ABC):
         return train.meta
 
     def truth(self, views: Path, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
-        """The volume as direct volume rendering shows it from other cameras than those of ``views``.
+        """Render the volume directly from cameras other than those of ``views``.
 
         Args:
-            views: Folder of the views that were made, which say with which function, light and ray caster.
-            cameras: All of one size.
-            progress: Told after each view.
+            views: Folder of the views, whose metadata give the transfer function, light and ray caster.
+            cameras: Cameras of one image size.
+            progress: Called after each view.
 
         Returns:
             (n, height, width, 4) uint8, straight alpha.
 
         Raises:
-            BadInput: the views do not say how they were drawn.
+            BadInput: The metadata do not say how the views were drawn.
         """
         from svv.dvr.transfer_functions import TransferFunction
         from svv.dvr.views import render_views
@@ -79,11 +79,11 @@ class Drawn(ABC):
 
 @dataclass(frozen=True)
 class VolumeSource(Drawn):
-    """A volume file and a transfer function; the rest as in :func:`svv.dvr.volumes.read_volume`."""
+    """A volume file and a transfer function; other fields as in :func:`svv.dvr.volumes.read_volume`."""
 
     volume: Path
     tf: Path | None = None
-    """A JSON file; None for two ranges of the histogram."""
+    """Transfer function, a JSON file; None derives two ranges from the histogram."""
     dims: tuple[int, int, int] | None = None
     dtype: str | None = None
     spacing: tuple[float, float, float] | None = None
@@ -91,14 +91,14 @@ class VolumeSource(Drawn):
 
     @property
     def name(self) -> str:
-        """The file's."""
+        """Name of the volume file."""
         return self.volume.name
 
     def identity(self) -> dict[str, Any]:
-        """Files and options.
+        """Identify the files and options.
 
         Raises:
-            BadInput: one of the files is missing.
+            BadInput: A file is missing.
         """
         files = [("volume", self.volume)] + ([("transfer function", self.tf)] if self.tf else [])
         for kind, path in files:
@@ -116,12 +116,12 @@ class VolumeSource(Drawn):
         return read_volume(self.volume, self.dims, self.dtype, self.spacing, None, self.array)
 
     def how(self) -> dict[str, Any]:
-        """The function's file."""
+        """Return the file of the transfer function."""
         return {"tf": self.tf}
 
 
 def _data_of(header: Path) -> list[Path]:
-    """The file that holds the voxels, where a header (.mhd, .nhdr) names one of its own."""
+    """Return the file with the voxels, if a header (.mhd, .nhdr) names a separate one."""
     if header.suffix.lower() not in (".mhd", ".nhdr"):
         return []
     named = re.search(
@@ -133,15 +133,15 @@ def _data_of(header: Path) -> list[Path]:
 
 @dataclass(frozen=True)
 class ViewSource:
-    """A folder of views, ours or other people's."""
+    """A folder of views, drawn by this package or by another program."""
 
     folder: Path
 
     def identity(self) -> dict[str, Any]:
-        """What tells whether the views are still the same.
+        """Identify the views, to detect changes.
 
         Raises:
-            BadInput: the folder holds no training views, or an image that they name is not there.
+            BadInput: The folder has no training views, or an image that they refer to is missing.
         """
         if not (self.folder / "transforms_train.json").exists():
             raise BadInput(f"{self.folder} holds no views: there is no transforms_train.json.")

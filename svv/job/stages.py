@@ -1,8 +1,8 @@
-"""Work in stages that need not be done twice.
+"""Work in stages, none of which is repeated unnecessarily.
 
-A job writes what each stage made, under which settings and at what cost, into ``stages.json`` beside its results. The
-same command again skips every stage whose settings, inputs and files are still those; a changed setting redoes the
-stages that depend on it and no other.
+A job records the settings, outputs and cost of each stage in ``stages.json`` beside its results. Running the same
+command again skips every stage whose settings, inputs and files are unchanged; a changed setting repeats only the
+stages that depend on it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Show = Callable[[str], AbstractContextManager[Progress]]
 
 @contextmanager
 def unseen(title: str) -> Iterator[Progress]:
-    """Show the progress to nobody."""
+    """Hide the progress."""
     yield silent
 
 
@@ -32,11 +32,11 @@ class Stages:
     """The stages of one job in one folder.
 
     Args:
-        folder: Where the results go; made where it is missing.
-        show: How the progress of a stage is shown.
+        folder: Folder for the results; created if missing.
+        show: Shows the progress of a stage.
 
     Raises:
-        BadInput: the folder cannot be made.
+        BadInput: The folder cannot be created.
     """
 
     def __init__(self, folder: Path, show: Show = unseen) -> None:
@@ -59,15 +59,15 @@ class Stages:
         """Do a stage, unless it was done before.
 
         Args:
-            name: Its name in ``stages.json``.
-            title: What the user reads.
-            settings: All that its results depend on besides the stages in ``after`` (JSON).
-            outputs: Files that are there once it is done.
+            name: Name of the stage in ``stages.json``.
+            title: Title shown to the user.
+            settings: Everything that the results depend on besides the stages in ``after`` (JSON).
+            outputs: Files that exist once the stage is done.
             work: Called with ``progress``; writes the outputs.
-            after: Names of the stages whose results it uses; they were done before.
+            after: Names of the stages whose results this one uses; they must be done already.
 
         Returns:
-            Whether it was done now.
+            Whether the stage was done in this call.
         """
         key = self._key(settings, after)
         self._keys[name] = key
@@ -80,10 +80,10 @@ class Stages:
             with self.show(title) as progress, measured() as cost:
                 work(progress)
         except BaseException:
-            with suppress(OSError):  # it holds what earlier stages made, and stays
+            with suppress(OSError):  # a folder with results of earlier stages is kept
                 self.folder.rmdir()
             raise
-        give_memory_back()  # what one stage freed shall not count in the next one's peak
+        give_memory_back()  # memory freed by one stage must not count towards the next one's peak
         self._redone.add(name)
         self.costs[name] = self._record[name] = {
             "key": key,
@@ -95,7 +95,7 @@ class Stages:
         return True
 
     def key(self, name: str) -> str:
-        """The hash of the settings of a stage that was done, and of all that it depends on."""
+        """Return the hash of a finished stage's settings and of everything that it depends on."""
         return self._keys[name]
 
     def _key(self, settings: Mapping[str, Any], after: Sequence[str]) -> str:
@@ -103,7 +103,7 @@ class Stages:
 
 
 def fingerprint(path: Path) -> dict[str, Any]:
-    """What tells whether a file is still the one that it was: its name, which results show, and its content."""
+    """Identify a file, to detect changes: by its name, which appears in results, and its content."""
     return {"name": path.name, "content": path}
 
 
@@ -111,5 +111,5 @@ def _read(path: Path) -> dict[str, dict[str, Any]]:
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return {}  # nothing was done here, or nothing that we can rely on
+        return {}  # no record, or none that can be relied on
     return record if isinstance(record, dict) else {}

@@ -1,7 +1,7 @@
-"""The whole job: views, training, scores, edits, stylization, orbits side by side, and the page that shows them.
+"""Steps of the whole job: views, training, scores, edits, stylization, and orbits side by side.
 
-``svv demo`` and ``svv run`` are this job with different sources. Every stage is skipped where it was done before
-under the same settings (see :mod:`svv.job.stages`).
+``svv demo`` and ``svv run`` are this job with different sources. A stage that was already done under the same settings
+is skipped (see :mod:`svv.job.stages`).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from svv.fields.scene import Scene
 
 HUE_TURN = 0.42
-"""By how much of the colour circle the demo's recoloured orbit turns each region: far enough to be seen at once."""
+"""Fraction of the hue circle by which the recoloured orbit turns each region: enough to be obvious."""
 
 CONTACT_ROWS = 4
 UNSEEN_ROWS = 3
@@ -41,17 +41,17 @@ FPS = 15.0
 
 @dataclass(frozen=True)
 class JobSettings:
-    """What a job does, besides its source and its styles."""
+    """Settings of a job, apart from its source and its styles."""
 
     views: ViewOptions = ViewOptions()
     train: TrainOptions = TrainOptions()
     path: OrbitOptions = OrbitOptions()
     recolour: bool = False
-    """Whether to show a recoloured scene too."""
+    """Whether to include a recoloured scene."""
 
     @property
     def paint(self) -> PaintOptions:
-        """How the regions are painted: as long as they are trained."""
+        """Options for painting the regions: preset and seed of the training."""
         return PaintOptions(preset=self.train.preset, seed=self.train.seed)
 
 
@@ -71,10 +71,10 @@ class Job:
         self.views = source.folder if isinstance(source, ViewSource) else out / "views"
         self.scene = out / "scene.svv"
         self.variants: dict[str, tuple[str, Path | None]] = {}
-        """Name of a column of the orbit -> its stage and its scene file; none for the volume renderings."""
+        """Name of a column of the orbit -> its stage and its scene file (None for the volume renderings)."""
 
     def scene_at(self, path: Path) -> Scene:
-        """A scene on the device of the settings."""
+        """Load a scene onto the device given in the settings."""
         from svv.fields.scene import Scene
         from svv.kernels.dispatch import device_named
 
@@ -82,13 +82,13 @@ class Job:
 
     @property
     def has_unseen(self) -> bool:
-        """Whether there are views to score with; those that another job left in the folder do not count."""
+        """Whether there are test views; any that another job left in the folder do not count."""
         if isinstance(self.source, Drawn):
             return self.settings.views.test > 0
         return (self.views / "transforms_test.json").exists()
 
     def make_views(self) -> None:
-        """Draw the training and the test views, unless the source is views."""
+        """Draw the training and test views, unless the source provides views."""
         source, s = self.source, self.settings.views
         if isinstance(source, ViewSource):
             self.stages.do("views", "Views", source.identity(), [], lambda progress: None)
@@ -118,7 +118,7 @@ class Job:
         self.stages.do("train", "Training", chosen(options), [self.scene, self.out / "train.json"], work, ["views"])
 
     def evaluate(self) -> None:
-        """Score the base and the palette network on the unseen views, and show some of them beside the truth."""
+        """Score the base and palette networks on the test views, and show some renderings beside the ground truth."""
         from svv.train.pipeline import evaluate_scene
 
         if not self.has_unseen:
@@ -138,7 +138,7 @@ class Job:
         self.stages.do("evaluate", "Scores on unseen views", {}, files, work, ["train"])
 
     def regions(self) -> None:
-        """A picture of the region map and of each region alone."""
+        """Render the region map and each region alone."""
 
         def work(progress: Progress) -> None:
             scene = self.scene_at(self.scene)
@@ -161,7 +161,7 @@ class Job:
         self.stages.do("regions", "Regions", settings, [self.out / "regions.png"], work, ["train"])
 
     def recolour(self) -> None:
-        """Turn the hue of every region."""
+        """Shift the hue of every region."""
         from svv.fields.scene import Scene
 
         path = self.out / "recoloured.svv"
@@ -198,7 +198,7 @@ class Job:
         self.variants["styled"] = ("stylize", path)
 
     def orbits(self) -> None:
-        """Render the orbit of every variant, frame by frame into a folder of its own."""
+        """Render the orbit of each variant, frame by frame, into a separate folder."""
         source, s = self.source, self.settings.path
         settings = {"frames": s.orbit, "size": s.orbit_size}
         columns: dict[str, tuple[str, Path | None]] = {"palette network": ("train", self.scene), **self.variants}
@@ -223,7 +223,7 @@ class Job:
             self.stages.do(f"orbit {label}", f"Orbit: {label}", settings, last, work, sorted({"train", stage}))
 
     def movie(self) -> None:
-        """The orbits side by side, as a movie and as a contact sheet."""
+        """Combine the orbits side by side, as a movie and as a contact sheet."""
         s, labels = self.settings.path, list(self.variants)
         contact, movie = self.out / "contact.png", self.out / "orbit.mp4"
         rows = [int(i) for i in np.linspace(0, s.orbit - 1, CONTACT_ROWS + 2).round()][1:-1]
@@ -264,6 +264,6 @@ class Job:
 
 
 def turned(colour: Sequence[float] | NDArray[np.float32]) -> tuple[float, float, float]:
-    """A colour with its hue turned by ``HUE_TURN``; a grey one gets some colour first."""
+    """Shift a colour's hue by ``HUE_TURN``; dull and dark colours are first given some saturation and brightness."""
     hue, saturation, value = colorsys.rgb_to_hsv(*(float(c) for c in colour))
     return colorsys.hsv_to_rgb((hue + HUE_TURN) % 1.0, max(saturation, 0.35), max(value, 0.35))

@@ -1,4 +1,4 @@
-"""Settings of the stages and the presets made of them."""
+"""Settings of the training stages, and the presets that combine them."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ class ReconstructSettings:
     """Stage 1, the base radiance field."""
 
     iterations: int = 2500
-    """Steps of the optimiser."""
+    """Number of optimiser steps."""
     rays: int = 4096
-    """Rays a step at most; down to a quarter as many are drawn, so as not to exceed ``samples``."""
+    """Maximum rays per step; as few as a quarter are drawn, to stay within ``samples``."""
     samples: int = 32768
-    """Visible samples a step: opaque scenes have few on a ray, translucent ones many."""
+    """Target number of visible samples per step: opaque scenes have few along a ray, translucent ones many."""
     refine_at: float = 0.5
-    """Part of the schedule after which step and density lattice become twice as fine; over 1 never."""
+    """Fraction of the schedule after which the step and the density lattice become twice as fine; above 1: never."""
     density_rate: float = 0.3
-    """Learning rate of the density lattice, in units of the extinction's exponent."""
+    """Learning rate of the density lattice, in units of the log-extinction."""
     density_pull: float = 3e-8
-    """Weight of half the squared values of the density lattice's finer levels in the loss; falls with the learning
-    rates. Where the views hardly say anything, as in a faint shell, the coarse level speaks instead of noise."""
+    """Loss weight of half the squared values in the density lattice's finer levels; it decays with the learning rates.
+    Where the views say little, as in a faint shell, the coarse level then prevails over noise."""
     use_volume: bool = True
-    """Whether the density begins with what the volume says, where the views carry that."""
+    """Whether the density is initialized from the classified volume, if the views include it."""
     colour_every: float = 1.0 / 16.0
-    """Part of a pixel's weight for which one colour is looked up; the density learns from all samples."""
+    """Fraction of a pixel's weight that shares one colour lookup; the density learns from all samples."""
     known_density_rate: float = 0.05
-    """Learning rate of a density that began so."""
+    """Learning rate of a density that was initialized from the volume."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005
@@ -47,17 +47,17 @@ class ReconstructSettings:
     decay: float = 0.05
     """Learning rates at the end, as a part of those at the start."""
     alpha_weight: float = 1.0
-    """Weight of the squared error of alpha beside that of colour."""
+    """Weight of the squared error of alpha, relative to that of colour."""
     initial_exponent: float = 2.0
-    """Exponent of the extinction at the start: a fog in which every sample is seen."""
+    """Initial log-extinction: a fog in which every sample is visible."""
     keep: float = 0.05
-    """Share of the invisible samples that learns all the same."""
+    """Fraction of the invisible samples that are trained nevertheless."""
     prune_every: int = 100
-    """Steps between two prunings of the occupancy."""
+    """Number of steps between prunings of the occupancy."""
     prune_least: float = 0.003
-    """A cell in which a step's optical depth stays below this is dropped."""
+    """Optical depth per step below which a cell is pruned."""
     cells: int = 128
-    """Cells of the occupancy along the longest side."""
+    """Number of occupancy cells along the longest side."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,13 @@ class RecolourSettings:
     """Stage 2, the palette colour network."""
 
     iterations: int = 1000
-    """Steps of the optimiser."""
+    """Number of optimiser steps."""
     rays: int = 4096
-    """Rays a step at most; down to a quarter as many are drawn, so as not to exceed ``samples``."""
+    """Maximum rays per step; as few as a quarter are drawn, to stay within ``samples``."""
     samples: int = 32768
-    """Visible samples a step."""
+    """Target number of visible samples per step."""
     joined: float = 1.0 / 64.0
-    """Samples are joined until they weigh this much in a pixel, as in images; 0: those that weigh less are left out."""
+    """Weight in a pixel up to which samples are merged, as in images; 0 omits negligible samples instead."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005
@@ -83,23 +83,23 @@ class RecolourSettings:
     offset_weight: float = 0.1
     """lambda_delta: weight of the composited squared offsets (StyleRF-VolVis, eq. 5)."""
     offset_start: float = 10.0
-    """Factor on it at the start, which falls to 1 half way: a palette colour that another one's offsets stand in for
-    early never comes back, and its region is lost."""
+    """Initial factor on ``offset_weight``, which falls to 1 halfway: a palette colour that another one's offsets replace
+    early never recovers, and its region is lost."""
     palette_weight: float = 0.001
-    """Weight of the palette's squared distance to where it started."""
+    """Weight of the palette's squared distance to its initial colours."""
     shade_weight: float = 0.003
-    """Weight of (m - 1)^2, which keeps the material's brightness in I and the light's in m."""
+    """Weight of (m - 1)^2, which keeps the material's brightness in the intensity I and the light's in the shade m."""
     phong_shade_weight: float = 0.0003
-    """The same of an explicit light, which can say less and so must say it more freely."""
+    """Weight of (m - 1)^2 for an explicit light, which is less expressive and so needs more freedom."""
     phong_rate: float = 0.03
     """Learning rate of an explicit light's coefficients."""
     mixing_weight: float = 0.01
     """Weight of 1 - sum w_i^2: each point belongs to one range of the transfer function, and an edit of one region
-    must not bleed into another. Where the volume says which range that is, ``owner_weight`` counts instead."""
+    must not bleed into another. If the volume determines the range, ``owner_weight`` applies instead."""
     owner_weight: float = 0.1
-    """Weight of -ln w of a sample's own range, mean over the samples of each range and over the ranges; without
-    a volume, for a palette made by hand or of more than three colours, of the cross entropy of their shares in a pixel,
-    mean over the colours."""
+    """Weight of -ln w of a sample's own range, averaged over the samples of each range and over the ranges. Without
+    a volume, for a palette made by hand or of more than three colours: weight of the cross entropy of their shares in
+    a pixel, averaged over the colours."""
 
 
 @dataclass(frozen=True)
@@ -107,33 +107,33 @@ class StylizeSettings:
     """Stage 3, distillation and stylization."""
 
     distil_iterations: int = 300
-    """Steps of the distillation (the paper: 624 of one view each, 150 of which a copy of the table replaces)."""
+    """Number of distillation steps (the paper: 624 of one view each; copying the table replaces 150 of them)."""
     distil_views: int = 312
-    """Views whose rays the distillation draws."""
+    """Number of views from which the distillation draws rays."""
     distil_rays: int = 16384
-    """Rays a step of the distillation."""
+    """Rays per distillation step."""
     feature_rate: float = 0.03
     """Learning rate of the features in the distillation."""
     network_rate: float = 0.005
     """Learning rate of the network in the distillation."""
     style_iterations: int = 84
-    """Views that the stylization sees: 42, twice."""
+    """Number of stylization steps, one view each: 42 views, twice."""
     style_views: int = 42
-    """Views around the scene."""
+    """Number of stylization views around the scene."""
     style_size: int = 400
-    """Side of their images in pixels."""
+    """Width and height of the stylization views in pixels."""
     style_feature_rate: float = 0.02
     """Learning rate of a network's features in the stylization."""
     style_network_rate: float = 0.002
     """Learning rate of the network in the stylization."""
     pixels_a_cell: float | None = 2.0
-    """Pixels of those images that the finest cell of a colour network covers at most; None leaves it the levels of the
-    scene. Where cells are coarser than a style's detail, paint answers it with an alternation from cell to cell."""
+    """Largest number of stylization-view pixels that the finest cell of a colour network covers; None keeps the scene's
+    levels. Where cells are coarser than a style's detail, paint alternates from cell to cell instead."""
     direct: bool = True
-    """Whether paint is a lattice of colours (:mod:`svv.train.painting`) where the scene's fields are lattices; else it
-    is a network, distilled from the palette's."""
+    """Whether paint is a lattice of colours (:mod:`svv.train.painting`), if the scene's fields are lattices; otherwise
+    it is a network, distilled from the palette network."""
     colour_transfer: bool = True
-    """Whether each style's mean colour replaces its region's in the palette that is distilled."""
+    """Whether each style's mean colour replaces its region's colour in the palette before the distillation."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,8 @@ class Preset:
     recolour: RecolourSettings
     stylize: StylizeSettings = StylizeSettings()
     lighting: str = "network"
-    """What a scene that shows light is lit by: ``network``, ``phong`` (:class:`svv.fields.phong.PhongLight`), or
-    ``auto``: ``phong`` where held-out views allow it (:func:`svv.train.lighting.light_by_trial`)."""
+    """Light of a scene that shows shading: ``network``, ``phong`` (:class:`svv.fields.phong.PhongLight`), or ``auto``:
+    ``phong`` if held-out views allow it (:func:`svv.train.lighting.light_by_trial`)."""
     fitted: bool = True
     """Whether the lattice is fitted to the views' pixels (:func:`fitted_field`)."""
 
@@ -188,19 +188,19 @@ PRESETS = {
 
 
 HOMES = {"lattice": "balanced"}
-"""Encoding -> the preset whose table and learning rates were found for it; of others, the paper's."""
+"""Encoding -> the preset whose table and learning rates were tuned for it; others use those of ``paper``."""
 
 
 def preset(name: str | Preset, encoding: str | None = None) -> Preset:
-    """The preset of that name.
+    """Look up a preset by name.
 
     Args:
-        name: ``draft``, ``fast``, ``balanced`` or ``paper``; settings of one's own are given back.
-        encoding: ``lattice`` or ``hash``, to replace the preset's own: table and learning rates are then those of the
-            encoding's home (:data:`HOMES`); schedule, widths and losses stay the preset's.
+        name: ``draft``, ``fast``, ``balanced`` or ``paper``; custom settings are returned unchanged.
+        encoding: ``lattice`` or ``hash`` to override the preset's: the table and the learning rates then come from the
+            encoding's home preset (:data:`HOMES`); schedule, widths and losses stay the preset's.
 
     Raises:
-        BadInput: any other name or encoding.
+        BadInput: The preset or the encoding does not exist.
     """
     if isinstance(name, Preset):
         return name
@@ -224,36 +224,38 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
 
 
 def lit_by(chosen: Preset, lighting: str) -> Preset:
-    """A preset with another kind of light; ``network`` leaves it the preset's own.
+    """Return a preset with another kind of light; ``network`` keeps the preset's own.
 
     Raises:
-        BadInput: there is no such kind, or it needs another encoding.
+        BadInput: The kind of light does not exist, or needs another encoding.
     """
     if lighting not in LIGHTINGS:
         raise BadInput(f"There is no lighting '{lighting}'; choose one of {', '.join(LIGHTINGS)}.")
     if lighting == "network":
         return chosen
     if chosen.field.encoding != "lattice":
-        raise BadInput("An explicit light needs the lattice: leave out --lighting, or take another preset or encoding.")
+        raise BadInput(
+            "An explicit light needs the lattice: leave out --lighting, or choose another preset or encoding."
+        )
     return replace(chosen, lighting=lighting)
 
 
 STAGES = ("field", "reconstruct", "recolour", "stylize")
-"""Parts of a preset whose settings can be changed one by one."""
+"""Parts of a preset whose settings can be changed individually."""
 
 
 def changed(chosen: Preset, changes: Sequence[str]) -> Preset:
-    """A preset with single settings changed, each written as ``stage.name=value``.
+    """Return a preset with individual settings changed, each written as ``stage.name=value``.
 
     Raises:
-        BadInput: text of another form, a stage or setting that does not exist, or a value of another type.
+        BadInput: A text has another form, the stage or setting does not exist, or the value has the wrong type.
     """
     for text in changes:
         key, sign, value = (word.strip() for word in text.partition("="))
         stage, _, name = key.partition(".")
         if not sign or stage not in STAGES:
             raise BadInput(
-                f"'{text}' changes no setting; write STAGE.NAME=VALUE with one of the stages {', '.join(STAGES)}, for "
+                f"'{text}' does not change a setting; write STAGE.NAME=VALUE with one of the stages {', '.join(STAGES)}, for "
                 "example reconstruct.iterations=4000."
             )
         settings = getattr(chosen, stage)
@@ -265,7 +267,7 @@ def changed(chosen: Preset, changes: Sequence[str]) -> Preset:
 
 
 def _value(setting: Described, key: str, text: str) -> Any:
-    """The value of a setting that ``text`` is; raises BadInput where it is of another type."""
+    """Parse the value of a setting; raises BadInput if it has the wrong type."""
     try:
         if setting.optional and text == "none":
             return None
@@ -281,15 +283,15 @@ def _value(setting: Described, key: str, text: str) -> Any:
         return text
     except (KeyError, ValueError):
         kinds = {bool: "true or false", int: "a whole number of at least 0", float: "a number of at least 0"}
-        needed = kinds.get(setting.kind, "whole numbers with spaces between")
+        needed = kinds.get(setting.kind, "whole numbers with spaces between them")
         raise BadInput(f"{key} needs {needed}, not '{text}'.") from None
 
 
 def settings_of(options: TrainOptions | PaletteOptions | PaintOptions, own: Preset | None = None) -> Preset:
-    """All numbers of the stages that options ask for, of the user's ``own`` settings or of their preset.
+    """Return the settings of all stages for some options, based on the user's ``own`` settings or on their preset.
 
     Raises:
-        BadInput: an option or a setting that does not exist, or a light that needs another encoding.
+        BadInput: An option or a setting does not exist, or the light needs another encoding.
     """
     training = options if isinstance(options, TrainOptions) else TrainOptions(preset=options.preset)
     chosen = lit_by(preset(own or options.preset, training.encoding), training.lighting)
@@ -300,16 +302,16 @@ Options = TypeVar("Options", TrainOptions, PaletteOptions, PaintOptions)
 
 
 def given(kind: type[Options], options: Options | Preset | str, changes: Mapping[str, Any]) -> tuple[Options, Preset]:
-    """The options that a function of the Python interface was given, and the numbers of its stages.
+    """Return the options passed to a function of the Python interface, and the settings of its stages.
 
     Args:
-        kind: Of options.
-        options: These, or the name of a preset, or settings of the user's own.
-        changes: Fields of the options, by name.
+        kind: The class of the options.
+        options: Options, the name of a preset, or custom settings.
+        changes: Fields of the options to change, by name.
 
     Raises:
-        BadInput: as :func:`settings_of`.
-        TypeError: there is no such field.
+        BadInput: See :func:`settings_of`.
+        TypeError: A field does not exist.
     """
     own = options if isinstance(options, Preset) else None
     base: Any = options if isinstance(options, kind) else kind() if own else kind(preset=options)  # type: ignore[arg-type]
@@ -318,16 +320,16 @@ def given(kind: type[Options], options: Options | Preset | str, changes: Mapping
 
 
 PIXELS_A_CELL = 2.5
-"""Pixels that the finest lattice cell covers at least: finer cells are seen by too few rays to learn."""
+"""Minimum number of pixels that the finest lattice cell covers: too few rays see finer cells to train them."""
 
 
 def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tuple[int, ...]:
-    """Levels of a lattice for paint: all that the scene's settings name, and finer ones as far as its views see them.
+    """Return the levels of a lattice for paint: all in the scene's settings, and finer ones that its views resolve.
 
     Args:
-        field: The scene's.
-        cell: Side of the finest cells at most, in box units; None adds no level.
-        most: Cells along the longest side that no level added exceeds: those of the scene's occupancy.
+        field: The scene's field settings.
+        cell: Largest side of the finest cells, in box units; None adds no level.
+        most: Maximum number of cells along the longest side of an added level: that of the scene's occupancy.
     """
     levels = field.resolutions + field.finer
     if field.encoding == "lattice" and cell is not None:
@@ -339,10 +341,10 @@ def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tu
 def fitted_field(
     field: FieldSettings, cameras: Sequence[Camera], box: Box, finest: int = 256
 ) -> tuple[FieldSettings, str]:
-    """The lattice levels that the views can resolve, and the reason in a sentence.
+    """Return the lattice levels that the views can resolve, and the reason in a sentence.
 
-    The finest level has cells of at least :data:`PIXELS_A_CELL` pixels where the box is seen; coarser levels halve
-    down to 16 cells.
+    Cells of the finest level cover at least :data:`PIXELS_A_CELL` pixels of the views; each coarser level has half as
+    many cells, down to 16.
     """
     centre = box.bounds.mean(axis=0)
     distance = np.median([np.linalg.norm(c.camera_to_world[:3, 3] - centre) for c in cameras])
@@ -353,7 +355,7 @@ def fitted_field(
         levels.append(levels[-1] * 2)
     reason = (
         f"a pixel covers 1/{1 / pixel:.0f} of the box, so the finest of {len(levels)} levels has {levels[-1]} cells: "
-        f"{levels[-1] * 2} would be under {PIXELS_A_CELL:g} pixels a cell"
+        f"{levels[-1] * 2} would be under {PIXELS_A_CELL:g} pixels per cell"
         if levels[-1] < finest
         else f"the finest of {len(levels)} levels has {finest} cells, the most this preset allows"
     )

@@ -1,4 +1,4 @@
-"""What our filters share in ParaView's panel: place in the menu, inputs, and groups of properties."""
+"""Parts of ParaView's panels that several filters share: menu entry, inputs, and groups of properties."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from svv.styles.offered import GALLERY, INKS
 
 PICTURES = "png jpg jpeg tif tiff bmp webp"
 TAKE_HELP = (
-    "Look at the transfer function again, and at the time step that is shown. Neither editing the one nor playing an "
-    "animation starts minutes of work by itself; nothing is done where nothing changed. What a saved state misses "
-    "is made again."
+    "Update the result to the current transfer function and time step. Neither editing the transfer function nor "
+    "playing an animation starts minutes of work by itself. Nothing is done if nothing has changed. Results that a "
+    "saved state cannot find are made again."
 )
 REGIONS = 8
-"""Regions that the panel of StyleRF Edit shows, as many as a palette may have; those that a scene lacks do nothing."""
+"""Number of regions in a panel, the most that a palette can have. StyleRF Edit ignores those that a scene lacks."""
 
 ROW = ("Style", "Positive", "Negative", "Mask", "Part")
-"""What StyleRF Stylize asks about each region."""
+"""Properties of StyleRF Stylize for each region, without the prefix ``Region<k>``."""
 AUTOMATIC, AS_IT_IS, PICTURE, NO_GALLERY = "by mapping", "as it is", "picture ", "none"
 OFFERED = (*GALLERY, *(DRAWN + kind for kind in INKS))
-"""Styles that need no picture of the user's."""
+"""Styles that need no picture from the user."""
 AS_IT_CAME, BESIDE, IN_WORLD = "as it came", "beside the camera", "in the world"
-"""Where StyleRF Edit can put the light."""
+"""Places where StyleRF Edit can put the light."""
 COLOURS, FALSE_COLOURS, IN_COLOUR = "image", "numbered regions", "regions in their colours"
 ADDED = 3
-"""Colours that the panel of StyleRF Palette can add at once."""
+"""Number of colours that the panel of StyleRF Palette can add at once."""
 
 
 def menu(cls: Any) -> Any:
@@ -57,7 +57,7 @@ def menu(cls: Any) -> Any:
 
 
 def keep_input_visible(cls: Any) -> Any:
-    """Let the input stay visible when the filter is applied."""
+    """Keep the input visible when the filter is applied."""
     return smhint.xml('<Visibility replace_input="0"/>')(cls)
 
 
@@ -75,13 +75,13 @@ def takes_scene(cls: Any) -> Any:
 
 
 def volume_properties(views: ViewOptions) -> list[Property]:
-    """How a volume is shown, and how many views are drawn of it."""
+    """Return the properties of how a volume is shown and how many views of it are drawn."""
     return [
         scalars(),
         transfer_function(),
         number(
             "OpacityUnitDistance", 0.0,
-            "Distance, in the volume's units, after which the opacity is that of the transfer function; 0 takes "
+            "Distance, in the volume's units, for which the opacities of the transfer function are defined; 0 uses "
             "ParaView's default for this volume.", low=0.0,
         ),
         switch("Shade", True, "Light the volume from the camera."),
@@ -96,90 +96,96 @@ def volume_properties(views: ViewOptions) -> list[Property]:
 
 
 def training_properties(preset: PresetName) -> list[Property]:
-    """How much is learned."""
+    """Return the properties of training."""
     return [
         *properties_of(TrainOptions(preset=preset), skip=("device",)),
         switch("TrainEachTimeStep", False,
-               "Learn a scene for each time step that is shown; else time passes, and the scene stays until Take As "
-               "Edited. The scenes of the last steps are kept."),
+               "Train a scene for each time step that is shown. Otherwise the scene stays the same as time changes, "
+               "until Take As Edited is pressed. The scenes of the most recent steps are kept."),
         device(),
     ]  # fmt: skip
 
 
 def device() -> Property:
-    """Where work runs."""
+    """Return the property that chooses the device."""
     (made,) = properties_of(DeviceOptions())
     return made
 
 
 def preview_file() -> Property:
-    """Where a painting can be watched."""
+    """Return the property that names the file for a preview of the painting."""
     return file("PreviewFile", "png", "Pictures",
-                "Where the painting is shown while it is made: a small picture, after some seconds and then again and "
-                "again. ParaView's own windows wait for the end.", save=True)  # fmt: skip
+                "File for a small preview of the painting while it is made, written after some seconds and then "
+                "updated repeatedly. ParaView's own windows show the painting only when it is finished.",
+                save=True)  # fmt: skip
 
 
 def image_properties(size: int) -> list[Property]:
-    """Which image of a scene is made."""
+    """Return the properties of the image of a scene.
+
+    Args:
+        size: Default width and height of the image, pixels.
+    """
     return [
         client_switch("FollowCamera",
-                      "Whether the image follows the camera of the view that shows the volume, small while the mouse "
-                      "drags, sharp on release. It is shown in a view of its own, right of that one."),
+                      "Follow the camera of the view that shows the volume, with a small image while the mouse drags "
+                      "and a sharp one on release. The image is shown in a separate view to the right of that one."),
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
-               "What the picture shows: the scene, or its regions, numbered, in false colours or in their own."),
+               "What the image shows: the scene, or its numbered regions in false colours or in their own colours."),
         *properties_of(RenderOptions(), skip=("device",)),
         switch("Background", False, "Give the image a background; otherwise it is transparent."),
         numbers("BackgroundColour", (1.0, 1.0, 1.0), "Colour of the background.", "color_selector"),
         numbers("Camera", (0.0,) * 9 + (30.0,),
-                "Position, focal point, view up (x, y, z each) and angle of view in degrees. All zeros: the orbit "
-                "around the scene.", None, True),
-        integer("Frame", 0, "Which frame of the orbit around the scene is shown, where Camera is all zeros. The macro "
-                "StyleRF play orbit lets an animation go through them.", 0, 180),
+                "Position, focal point and view-up vector (x, y, z each), and angle of view in degrees. If position "
+                "and focal point are all zeros, the orbit around the scene is used.", None, True),
+        integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros. The macro StyleRF "
+                "play orbit animates through the frames.", 0, 180),
     ]  # fmt: skip
 
 
 def region_properties(region: int) -> Sequence[Property]:
-    """What can be edited of one region."""
+    """Return the properties for editing one region."""
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
         *properties_of(RegionEdit(), name, advanced),
-        switch(f"{name}Hide", False, "Hide the region and keep its opacity.", advanced),
+        switch(f"{name}Hide", False, "Hide the region without changing its opacity.", advanced),
     ])  # fmt: skip
 
 
 def light_properties() -> Sequence[Property]:
-    """Where the light of a scene stands that was trained with the lighting phong."""
+    """Return the properties of the light, for scenes trained with the lighting ``phong``."""
     return group("Light", [
         choice("LightFrom", (AS_IT_CAME, BESIDE, IN_WORLD), AS_IT_CAME,
-               "Where the light comes from, for scenes trained with the lighting phong."),
+               "Where the light comes from. Applies to scenes trained with the lighting phong."),
         *shown_where("LightFrom", 1, [
-            number("LightAzimuth", 0.0, "Degrees to the right of the camera, which the light follows.", -180.0, 180.0),
-            number("LightElevation", 0.0, "Degrees above the camera.", -90.0, 90.0),
+            number("LightAzimuth", 0.0, "Angle to the right of the camera, which the light follows, in degrees.",
+                   -180.0, 180.0),
+            number("LightElevation", 0.0, "Angle above the camera, in degrees.", -90.0, 90.0),
         ]),
         *shown_where("LightFrom", 2, [
             numbers("LightDirection", (0.0, 0.0, 1.0), "Direction of the light (x, y, z) in world coordinates, "
-                "whatever the camera does."),
+                "independent of the camera."),
         ]),
         *properties_of(LightEdit()),
     ])  # fmt: skip
 
 
 def outline_properties() -> Sequence[Property]:
-    """Silhouettes and creases as ink."""
+    """Return the properties of the outline: silhouettes and creases in ink."""
     return group("Outline", [
         *properties_of(OutlineEdit()),
-        text("OutlineRegions", "Numbers of the regions that are outlined so, such as 0, 2. Empty: all.", "", True),
+        text("OutlineRegions", "Numbers of the regions to outline, such as 0, 2. Empty: all regions.", "", True),
     ])  # fmt: skip
 
 
 def correction_properties(region: int) -> Sequence[Property]:
-    """What can be corrected about one palette colour."""
+    """Return the properties for correcting one palette colour."""
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
         switch(f"{name}SetColour", False, "Start training with another colour for the region.", advanced),
         numbers(f"{name}Colour", (1.0, 0.5, 0.0), "The region's palette colour.", "color_selector", advanced),
-        switch(f"{name}Remove", False, "Remove the region; others take over what it shows.", advanced),
+        switch(f"{name}Remove", False, "Remove the region; other regions take over what it shows.", advanced),
         switch(f"{name}Split", False, "Split the region into one region for each of its ranges of the transfer "
             "function.",
                advanced),
@@ -187,39 +193,40 @@ def correction_properties(region: int) -> Sequence[Property]:
 
 
 def added_properties(number: int) -> Sequence[Property]:
-    """A colour that the palette lacks."""
+    """Return the properties for adding a colour to the palette."""
     name, advanced = f"Colour{number}", number > 1
     return group(f"New colour {number}", [
         switch(f"{name}Add", False, "Add a colour to the palette.", advanced),
-        numbers(f"{name}Value", (1.0, 0.5, 0.0), "The colour that the palette lacks.", "color_selector", advanced),
+        numbers(f"{name}Value", (1.0, 0.5, 0.0), "The colour to add.", "color_selector", advanced),
     ])  # fmt: skip
 
 
 def point_properties() -> Sequence[Property]:
-    """Points of a mask, set in the view that shows it."""
+    """Return the properties for setting points of a mask in the view that shows it."""
     return [
-        button("ClickInside", "From now on, until it is pressed again, clicks into the picture of the second output "
-               "say what the region of Shown Mask learns from."),
-        button("ClickOutside", "... what it does not learn from."),
-        button("ClickRemove", "... which point is taken away: the nearest."),
-        hidden_text("PictureSize", "GetPictureSize", "Sizes of the picture as it is shown, and of its file."),
+        button("ClickInside", "Clicks in the picture of the second output mark what the region of Shown Mask learns "
+               "from, until the button is pressed again."),
+        button("ClickOutside", "Clicks in the picture mark what the region does not learn from."),
+        button("ClickRemove", "Clicks in the picture remove the nearest point."),
+        hidden_text("PictureSize", "GetPictureSize",
+                    "Width and height of the picture as it is shown, then those of its file."),
     ]  # fmt: skip
 
 
 def style_properties(region: int) -> Sequence[Property]:
-    """Which style a region gets, and which part of its picture."""
+    """Return the properties of one region's style, and of the part of the picture that it uses."""
     name, advanced = f"Region{region}", region > 3
     return group(f"Region {region}", [
         choice(f"{name}Style", (AUTOMATIC, AS_IT_IS, *(f"{PICTURE}{k}" for k in range(REGIONS)), *OFFERED),
-               AUTOMATIC, "The region's picture: by the mapping, none, one of Style Files (from 0), or one of the "
-               "gallery; or a drawing in ink, which needs none.",
+               AUTOMATIC, "The region's style: chosen by the mapping, none, one of Style Files (counted from 0), a "
+               "picture from the gallery, or a drawing in ink, which needs no picture.",
                advanced),
-        text(f"{name}Positive", "Places in the picture that the region learns from, x,y in its pixels from the upper "
-             "left, with semicolons between: 310,120; 40,300. Empty, and without a mask: all of it.", "", advanced),
+        text(f"{name}Positive", "Points in the picture that the region learns from, as x,y in pixels from the upper "
+             "left, separated by semicolons: 310,120; 40,300. Empty and without a mask: the whole picture.", "",
+             advanced),
         text(f"{name}Negative", "Points that the region does not learn from.", "", advanced),
-        file(f"{name}Mask", "png", "Masks", "A mask of the picture to go on from, with the points kept beside it; "
-             "white is learned from.", advanced=advanced),
-        integer(f"{name}Part", -1, "Number of the part of the picture, if Picture Parts divides it; -1: do not use "
-            "parts.",
-                -1, None, advanced),
+        file(f"{name}Mask", "png", "Masks", "Mask of the picture to start from, with the points saved beside it; "
+             "the region learns from the white part.", advanced=advanced),
+        integer(f"{name}Part", -1, "Number of the part of the picture to use, if Picture Parts divides it; -1: do not "
+                "use parts.", -1, None, advanced),
     ])  # fmt: skip

@@ -1,8 +1,8 @@
 """The properties of our filters, as ParaView's panel shows them.
 
-ParaView's own decorators sort a class's properties by name before 5.13. Here a class lists its properties in the order
-in which people should read them, and :func:`panel` hands that list over as one piece of XML, whose order every version
-keeps. It also gives the class the setters that the XML names: store if changed, then ``Modified()``.
+Before 5.13, ParaView's own decorators sort a class's properties by name. Here a class lists its properties in reading
+order, and :func:`panel` passes the list on as a single piece of XML, whose order every version keeps. It also gives the
+class the setters that the XML names: they store a changed value, then call ``Modified()``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Class = TypeVar("Class", bound=type)
 
 @dataclass(frozen=True)
 class Property:
-    """One property: its XML, and what the filter's ``values`` holds under its name."""
+    """A property: its XML, its default in the filter's ``values``, and its setters by method name."""
 
     name: str
     xml: str
@@ -45,7 +45,7 @@ def _element(
 
 
 def label_of(name: str) -> str:
-    """'ViewSize' as people read it: 'View Size'. ParaView's Python names a property after its label without spaces."""
+    """Return the label of a property: 'View Size' for 'ViewSize'. ParaView's Python removes the spaces again."""
     return re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[0-9])(?=[A-Z])", " ", name)
 
 
@@ -68,7 +68,7 @@ def integer(
     name: str, default: int, help: str, low: int | None = None, high: int | None = None,
     advanced: bool = False,
 ) -> Property:  # fmt: skip
-    """A whole number; a slider where both ends are given."""
+    """Return a whole-number property; a slider if both ``low`` and ``high`` are given."""
     xml = _element(
         "IntVectorProperty", name, help,
         f'command="Set{name}" number_of_elements="1" default_values="{default}"',
@@ -81,7 +81,7 @@ def number(
     name: str, default: float, help: str, low: float | None = None, high: float | None = None,
     advanced: bool = False,
 ) -> Property:  # fmt: skip
-    """A number; a slider where both ends are given."""
+    """Return a number property; a slider if both ``low`` and ``high`` are given."""
     xml = _element(
         "DoubleVectorProperty", name, help,
         f'command="Set{name}" number_of_elements="1" default_values="{default:g}"',
@@ -93,7 +93,7 @@ def number(
 def numbers(
     name: str, default: Sequence[float], help: str, widget: str | None = None, advanced: bool = False
 ) -> Property:
-    """Several numbers, such as a colour (``widget="color_selector"``)."""
+    """Return a property of several numbers, such as a colour (``widget="color_selector"``)."""
     shown = f' panel_widget="{widget}"' if widget else ""
     values = " ".join(f"{value:g}" for value in default)
     xml = _element(
@@ -106,7 +106,7 @@ def numbers(
 
 
 def switch(name: str, default: bool, help: str, advanced: bool = False) -> Property:
-    """A check box."""
+    """Return a check box."""
     xml = _element(
         "IntVectorProperty", name, help,
         f'command="Set{name}" number_of_elements="1" default_values="{int(default)}"',
@@ -116,7 +116,7 @@ def switch(name: str, default: bool, help: str, advanced: bool = False) -> Prope
 
 
 def client_switch(name: str, help: str) -> Property:
-    """A check box for client code, at first off: what the filter gives out does not depend on it."""
+    """Return a check box for client code, off by default; the filter's output does not depend on it."""
 
     def setter(self: Any, value: int) -> None:
         self.values[name] = bool(value)
@@ -125,7 +125,7 @@ def client_switch(name: str, help: str) -> Property:
 
 
 def choice(name: str, entries: Sequence[str], default: str, help: str, advanced: bool = False) -> Property:
-    """One of some words; ``values`` holds the word."""
+    """Return a choice between words; ``values`` holds the word."""
     inside = "".join(f'<Entry value="{k}" text={quoteattr(entry)}/>' for k, entry in enumerate(entries))
     xml = _element(
         "IntVectorProperty", name, help,
@@ -136,7 +136,7 @@ def choice(name: str, entries: Sequence[str], default: str, help: str, advanced:
 
 
 def text(name: str, help: str, default: str = "", advanced: bool = False) -> Property:
-    """A line of text."""
+    """Return a line of text."""
     xml = _element(
         "StringVectorProperty", name, help,
         f'command="Set{name}" number_of_elements="1" default_values={quoteattr(default)}', "", advanced,
@@ -145,7 +145,7 @@ def text(name: str, help: str, default: str = "", advanced: bool = False) -> Pro
 
 
 def file(name: str, extensions: str, what: str, help: str, save: bool = False, advanced: bool = False) -> Property:
-    """A file on the server; without extensions a folder."""
+    """Return a file on the server, or a folder if ``extensions`` is empty."""
     domain = '<FileListDomain name="files"/>'
     if extensions:
         accept = ' accept_any_file="1"' if save else ""
@@ -160,7 +160,7 @@ def file(name: str, extensions: str, what: str, help: str, save: bool = False, a
 
 
 def files(name: str, extensions: str, what: str, help: str) -> Property:
-    """A list of files on the server."""
+    """Return a list of files on the server."""
     hints = f"<FileChooser extensions={quoteattr(extensions)} file_description={quoteattr(what)}/>"
     xml = _element(
         "StringVectorProperty", name, help,
@@ -182,23 +182,23 @@ def files(name: str, extensions: str, what: str, help: str) -> Property:
 
 
 def button(name: str, help: str) -> Property:
-    """A button that calls the filter's method of that name."""
+    """Return a button that calls the filter's method of the same name."""
     xml = _element("Property", name, help, f'command="{name}" panel_widget="command_button"')
     return Property(name, xml, None, {})
 
 
 def status() -> Property:
-    """What the filter has to say, kept up to date by its ``GetStatus``."""
+    """Return the status line, which shows what the filter's ``GetStatus`` returns."""
     xml = (
         '<StringVectorProperty name="Status" label="Status" command="GetStatus" information_only="1" '
         'number_of_elements="1" default_values="None" panel_visibility="default">'
-        "<Documentation>What the filter did last, or why it could not.</Documentation></StringVectorProperty>"
+        "<Documentation>What the filter last did, or why it failed.</Documentation></StringVectorProperty>"
     )
     return Property("Status", xml, None, {})
 
 
 def shown_view() -> Sequence[Property]:
-    """Which of a set of views is shown; the filter's ``GetViewNumbers`` says from which to which there are."""
+    """Return the properties that choose the view to show; the filter's ``GetViewNumbers`` returns the range."""
     ends = (
         '<IntVectorProperty name="ViewNumbers" command="GetViewNumbers" information_only="1" number_of_elements="2" '
         'default_values="0 0" panel_visibility="never"><SimpleIntInformationHelper/>'
@@ -215,25 +215,25 @@ def shown_view() -> Sequence[Property]:
 
 
 def scalars() -> Property:
-    """Which point or cell array of the input is looked at."""
+    """Return the property that chooses a point or cell array of the input."""
     xml = (
         '<StringVectorProperty name="Scalars" command="SetScalars" number_of_elements="5" element_types="0 0 0 0 2" '
         'animateable="0" label="Scalars"><ArrayListDomain name="array_list" attribute_type="Scalars" '
         'input_domain_name="input_array"><RequiredProperties><Property name="Input" function="Input"/>'
         "</RequiredProperties></ArrayListDomain><Documentation>The array that the volume rendering shows; one number "
-        "a voxel.</Documentation></StringVectorProperty>"
+        "per voxel.</Documentation></StringVectorProperty>"
     )
     return Property("Scalars", xml, "", {"SetScalars": _store("Scalars", lambda *given: given[4] or "")})
 
 
 def transfer_function() -> Property:
-    """Colours and opacities: ParaView's colour transfer function, which carries its scalar opacity function."""
+    """Return the property for colours and opacities: ParaView's colour transfer function with its opacity function."""
     xml = (
         '<ProxyProperty name="TransferFunction" label="Transfer Function" command="SetTransferFunction" '
         'panel_widget="proxy_editor" null_on_empty="1">'
         '<ProxyGroupDomain name="groups"><Group name="lookup_tables"/></ProxyGroupDomain>'
-        "<Documentation>Colours and opacities of the volume rendering that is learned. It is taken from the volume as "
-        "the active view shows it when the filter is made, and is the same that the colour map editor edits."
+        "<Documentation>Colours and opacities of the volume rendering to learn. Taken from the volume as the active "
+        "view shows it when the filter is created; the colour map editor edits the same transfer function."
         "</Documentation></ProxyProperty>"
     )
 
@@ -246,25 +246,25 @@ def transfer_function() -> Property:
 
 
 def kept_as() -> list[Property]:
-    """Under which names results are kept: states carry them (:mod:`svv.pv.kept_as` fills them in), and find them so.
+    """Return the property with the names under which results are kept, so that a saved state finds them.
 
-    Setting it changes no result, and so starts nothing.
+    :mod:`svv.pv.kept_as` fills it in. Setting it changes no result, and so starts no work.
     """
     xml = _element(
-        "StringVectorProperty", "KeptAs", "Filled in by the filter: under which names its results are kept, so that a "
-        "saved state finds them. Empty: nothing is waited for where they are gone.",
+        "StringVectorProperty", "KeptAs", "Names under which the filter keeps its results, so that a saved state finds "
+        "them; filled in by the filter. If this is empty, missing results are made without waiting for a button.",
         'command="SetKeptAs" number_of_elements="1" default_values="" animateable="0"', "", True,
     )  # fmt: skip
 
     def setter(self: Any, value: str) -> None:
         self.values["KeptAs"] = value or ""
 
-    told = hidden_text("Kept", "GetKept", "Under which names the results are kept now.")
+    told = hidden_text("Kept", "GetKept", "Names under which the results are kept now.")
     return [Property("KeptAs", xml, "", {"SetKeptAs": setter}), told]
 
 
 def hidden_text(name: str, command: str, help: str) -> Property:
-    """A line of text that the filter's method ``command`` says to client code; no panel shows it."""
+    """Return a text that the filter's method ``command`` gives to client code; no panel shows it."""
     xml = (
         f'<StringVectorProperty name={quoteattr(name)} command={quoteattr(command)} information_only="1" '
         'number_of_elements="1" default_values="None" panel_visibility="never">'
@@ -274,7 +274,7 @@ def hidden_text(name: str, command: str, help: str) -> Property:
 
 
 def shown_where(chosen: str, value: int, properties: Sequence[Property]) -> list[Property]:
-    """Properties that the panel shows only where another one has this value."""
+    """Return the properties such that the panel shows them only while the property ``chosen`` has this value."""
     hint = (
         f'<Hints><PropertyWidgetDecorator type="GenericDecorator" mode="visibility" property={quoteattr(chosen)} '
         f'value="{value}"/></Hints>'
@@ -283,19 +283,19 @@ def shown_where(chosen: str, value: int, properties: Sequence[Property]) -> list
 
 
 def group(label: str, properties: Sequence[Property]) -> Sequence[Property]:
-    """The properties under a heading of their own."""
+    """Return the properties under a common heading."""
     inside = "".join(f"<Property name={quoteattr(p.name)}/>" for p in properties)
     xml = f"<PropertyGroup label={quoteattr(label)}>{inside}</PropertyGroup>"
     return [*properties, Property("", xml, None, {})]
 
 
 def panel(*properties: Property) -> Callable[[Class], Class]:
-    """Give a filter's class these properties, in this order."""
+    """Return a decorator that gives a filter's class these properties, in this order."""
 
     def decorate(cls: Class) -> Class:
         from paraview.util.vtkAlgorithm import smproperty
 
-        plain: Any = getattr(cls, "_pv_original_func", cls)  # what ParaView's decorators give back is no class
+        plain: Any = getattr(cls, "_pv_original_func", cls)  # ParaView's decorators do not return a class
         for property in properties:
             for name, setter in property.setters.items():
                 setattr(plain, name, setter)

@@ -1,7 +1,6 @@
-"""The filters under Filters > StyleRF that look at a volume or draw a scene; those that change scenes: scene_filters.
+"""The filters under Filters > StyleRF that read a volume or draw a scene; :mod:`svv.pv.scene_filters` has the others.
 
-Each class is a list of properties and a few calls into :mod:`svv.pv.work`. Its docstring is what ParaView shows as
-help.
+Each class is a list of properties and a few calls into :mod:`svv.pv.work`. ParaView shows its docstring as help.
 """
 
 from __future__ import annotations
@@ -47,15 +46,15 @@ __all__ = [
 @panel(
     *volume_properties(ViewOptions()),
     button("TakeAsEdited", TAKE_HELP),
-    file("Folder", "", "", "Folder in which to write the views as well, as a set that `svv` and other programs read."),
+    file("Folder", "", "", "Folder to which the views are also written, as a set that `svv` and other programs read."),
     *shown_view(),
     *kept_as(),
     status(),
 )
 @takes_volume
 class StyleRFViews(ViewsOutput, Keeping):
-    """Draw views of a volume from all around it, as training needs them. The first output shows one of them, the second
-    has the cameras. Connect StyleRF Train, or name a folder to keep them in."""
+    """Draw views of a volume from all directions, for training. The first output shows one view, the second holds the
+    cameras. Connect StyleRF Train, or choose a folder in which to keep the views."""
 
     def __init__(self) -> None:
         super().__init__(1, 2, "vtkImageData")
@@ -98,7 +97,7 @@ class StyleRFViews(ViewsOutput, Keeping):
         if self.steps.result is not None:
             views, name = self.steps.result
             self.show(views[0], outputs, key_in(name))
-        elif "views" in self.stated():  # what was learned of them is found by that
+        elif "views" in self.stated():  # results made from the views are found by this key
             put_no_views(key_in(self.stated()["views"]), *outputs)
 
 
@@ -109,17 +108,17 @@ class StyleRFViews(ViewsOutput, Keeping):
     *training_properties("balanced"),
     button("TakeAsEdited", TAKE_HELP),
     file("SceneFile", "svv", "Scenes",
-         "Where to keep the scene. A scene that was trained here from the same input is read from it, so that a saved "
-         "state need not train again; training that was stopped goes on.", save=True),
+         "File in which to keep the scene. If it holds a scene trained from the same input, that scene is read, so a "
+         "saved state need not train again. Training that was stopped resumes.", save=True),
     *volume_properties(ViewOptions(test=0)),
     *kept_as(),
     status(),
 )  # fmt: skip
 @takes_volume
 class StyleRFTrain(Keeping):
-    """Learn a scene from a volume as it is shown, or from the views of StyleRF Views or a folder. The result is a table
-    with a row for each region that was found, and carries the scene. It is not learned again before something that
-    matters has changed."""
+    """Train a scene on a volume as it is shown, or on the views from StyleRF Views or a folder. The result is a table
+    with a row for each region found, and carries the scene. It is trained again only if something that it depends on
+    has changed."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
@@ -138,7 +137,7 @@ class StyleRFTrain(Keeping):
 
         def get() -> Any:
             found = self.found_or_made("scene", "scene", now, make, own)
-            if file and own() is None:  # it was found where all are kept
+            if file and own() is None:  # found in the cache, not in the user's file
                 found[0].save(file)
             return found
 
@@ -160,8 +159,8 @@ class StyleRFTrain(Keeping):
 @panel(*image_properties(400), device(), status())
 @takes_scene
 class StyleRFRender(ImageOutput):
-    """An image of a scene: RGBA, depth and regions. Without a camera of its own it shows one of 181 frames of an
-    orbit around the scene; the macro StyleRF play orbit lets Play and Save Animation show them all."""
+    """Render an image of a scene: RGBA, depth and regions. Unless Camera is set, it shows one of the 181 frames of an
+    orbit around the scene; the macro StyleRF play orbit makes Play and Save Animation show them all."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
@@ -190,9 +189,9 @@ class StyleRFRender(ImageOutput):
 )
 @takes_volume
 class StyleRFStylizedView(ImageOutput, Keeping):
-    """A painted image of a volume, in one step: choose a picture and press Apply. Draws the volume as it is shown,
-    learns a scene, paints it, and renders it; a new camera needs no new training. The other StyleRF filters do this
-    step by step, with edits between."""
+    """Make a painted image of a volume in one step: choose a picture and press Apply. The filter draws the volume as it
+    is shown, trains a scene, paints it and renders it; a new camera needs no new training. The other StyleRF filters do
+    this step by step, with edits in between."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")

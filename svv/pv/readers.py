@@ -29,7 +29,7 @@ class StyleRFSceneWriter(Filter):
         scene_of(inputs[0]).save(self.values["FileName"])
 
     def Write(self) -> None:
-        """Called by Save Data."""
+        """Write the file; called by Save Data."""
         self.Modified()
         self.Update()
 
@@ -37,7 +37,7 @@ class StyleRFSceneWriter(Filter):
 @smproxy.reader("StyleRF scenes", extensions="svv", label="StyleRF Scene", support_reload=False)
 @panel(file("FileName", "svv", "Scenes", "The scene file."), status())
 class StyleRFSceneReader(Filter):
-    """Read a scene (.svv): a table with a row a region, for StyleRF Edit, Stylize and Render."""
+    """Read a scene (.svv) as a table with a row for each region, for StyleRF Edit, Stylize and Render."""
 
     def __init__(self) -> None:
         super().__init__(0, 1, "vtkTable")
@@ -62,8 +62,8 @@ class StyleRFSceneReader(Filter):
     status(),
 )
 class StyleRFViewsReader(ViewsOutput):
-    """Read a set of views (a folder with transforms_train.json): one of them as an image, and the cameras. Connect
-    StyleRF Train."""
+    """Read a set of views (a folder with transforms_train.json). The first output shows one view, the second holds the
+    cameras. Connect StyleRF Train."""
 
     def __init__(self) -> None:
         super().__init__(0, 2, "vtkImageData")
@@ -72,7 +72,7 @@ class StyleRFViewsReader(ViewsOutput):
         try:
             views = self._read()
         except BadInput:
-            return 1  # RequestData says it
+            return 1  # RequestData reports it
         set_image_information(self, out_info, views.cameras[0].width, views.cameras[0].height)
         self.last_view = len(views) - 1
         return 1

@@ -1,7 +1,7 @@
-"""The filters under Filters > StyleRF that change a scene: its edits, its palette, its paintings.
+"""The filters under Filters > StyleRF that change a scene: its edits, its palette and its paintings.
 
 Each class is a list of properties and a few calls into :mod:`svv.pv.editing`, :mod:`svv.pv.masks`,
-:mod:`svv.pv.styling` and :mod:`svv.pv.work`. Its docstring is what ParaView shows as help.
+:mod:`svv.pv.styling` and :mod:`svv.pv.work`. ParaView shows its docstring as help.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ from svv.pv.properties import (
 from svv.pv.steps import Moment
 
 PAINTING = "painting "
-"""Under this and their names StyleRF Stylize keeps paintings."""
+"""Prefix of the slots in which StyleRF Stylize keeps paintings; the painting's name follows."""
 
 __all__ = ["StyleRFEdit", "StyleRFPalette", "StyleRFStylize"]
 
 
 def save_properties() -> list[Property]:
-    """The button Save, and where it writes to."""
+    """Return the button Save Scene and the property with its file."""
     return [
         file("SaveFile", "svv", "Scenes", "File to which Save Scene writes the scene.", save=True),
         button("SaveScene", "Write the filter's scene to the file above."),
@@ -72,10 +72,10 @@ def save_properties() -> list[Property]:
 
 
 class SceneOutput(Keeping):
-    """Gives out a scene, which it can also save."""
+    """A filter whose output is a scene, which it can also save."""
 
     def give(self, scene: Any, table: Any) -> None:
-        """Give out a scene."""
+        """Put a scene into an output table, and remember it for Save Scene."""
         self.kept("given", object(), lambda: scene)
         put_scene(scene, table)
 
@@ -100,12 +100,12 @@ class SceneOutput(Keeping):
 @smproxy.filter(label="StyleRF Edit", support_reload=False)
 @menu
 @panel(
-    button("UndoEdit", "Undo what was applied last."),
-    button("RedoEdit", "Redo what was undone."),
-    button("ResetEdits", "Reset this panel, so that the scene is as it came in."),
+    button("UndoEdit", "Undo the last change that was applied."),
+    button("RedoEdit", "Redo the last change that was undone."),
+    button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),
     *light_properties(),
     *(p for region in range(REGIONS) for p in region_properties(region)),
-    text("Isolate", "Numbers of the regions that alone are seen, such as 0, 2. Empty: all that are not hidden."),
+    text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
     switch("ShowHidden", False, "Show regions that were hidden before this filter."),
     *properties_of(PaintEdit()),
     *outline_properties(),
@@ -119,14 +119,14 @@ class SceneOutput(Keeping):
 )
 @takes_scene
 class StyleRFEdit(SceneOutput):
-    """Change colour, opacity and lighting of a scene's regions, hide, isolate and outline them, and move a light that
-    can be moved, at once and without training. The rows of the input's table are the regions."""
+    """Edit a scene instantly, without training: change the colour, opacity and lighting of its regions, hide, isolate
+    and outline them, and move its light if it has a movable one. The rows of the input's table are the regions."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkTable")
 
     def UndoEdit(self) -> None:
-        """Done where the panel is: :mod:`svv.pv.undo`."""
+        """Do nothing: the client handles this button, in :mod:`svv.pv.undo`."""
 
     RedoEdit = ResetEdits = UndoEdit
 
@@ -148,21 +148,21 @@ class StyleRFEdit(SceneOutput):
         <Hints><Optional/></Hints></InputProperty>''', None, {}),
     file("ViewsFile", "json", "Views",
          "If no views are connected: transforms_train.json in the folder of views that the scene was trained on."),
-    text("Merge", "Regions that become one, such as 0, 1; with semicolons between several: 0, 1; 2, 3."),
+    text("Merge", "Regions to merge into one, such as 0, 1. Separate several groups by semicolons: 0, 1; 2, 3."),
     *(p for region in range(REGIONS) for p in correction_properties(region)),
     *(p for number in range(ADDED) for p in added_properties(number)),
     *properties_of(PaletteOptions()),
     device(),
     button("TrainAgain", "Train again, even if nothing has changed."),
-    button("ResetPalette", "Reset this panel, so that the scene is as it came in."),
+    button("ResetPalette", "Reset this panel, so that the scene passes through unchanged."),
     *save_properties(),
     *kept_as(),
     status(),
 )  # fmt: skip
 @takes_scene
 class StyleRFPalette(SceneOutput):
-    """Correct a scene's palette by hand: set, add, merge, remove and split colours, and learn its regions again. The
-    base network is kept, and paintings are dropped, for they are of the old regions."""
+    """Correct a scene's palette by hand: set, add, merge, remove and split colours, and train its regions again. The
+    base network is kept; paintings are dropped, because they belong to the old regions."""
 
     button = "Train Again"
 
@@ -170,7 +170,7 @@ class StyleRFPalette(SceneOutput):
         super().__init__(2, 1, "vtkTable")
 
     def FillInputPortInformation(self, port: int, info: Any) -> int:
-        """A scene, and views if they are at hand."""
+        """Make both inputs optional: the scene, and the views."""
         info.Set(self.INPUT_IS_OPTIONAL(), port)
         return super().FillInputPortInformation(port, info)
 
@@ -180,7 +180,7 @@ class StyleRFPalette(SceneOutput):
         self.make_anew()
 
     def ResetPalette(self) -> None:
-        """Done where the panel is: :mod:`svv.pv.undo`."""
+        """Do nothing: the client handles this button, in :mod:`svv.pv.undo`."""
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.editing import correct, correction_in
@@ -220,7 +220,7 @@ class StyleRFPalette(SceneOutput):
         return digest_of_views(self._views_in_file()) if self.values["ViewsFile"] else ""
 
     def _views_in_file(self) -> Any:
-        """The views that the panel names."""
+        """Return the views that the panel names; they are read again only if the file has changed."""
         from svv.pv.editing import views_in_file
 
         file = Path(self.values["ViewsFile"])
@@ -234,12 +234,12 @@ class StyleRFPalette(SceneOutput):
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Style pictures for the regions."),
     choice("Gallery", (NO_GALLERY, *OFFERED), NO_GALLERY,
-           "One more picture, of those that come with the program, or a drawing in ink, which needs none."),
+           "One more picture, from the gallery that comes with the program, or a drawing in ink, which needs none."),
     choice("Mapping", ("in turn", "by colour"), "in turn",
-           "Who gets which picture: the regions in turn, or each the one whose mean colour is most like it. A "
-           "region's row goes before."),
-    number("Strength", 1.0, "How strongly the painting shows: 0 the palette's colours, 1 the paint. Takes no "
-        "training.", 0.0, 1.0),
+           "How pictures are assigned to regions: in turn, or to each region the picture whose mean colour is closest "
+           "to the region's. A region's own row takes precedence."),
+    number("Strength", 1.0, "How strongly the painting shows: 0 gives the palette's colours, 1 the full painting. "
+        "Needs no training.", 0.0, 1.0),
     *properties_of(PaintOptions()),
     preview_file(),
     switch("PreviewOnly", False, "Show the masks without painting."),
@@ -247,13 +247,13 @@ class StyleRFPalette(SceneOutput):
     *point_properties(),
     *(p for region in range(REGIONS) for p in style_properties(region)),
     integer("PictureParts", 0, "Divide pictures into 2 to 32 parts of similar appearance; 0: do not divide.", 0, 32),
-    file("MaskFolder", "", "", "Where to write the masks too: region-K.png, and its points beside it."),
+    file("MaskFolder", "", "", "Folder to which the masks are also written: region-K.png, with its points beside it."),
     switch("Continue", False, "Continue from the last painting if pictures or masks have changed, instead of "
         "starting afresh."),
     text("Variant", "Name of the painting; a new name adds a painting to the same scene."),
     text("ShowVariant", "Name of the painting to show; empty: the one named above."),
     device(),
-    button("PaintAgain", "Paint again: from the start, or onwards if Continue is on."),
+    button("PaintAgain", "Paint again: from the start, or from the last painting if Continue is on."),
     button("ResetStyle", "Return to the scene before painting; Paint Again paints it."),
     *save_properties(),
     *kept_as(),
@@ -261,8 +261,8 @@ class StyleRFPalette(SceneOutput):
 )  # fmt: skip
 @takes_scene
 class StyleRFStylize(SceneOutput):
-    """Paint the regions of a scene in the manner of pictures, the same from all sides. The second output shows a
-    picture, and what of it a region learns from."""
+    """Paint the regions of a scene in the style of pictures, consistently from all directions. The second output shows
+    a picture and the part of it that a region learns from."""
 
     button = "Paint Again"
 
@@ -271,15 +271,15 @@ class StyleRFStylize(SceneOutput):
         self._reset, self._round = False, 0
 
     def FillOutputPortInformation(self, port: int, info: Any) -> int:
-        """A scene, and an image."""
+        """Declare the outputs: a scene's table, and an image."""
         info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkTable", "vtkImageData")[port])
         return 1
 
     def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
-        """The size of the picture that is shown."""
+        """Report the size of the picture that the second output shows."""
         try:
             height, width = self._preview()[0].shape[:2]
-        except (BadInput, ImportError):  # RequestData says it
+        except (BadInput, ImportError):  # RequestData reports it
             height, width = 1, 1
         set_image_information(self, out_info, width, height, 1)
         return 1
@@ -290,7 +290,7 @@ class StyleRFStylize(SceneOutput):
         self.make_anew()
 
     def ResetStyle(self) -> None:
-        """Go back to the scene before painting."""
+        """Return to the scene before painting."""
         self._reset = True
         self.Modified()
 
@@ -337,7 +337,7 @@ class StyleRFStylize(SceneOutput):
         return said
 
     def _begin_with_paintings(self, scene: Any, base: str) -> None:
-        """Take up the paintings that a state was saved with."""
+        """Restore the paintings that a saved state refers to."""
         from svv.pv.styling import Painting
 
         for slot, name in self.stated().items():
@@ -351,12 +351,12 @@ class StyleRFStylize(SceneOutput):
                 self.note = FOUND
 
     def ClickInside(self) -> None:
-        """Done where the panel is: :mod:`svv.pv.points`."""
+        """Do nothing: the client handles this button, in :mod:`svv.pv.points`."""
 
     ClickOutside = ClickRemove = ClickInside
 
     def GetPictureSize(self) -> str:
-        """Width and height of the picture that the second output shows, then those of its file."""
+        """Return width and height of the picture in the second output, then those of its file; empty without one."""
         if self.last("preview") is None:
             return ""
         _, _, taken, size = self.last("preview")

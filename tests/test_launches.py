@@ -6,8 +6,6 @@ calculates or copies, and the kernels. The optimiser of the networks is left out
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable
 from contextlib import contextmanager
 from typing import Any
@@ -30,13 +28,7 @@ from svv.train.batches import RayPool
 from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.recolour import Recolouring
 from svv.train.reconstruct import Reconstruction
-
-GPU = torch.cuda.is_available()
-if not GPU:
-    # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
-    assert "triton" not in sys.modules or os.environ.get("TRITON_INTERPRET") == "1"
-    os.environ["TRITON_INTERPRET"] = "1"
-from svv.kernels import triton_kernels  # noqa: E402
+from tests.interpreted import GPU, triton_kernels
 
 pytestmark = pytest.mark.skipif(GPU, reason="counted in the interpreter; on a GPU a profiler counts better")
 

@@ -5,9 +5,6 @@ Where there is a GPU they run on it; elsewhere in Triton's interpreter. See ``te
 
 from __future__ import annotations
 
-import os
-import sys
-
 import numpy as np
 import pytest
 import torch
@@ -22,13 +19,7 @@ from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.kernels import reference
 from svv.kernels.types import Samples
-
-GPU = torch.cuda.is_available()
-if not GPU:
-    # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
-    assert "triton" not in sys.modules or os.environ.get("TRITON_INTERPRET") == "1"
-    os.environ["TRITON_INTERPRET"] = "1"
-from svv.kernels import triton_kernels  # noqa: E402
+from tests.interpreted import GPU, triton_kernels
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
 SHAPES = st.tuples(*[st.integers(1, 7)] * 3)

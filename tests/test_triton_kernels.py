@@ -6,8 +6,6 @@ operation there costs about a millisecond.
 
 from __future__ import annotations
 
-import os
-import sys
 from types import ModuleType
 
 import numpy as np
@@ -35,14 +33,8 @@ from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.loop import Running
 from svv.train.recolour import recolour
 from svv.train.reconstruct import Reconstruction
+from tests.interpreted import GPU, triton_kernels
 from tests.tolerances import KERNELS
-
-GPU = torch.cuda.is_available()
-if not GPU:
-    # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
-    assert "triton" not in sys.modules
-    os.environ["TRITON_INTERPRET"] = "1"
-from svv.kernels import triton_kernels  # noqa: E402
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
 OTHERS = [reference, triton_kernels]

@@ -5,8 +5,6 @@ Where there is a GPU the kernels run on it; elsewhere in Triton's interpreter. S
 
 from __future__ import annotations
 
-import os
-import sys
 from itertools import pairwise
 
 import pytest
@@ -18,14 +16,8 @@ from torch import Tensor, nn
 from svv.core.networks import relu_layers
 from svv.fields.networks import mlp
 from svv.kernels.dispatch import CPU
+from tests.interpreted import GPU, triton_kernels, triton_networks
 from tests.tolerances import NETWORKS
-
-GPU = torch.cuda.is_available()
-if not GPU:
-    # Triton decides when it is imported whether it compiles or interprets, so this stands before the first import.
-    assert "triton" not in sys.modules or os.environ.get("TRITON_INTERPRET") == "1"
-    os.environ["TRITON_INTERPRET"] = "1"
-from svv.kernels import triton_kernels, triton_networks  # noqa: E402
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
 FEW = settings(deadline=None, max_examples=12)

@@ -44,11 +44,13 @@ def train(
     """
     from svv.io.scene_file import checkpoint_of
     from svv.io.viewset import ViewSet
+    from svv.kernels.dispatch import device_named
     from svv.train.config import settings_of
     from svv.train.pipeline import train_scene
 
     check_targets(out, json)
-    settings_of(options)  # what is wrong with them is said before the views are read
+    settings_of(options)  # errors in the options are reported before the views are read
+    device_named(options.device)
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, "train", progress)
     if view_set.meta.assumed is not None:

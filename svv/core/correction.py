@@ -140,7 +140,7 @@ def _check(count: int, correction: Correction, known: bool) -> None:
 
 def _rgb(colour: Sequence[float]) -> RGB:
     if len(colour) != 3 or not all(0.0 <= c <= 1.0 for c in colour):
-        raise BadInput(f"The colour {tuple(colour)} is none: give red, green and blue between 0 and 1.")
+        raise BadInput(f"{tuple(colour)} is not a colour: give red, green and blue between 0 and 1.")
     red, green, blue = (float(c) for c in colour)
     return red, green, blue
 

@@ -45,7 +45,7 @@ class Pen:
         if not 0.0 < self.width <= WIDEST:
             raise BadInput(f"An outline must be wider than 0 and at most {WIDEST:g} pixels wide, not {self.width}.")
         if len(self.colour) != 3 or not all(0.0 <= c <= 1.0 for c in self.colour):
-            raise BadInput(f"The colour {tuple(self.colour)} is none: give red, green and blue between 0 and 1.")
+            raise BadInput(f"{tuple(self.colour)} is not a colour: give red, green and blue between 0 and 1.")
 
 
 def outlined(

@@ -79,7 +79,7 @@ class PhongLight(nn.Module):
     """Normals of the scene and reflection coefficients of each region (:func:`svv.core.light.blinn_phong`)."""
 
     def __init__(self, occupancy: Occupancy, resolutions: Sequence[int], regions: int) -> None:
-        """Lay out zero normals on the vertices of occupied cells; ``resolutions`` are cells per box unit of each level."""
+        """Lay out zero normals on the vertices of occupied cells; ``resolutions``: cells per box unit of each level."""
         super().__init__()
         self.normals = SparseLattice(occupancy.occupied, occupancy.cells, resolutions, 3)
         self.raw = nn.Parameter(torch.zeros(regions, len(COEFFICIENTS)))

@@ -36,7 +36,7 @@ class Setting:
     syntax: str = ""
     """How the command parses text that is neither a number nor a word: a name in ``svv.cli.option_group.SYNTAX``."""
     panel: str | None = None
-    """Name of the property in panels; by default derived from the field's name: ``StrokeSize``. Empty: not in panels."""
+    """Name of the property in panels, by default derived from the field's: ``StrokeSize``. Empty: not in panels."""
     command: bool = True
     """Whether the command has an option for the field."""
     advanced: bool = False

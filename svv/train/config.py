@@ -83,8 +83,8 @@ class RecolourSettings:
     offset_weight: float = 0.1
     """lambda_delta: weight of the composited squared offsets (StyleRF-VolVis, eq. 5)."""
     offset_start: float = 10.0
-    """Initial factor on ``offset_weight``, which falls to 1 halfway: a palette colour that another one's offsets replace
-    early never recovers, and its region is lost."""
+    """Initial factor on ``offset_weight``, which falls to 1 halfway: a palette colour that another one's offsets
+    replace early never recovers, and its region is lost."""
     palette_weight: float = 0.001
     """Weight of the palette's squared distance to its initial colours."""
     shade_weight: float = 0.003
@@ -255,8 +255,8 @@ def changed(chosen: Preset, changes: Sequence[str]) -> Preset:
         stage, _, name = key.partition(".")
         if not sign or stage not in STAGES:
             raise BadInput(
-                f"'{text}' does not change a setting; write STAGE.NAME=VALUE with one of the stages {', '.join(STAGES)}, for "
-                "example reconstruct.iterations=4000."
+                f"'{text}' does not change a setting; write STAGE.NAME=VALUE with one of the stages {', '.join(STAGES)}, "
+                "for example reconstruct.iterations=4000."
             )
         settings = getattr(chosen, stage)
         known = {field.name: field for field in described(type(settings))}

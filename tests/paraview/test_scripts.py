@@ -135,7 +135,7 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
         SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, 32, "--images", 48, 64, "--preset", "draft", "--views", 12,
         "--time-limit", 5, "--out", tmp_path,
     )  # fmt: skip
-    rows = list(csv.DictReader((tmp_path / "compare.csv").open()))
+    rows = list(csv.DictReader((tmp_path / "compare.csv").read_text().splitlines()))
     assert [(r["side"], r["volume"], r["image"]) for r in rows] == [
         (side, volume, image) for volume in ("24", "32") for side in ("DVR", "PCN") for image in ("48", "64")
     ]

@@ -1,0 +1,20 @@
+"""Triton's kernels as tests use them: compiled where there is a GPU, interpreted elsewhere.
+
+Triton chooses between the two when it is first imported, so tests import its kernels from here and never from
+:mod:`svv.kernels` directly.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import torch
+
+GPU = torch.cuda.is_available()
+if not GPU:
+    assert "triton" not in sys.modules, "triton was imported before it was told to interpret"
+    os.environ["TRITON_INTERPRET"] = "1"
+from svv.kernels import triton_kernels, triton_networks  # noqa: E402
+
+__all__ = ["GPU", "triton_kernels", "triton_networks"]

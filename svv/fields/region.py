@@ -1,4 +1,4 @@
-"""A region of a scene, with all that edits change of it."""
+"""A region of a scene and everything that edits can change about it."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ class Region:
     colour: tuple[float, float, float]
     """Palette colour, RGB in [0, 1]."""
     share: float
-    """Part of the visible pixels' colour that this palette colour explains."""
+    """Fraction of the visible pixels' colour that this palette colour explains."""
     opacity: float = 1.0
     """Factor on the extinction."""
     lighting: float = 1.0
     """Factor on the lighting: 0 shows the flat material."""
     edited_colour: tuple[float, float, float] | None = None
-    """What ``colour`` was changed to."""
+    """Colour that replaces ``colour``, RGB in [0, 1]; None where it was not edited."""
     style: str | None = None
-    """Name of the style that the UCN gave it; None where the PCN holds its colour."""
+    """Name of its style; None if the region is not painted and the palette network provides its colours."""
     strength: float = 1.0
-    """How much of the style is shown: 0 the palette's colours, 1 the style's."""
+    """Strength of the style: 0 shows the palette's colours, 1 the style's."""
     values: tuple[float, float] | None = None
-    """The volume's scalar values that it shows, from the smallest to the largest, where they are known,"""
+    """Smallest and largest scalar value of the volume in the region; None where they are not known."""
     ranges: tuple[tuple[float, float], ...] = ()
-    """and the ranges of the transfer function that it is made of."""
+    """Ranges of the transfer function that the region consists of, in scalar values."""
     hidden: bool = False
     """Whether it is left out of images, whatever its opacity."""
     ambient: float | None = None
-    """Of an explicit light: what the learned coefficient was changed to, as the next three,"""
+    """Edited ambient coefficient under an explicit light, a fraction of the light; None keeps the learned one."""
     diffuse: float | None = None
-    """which are parts of the light,"""
+    """Edited diffuse coefficient, a fraction of the light; None keeps the learned one."""
     specular: float | None = None
-    """highlights' too,"""
+    """Edited specular coefficient, a fraction of the light; None keeps the learned one."""
     shininess: float | None = None
-    """and the exponent of the highlight."""
+    """Edited exponent of the highlight, >= 1; None keeps the learned one."""
     paint_light: float = PAINT_LIGHT
-    """How much of the light is seen on its paint, in [0, 1]: 0 nothing, 1 all by which it differs from its mean,"""
+    """Fraction of the light's contrast that is shown on its paint, in [0, 1]: 0 shows unlit paint."""
     mean_light: tuple[float, float] | None = None
-    """the shade and specular that it has in the mean, found when the scene was painted."""
+    """Mean shade and mean specular light of the region, measured when the scene was painted."""
     stroke_opacity: float = 0.0
-    """How much its opacity follows its strokes, in [-1, 1]: above 0 dark ones are more opaque, below 0 light ones."""
+    """How far opacity follows the strokes, in [-1, 1]: above 0 dark strokes are more opaque, below 0 light ones."""
 
     outline: float = 0.0
-    """How much ink its outlines have, in [0, 1]: 0 none,"""
+    """Opacity of the ink of its outlines, in [0, 1]; 0 draws none."""
     outline_width: float = OUTLINE_WIDTH
-    """how wide they are, in pixels of an image of 800 x 800,"""
+    """Width of the outlines, in pixels of an image of 800 x 800."""
     outline_colour: tuple[float, float, float] = OUTLINE_COLOUR
-    """and their colour, RGB in [0, 1]."""
+    """Colour of the outlines, RGB in [0, 1]."""
 
     @property
     def seen_opacity(self) -> float:

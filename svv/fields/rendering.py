@@ -1,6 +1,6 @@
-"""Rays, their samples, and compositing: what training and rendering share.
+"""Rays, their samples, and compositing, as shared by training and rendering.
 
-Letters: R rays, S samples (of all rays, one after another), C channels.
+Letters: R rays, S samples (of all rays, concatenated), C channels.
 """
 
 from __future__ import annotations
@@ -48,12 +48,14 @@ class RayCaster:
         )
 
     def rays(self, pixels: Tensor) -> Rays:
-        """Rays through flat pixel indices ``(view * height + row) * width + column``, int64. (R,)"""
+        """Return the rays through flat pixel indices ``(view * height + row) * width + column``, int64. (R,)"""
         pixels, cameras = pixels.to(self.device), (self._rotations, self._positions, self._focal)
         return Rays(*kernels_for(pixels).pixel_rays(pixels, cameras, self.width, self.height))
 
     def in_sight(self, occupancy: Occupancy) -> Tensor:
-        """Pixels of the first view that may look at something: flat indices, int64, in their order if all may. (R,)
+        """Return the pixels of the first view that may show something, as flat indices, int64. (R,)
+
+        If all pixels may, they are in ascending order.
 
         See :meth:`svv.kernels.types.Kernels.pixels_in_sight`.
         """
@@ -64,11 +66,11 @@ class RayCaster:
         )
 
     def axes(self, pixels: Tensor) -> Tensor:
-        """Unit vectors along the camera's axis, backwards, for flat pixel indices as :meth:`rays` takes them. (R, 3)"""
+        """Return unit vectors backwards along the camera axis, for flat pixel indices as in :meth:`rays`. (R, 3)"""
         return self._rotations[pixels.to(self.device) // (self.width * self.height), :, 2]
 
     def view(self, view: int) -> Rays:
-        """All rays of one view, row by row from the top."""
+        """Return all rays of one view, row by row from the top."""
         n = self.width * self.height
         return self.rays(torch.arange(view * n, (view + 1) * n, device=self.device))
 
@@ -80,27 +82,30 @@ class Marching:
     step: float
     """Sample distance in box units."""
     least_weight: float = 1e-3
-    """Samples that would weigh less in the pixel are left out of colour evaluation."""
+    """Weight in the pixel below which a sample is left out of colour evaluation."""
     keep: float = 0.0
-    """Share of the samples below ``least_weight`` that is kept all the same (so that they can learn)."""
+    """Fraction of the samples below ``least_weight`` that is kept nevertheless, to let them learn."""
     stop: float = 7.0
     """Optical depth at which a ray ends: exp(-7) is below what 8 bits can show."""
     fade: float = 1.0
-    """Smallest factor by which extinctions will be scaled afterwards: so much longer does a ray go on."""
+    """Smallest factor by which extinctions will be scaled afterwards; rays continue correspondingly deeper."""
     merge: bool = False
-    """Whether samples that weigh less are joined to the next (for images) instead of being left out (for training)."""
+    """Whether samples of low weight are joined to the next (for images) or left out (for training)."""
 
 
 def march(rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching, seed: int = 0) -> Samples:
-    """Sample rays in occupied cells, leaving out what cannot be seen.
+    """Sample rays in occupied cells, leaving out samples that cannot be seen.
 
     Args:
         rays: R rays.
-        occupancy: Where to sample.
-        density: Lattice of one feature a level whose sum's exponential is the extinction; without it every sample
-            is kept and ``sigma`` is 1.
+        occupancy: The cells to sample in.
+        density: Lattice with one feature per level; the exponential of their sum is the extinction. Without it every
+            sample is kept and ``sigma`` is 1.
         how: Sample distance and thresholds.
         seed: > 0 shifts each ray's samples at random; 0 puts them in the middle of their steps.
+
+    Returns:
+        The samples of all rays.
     """
     lattice = density if density is not None else _constant(rays.origins.device)
     limits = (how.least_weight, how.keep, how.stop, how.fade) if density is not None else (-1.0, 0.0, 0.0, 0.0)
@@ -114,20 +119,19 @@ def march(rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: 
 
 @torch.no_grad()
 def representatives(samples: Samples, every: float, seed: int) -> tuple[Tensor, Tensor]:
-    """Samples whose colour can stand for that of the samples around them on their ray.
+    """Choose samples whose colour can stand for that of the samples around them on their ray.
 
-    The weights of a ray's samples, one after the other, are cut at k * ``every``, shifted by a random part of it
-    (systematic sampling): a sample into which a cut falls is taken, so one that weighs more than ``every`` always is.
-    It stands for the samples to which its cut is the nearest. The last sample of a ray without any cut stands for all.
+    The cumulative weight along a ray is cut at k * ``every``, shifted by a random fraction of ``every`` (systematic
+    sampling). A sample that contains a cut is chosen, so any sample that weighs more than ``every`` is. It represents
+    the samples to which its cut is the nearest. On a ray without a cut, the last sample represents all.
 
     Args:
         samples: S samples with their extinction.
-        every: Part of a pixel for which one colour is enough, > 0.
-        seed: Of the shifts.
+        every: Fraction of a pixel for which one colour is enough, > 0.
+        seed: Seed of the shifts.
 
     Returns:
-        Rows of the samples that are taken (K,), ascending, and for each sample the place in them of the one that
-        stands for it (S,).
+        Rows of the chosen samples (K,), ascending, and for each sample the index in them of its representative (S,).
     """
     shift = torch.rand(len(samples.count), generator=torch.Generator().manual_seed(seed)).to(samples.sigma.device)
     return kernels_for(shift).representatives(samples, every, shift)
@@ -144,7 +148,7 @@ def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, 
 
 
 def empty_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
-    """Straight RGBA (pixels, 4), depth and region (pixels,) where nothing is visible."""
+    """Return straight RGBA (pixels, 4), depth and region (pixels,) of images that show nothing."""
     return (
         torch.zeros(pixels, 4, device=device),
         torch.full((pixels,), torch.nan, device=device),
@@ -157,7 +161,7 @@ class _Composite(torch.autograd.Function):
     def forward(ctx: Any, sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
         s, v = sigma.detach(), values.detach().contiguous()
         out, transmittance, weights = kernels_for(s).composite(s, v, samples)
-        ctx.save_for_backward(s, v, weights, out, transmittance)  # an output kept by hand would never be freed
+        ctx.save_for_backward(s, v, weights, out, transmittance)  # an output kept on ctx is never freed
         ctx.samples = samples
         ctx.mark_non_differentiable(weights)
         return out, transmittance, weights
@@ -171,7 +175,7 @@ class _Composite(torch.autograd.Function):
 
 
 class Extinction(torch.autograd.Function):
-    """The extinction of samples as a function of the density lattice; the marcher computed its value already."""
+    """The extinction of samples as a function of the density lattice; the marcher has already computed its value."""
 
     @staticmethod
     def forward(ctx: Any, samples: Samples, table: Tensor, density: SparseLattice) -> Tensor:
@@ -188,5 +192,5 @@ class Extinction(torch.autograd.Function):
 
 @cache
 def _constant(device: torch.device) -> SparseLattice:
-    """A lattice that is zero everywhere: extinction 1."""
+    """Return a lattice that is zero everywhere: extinction 1."""
     return SparseLattice(np.ones((1, 1, 1), np.uint8), 1, (1,), 1).to(device)

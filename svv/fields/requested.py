@@ -11,12 +11,12 @@ Model = TypeVar("Model", bound=EditedModel)
 
 
 def with_edit(scene: Model, edit: SceneEdit) -> Model:
-    """The scene with all that is asked for, in one step that can be undone.
+    """Return the scene with everything in the request applied, as one step that can be undone.
 
-    Resetting applies first, then visibility, regions, light, paint and outlines.
+    Resets are applied first, then visibility, regions, light, paint and outlines.
 
     Raises:
-        BadInput: any reason of the edits' (:mod:`svv.fields.edits`).
+        BadInput: One of the edits cannot be made (:mod:`svv.fields.edits`).
     """
     result, seen = scene, edit.visibility
     if seen.reset is not None:

@@ -1,4 +1,4 @@
-"""A scene: what training makes of a volume's views, with its edits, as the command, scripts and ParaView use it."""
+"""A scene: the result of training on views of a volume, with its edits; used by the command, scripts and ParaView."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ from svv.kernels.types import Samples
 class Rendering:
     """One image of a scene.
 
-    ``rgba`` (H, W, 4) float32, straight alpha, in [0, 1]; ``depth`` (H, W) float32, expected distance from the camera
-    in world units, nan where nothing is visible; ``region`` (H, W) int16, -1 where nothing is visible.
+    ``rgba`` (H, W, 4) float32, straight alpha, in [0, 1]; ``depth`` (H, W) float32, mean distance from the camera in
+    world units, NaN where nothing is visible; ``region`` (H, W) int16, -1 where nothing is visible.
     """
 
     rgba: NDArray[np.float32]
@@ -50,14 +50,14 @@ class Rendering:
 
 @dataclass(frozen=True)
 class Scene(PaintedModel):
-    """Networks, geometry and edits of a scene. Edits make a new scene that shares the networks.
+    """Networks, geometry and edits of a scene. Every edit returns a new scene that shares the networks.
 
-    Its values stand in :class:`svv.fields.model.Model`; edits in :class:`svv.fields.edits.EditedModel`, paintings in
-    :class:`svv.fields.variants.PaintedModel`.
+    :class:`svv.fields.model.Model` documents its fields, :class:`svv.fields.edits.EditedModel` its edits, and
+    :class:`svv.fields.variants.PaintedModel` its paintings.
     """
 
     def on(self, device: torch.device) -> Scene:
-        """This scene on another device: itself where it is there already, else with networks of its own."""
+        """Return the scene on a device: itself if it is there already, otherwise a copy of its networks."""
         if device.type == self.device.type:
             return self
         base, palette, styled, others = copy.deepcopy((self.base, self.palette_network, self.styled, self.others))
@@ -78,16 +78,16 @@ class Scene(PaintedModel):
         background: Sequence[float] | None = None,
         progress: Progress = silent,
     ) -> Rendering:
-        """One image.
+        """Render one image.
 
         Args:
-            camera: In world units.
-            network: ``base``, ``pcn`` or ``styled``; by default the last that the scene holds.
-            background: RGB in [0, 1] to blend over (alpha becomes 1); None leaves straight alpha.
-            progress: Called after every chunk of rays.
+            camera: Camera in world units.
+            network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
+            background: RGB in [0, 1] to blend over (alpha becomes 1); None keeps straight alpha.
+            progress: Called before every chunk of rays and at the end.
 
         Raises:
-            BadInput: the scene does not hold that network.
+            BadInput: The scene does not have that network.
         """
         network = network or self.networks[-1]
         if network not in self.networks:
@@ -96,7 +96,7 @@ class Scene(PaintedModel):
         caster = RayCaster([camera], self.occupancy.box, device)
         pixels, chunk = camera.width * camera.height, kernels_of(device.type).RAYS
         images, in_sight = empty_images(pixels, device), caster.in_sight(self.occupancy)
-        in_order = len(in_sight) == pixels  # a piece of them is a piece of the images; else it is put into its places
+        in_order = len(in_sight) == pixels  # if so, a chunk is a slice of the images; otherwise it is scattered
         for first in range(0, len(in_sight), chunk):
             progress(first / len(in_sight), "rendering")
             own = in_sight[first : first + chunk]
@@ -122,7 +122,7 @@ class Scene(PaintedModel):
 
     @torch.no_grad()
     def _render_rays(self, rays: Rays, beams: Beams, network: str, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
-        """Write what rays see into the images, where they see anything."""
+        """Render rays into the images; pixels in which nothing is visible are left unchanged."""
         samples = march(rays, self.occupancy, self.base.density, self._marching_as_edited(network))
         if not len(samples):
             return
@@ -147,14 +147,14 @@ class Scene(PaintedModel):
     def shade(
         self, samples: Samples, rays: Rays, network: str, beams: Beams | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Colour (S, 3), region (S,) and edited extinction (S,) of samples; without ``beams`` lit along the rays."""
+        """Return colour (S, 3), region (S,) and edited extinction (S,) of samples; by default lit along the rays."""
         sigma, geometry = self.base.geometry(samples)
         directions = encode_directions(rays.directions, samples.ray)
         if network == "base" or self.palette_network is None:
             region = torch.zeros_like(samples.ray, dtype=torch.int64)
             return self.base(geometry, directions), region, sigma
         if self.palette_network.phong is None:
-            at = None  # a network's light stays where it was learned
+            at = None  # light that a network learned cannot be moved
         else:
             at = (beams or Beams.headlight(-rays.directions)).at(samples.ray)
         parts = self.palette_network(samples.position, geometry, directions, at, self.coefficients())
@@ -166,30 +166,30 @@ class Scene(PaintedModel):
         return self.light(parts, diffuse, network), region, sigma
 
     def light(self, parts: PaletteColours, diffuse: Tensor, network: str) -> Tensor:
-        """Diffuse colour (S, 3) under the scene's light, as bright as each region's edit says. (S, 3)"""
+        """Light diffuse colours (S, 3) with the brightness that each region's edits set. (S, 3)"""
         if network != "styled":
             factor = diffuse.new_tensor([r.lighting for r in self.regions])[parts.region]
             return lit(diffuse, parts.specular, parts.shade, factor)
         return lit(diffuse, parts.specular, parts.shade, *lights_of(self, network)[parts.region].unbind(1))
 
     def _marching_as_edited(self, network: str) -> Marching:
-        """What is made more transparent shows what lies behind it, so rays no longer end at their old depth."""
+        """Return how rays are sampled; they go deeper where edits make regions more transparent."""
         return replace(self.marching_for_images, fade=fade_of(self, network))
 
     # --- files -----------------------------------------------------------------------------------------------------
 
     def save(self, path: str | Path) -> None:
-        """Write the scene to one ``.svv`` file, whole or not at all; raises BadInput where that fails."""
+        """Write the scene to one ``.svv`` file, completely or not at all; raises BadInput if it cannot be written."""
         header, tensors = self.to_arrays()
         write_scene_file(path, header, tensors)
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
-        """Read a scene; raises BadInput for a file that is missing, damaged, foreign or of another version."""
+        """Read a scene; raises BadInput if the file is missing, damaged, not a scene or of another version."""
         return cls._restored(*read_scene_file(path), str(path))
 
     def to_bytes(self) -> bytes:
-        """What :meth:`save` writes, but its tables are not deflated."""
+        """Return the content that :meth:`save` writes, with uncompressed tables."""
         return scene_bytes(*self.to_arrays())
 
     @classmethod
@@ -205,10 +205,11 @@ class Scene(PaintedModel):
             raise BadInput(f"{name} is damaged ({type(error).__name__}: {error}): train it again.") from error
 
     def to_arrays(self, packed: bool = True) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Header and arrays of the file.
+        """Return header and arrays of the file.
 
         Args:
-            packed: Tables of lattices as bytes, of the hash grid in half precision; else as they are.
+            packed: Whether to store tables of lattices as bytes and those of the hash grid in half precision;
+                otherwise they keep full precision.
         """
         return arrays_of(self, packed)
 
@@ -221,7 +222,7 @@ class Scene(PaintedModel):
         return cls(**{**parts, "regions": regions, "history": history})
 
     def info(self) -> dict[str, Any]:
-        """What the scene is and how it was made, as plain values."""
+        """Describe the scene and how it was made, as plain values."""
         networks = dict(zip(NETWORKS, (self.base, self.palette_network, self.styled), strict=True))
         networks |= {f"variant {other.name}": other.network for other in self.others}
         parameters = {k: sum(p.numel() for p in n.parameters()) for k, n in networks.items() if n is not None}

@@ -1,4 +1,4 @@
-"""What a scene's file holds: the header and the arrays of :class:`svv.fields.scene.Scene`, and the way back."""
+"""Conversion of a :class:`svv.fields.scene.Scene` to the header and arrays of its file, and back."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays]:
-    """Header and arrays of the file, see :meth:`svv.fields.scene.Scene.to_arrays`."""
+    """Return header and arrays of the file; see :meth:`svv.fields.scene.Scene.to_arrays`."""
     box = scene.occupancy.box
     header = {
         "box": {"low": box.low, "size": box.size, "extent": box.extent},
@@ -67,14 +67,14 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
 
 
 def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
-    """The scene's fields by name, of what :func:`arrays_of` gave; ``regions`` as plain values."""
+    """Return the scene's fields by name from the result of :func:`arrays_of`; ``regions`` as plain values."""
     b = header["box"]
     box = Box(tuple(b["low"]), float(b["size"]), tuple(b["extent"]))
     shape = tuple(header["shape"])
     bits = np.unpackbits(tensors["occupied"], count=int(np.prod(shape)))
     occupancy = Occupancy(box, int(header["cells"]), np.ascontiguousarray(bits.reshape(shape)))
     s = dict(header["settings"])
-    if "lit" in s:  # files of before there was an explicit light
+    if "lit" in s:  # files from before the explicit light
         s["lighting"] = "network" if s.pop("lit") else "none"
     settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"]), "finer": tuple(s.get("finer", ()))})
     base = BaseField(settings, occupancy, header["density_resolutions"])
@@ -109,7 +109,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         Variant(v["name"], network, _tuple(v["styles"]), v["made"]) for v, network in zip(told, others, strict=True)
     ]
     if any(len(v.styles) != len(regions) for v in variants):
-        raise ValueError("a variant is of other regions")
+        raise ValueError("a variant does not have the scene's regions")
     return {
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
         "styled": styled, "regions": regions, "camera_rig": rig, "made": header["made"], **images,
@@ -123,12 +123,12 @@ def _normal_resolutions(scene: PaintedModel) -> tuple[int, ...] | None:
 
 
 def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
-    """The network's encodings, each with the name that its table has in a file."""
+    """Return the network's encodings, each with the name of its table in a file."""
     return [(f"{name}.{k}.table", m) for k, m in network.named_modules() if isinstance(m, Encoding)]
 
 
 def _values(region: dict[str, Any]) -> dict[str, Any]:
-    """What JSON turned into lists are tuples."""
+    """Turn the lists that JSON makes of tuples back into tuples."""
     return {key: _tuple(value) for key, value in region.items()}
 
 

@@ -1,8 +1,8 @@
-"""Opacity that follows strokes: a painted region's dark strokes more opaque and its light ones less, or the reverse.
+"""Opacity that follows strokes: dark strokes of a painted region become more opaque and light ones less, or vice versa.
 
-Paint colours what is there, but what is there stays as dense between the strokes as in them. Here the extinction of a
-sample follows the brightness of its paint, and a gain for each region keeps the region's mean opacity, so that a
-painting neither hides more of what lies behind it, nor less.
+Paint only changes colours: a region is as dense between the strokes as in them. Here the extinction of a sample follows
+the brightness of its paint. A gain per region keeps the region's mean opacity, so a painting hides neither more nor
+less of what lies behind it.
 
 Letters: S samples, P regions.
 """
@@ -22,35 +22,35 @@ from svv.fields.rendering import RayCaster, composite, march
 from svv.kernels.types import Samples
 
 LOG_FACTOR = 0.8
-"""Logarithm of the extinction's factor a standard deviation of the paint's brightness from its mean, at amount 1,"""
+"""Logarithm of the extinction's factor where paint is one standard deviation darker than its mean, at amount 1."""
 MOST_DEVIATIONS = 2.0
-"""and after how many deviations the factor no longer changes: it stays within exp(1.6), which is 5, times the gain."""
+"""Standard deviations beyond which the factor no longer changes: it stays within exp(1.6) = 5 times the gain."""
 
 LEAST_DEVIATION = 0.01
-"""A region whose paint deviates less in brightness has no strokes, but noise."""
+"""Standard deviation of the paint's brightness below which it is noise and not strokes."""
 
 OPACITY_TOLERANCE, ITERATIONS, YIELD_BOUNDS = 2e-3, 20, (0.15, 1.0)
-"""Part of a region's opacity by which it may miss what it is to be, after how many steps it may miss it by more, and
-how much of the logarithm of a gain is taken to be seen in that of the opacity: all in fog, little of what is opaque."""
+"""Relative tolerance of a region's opacity; number of steps after which a larger error is accepted; and bounds of the
+ratio by which the logarithm of a gain changes that of the opacity: 1 in fog, little where the region is opaque."""
 
 _known: WeakKeyDictionary[UnrestrictedField, dict[tuple[tuple[float, float], ...], Tensor]] = WeakKeyDictionary()
 
 
 def followed(scene: Model, sigma: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
-    """The extinction of samples with that of painted regions following their strokes: a new tensor where any does.
+    """Return the extinction of samples, in painted regions following the strokes; a new tensor if any region does.
 
     Args:
-        scene: With a palette colour network.
+        scene: A scene with a palette network.
         sigma: Extinction. (S,)
-        region: Of each sample. (S,)
-        paint: Colour of the paint; None where none is shown. (S, 3)
+        region: Region of each sample. (S,)
+        paint: Colour of the paint; None if no paint is shown. (S, 3)
     """
     strokes = None if paint is None else strokes_of(scene)
     return sigma if strokes is None or paint is None else sigma * _factor(strokes, region, brightness(paint))
 
 
 def fade_of(scene: Model, network: str) -> float:
-    """Least factor that the edits set on an extinction of the scene, strokes' where the network is ``styled``."""
+    """Return the smallest factor of the edits on extinction, including that of strokes if ``network`` is ``styled``."""
     strokes = strokes_of(scene) if network == "styled" else None
     seen = [r.seen_opacity for r in scene.regions]
     if strokes is not None:
@@ -60,18 +60,18 @@ def fade_of(scene: Model, network: str) -> float:
 
 
 def brightness(colour: Tensor) -> Tensor:
-    """Luma of colours (ITU-R BT.709): of encoded values, as steps in it look alike. (S, 3) -> (S,)"""
+    """Return the luma of colours (ITU-R BT.709) from encoded values, which are perceptually even. (S, 3) -> (S,)"""
     return colour.clamp(0.0, 1.0) @ colour.new_tensor([0.2126, 0.7152, 0.0722])
 
 
 def strokes_of(scene: Model) -> Tensor | None:
-    """What each region's strokes make of the extinction: a gain g, a slope k, a mean y and a reach b.
+    """Return how each region's extinction depends on its strokes: a gain g, a slope k, a mean y and a reach b.
 
     The factor on the extinction of a sample whose paint has the brightness v is exp(g + clip(k (y - v), -b, b)).
-    Of a region whose opacity does not follow strokes all four are 0. Found once for a painting and its edits.
+    For a region whose opacity does not follow strokes all four are 0. Solved once per painting and edits.
 
     Returns:
-        g, k, y and b (P, 4); None where no region's opacity follows strokes.
+        g, k, y and b (P, 4); None if no region's opacity follows strokes.
     """
     amounts = [0.0 if r.style is None else r.stroke_opacity * r.strength for r in scene.regions]
     if scene.styled is None or not any(amounts):
@@ -90,7 +90,7 @@ def _factor(strokes: Tensor, region: Tensor, bright: Tensor) -> Tensor:
 
 @torch.no_grad()
 def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> Tensor:
-    """Means and gains over what is seen of the scene as edited, all around."""
+    """Solve for means and gains over the visible parts of the edited scene, in views from all around."""
     assert scene.palette_network is not None
     opacity = scene.palette_network.colours.new_tensor([r.seen_opacity for r in scene.regions])
     asked = opacity.new_tensor(amounts)
@@ -107,7 +107,7 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
             views.append((samples, sigma, region, brightness(network(samples.position))))
 
     def summed(strokes: Tensor | None, powers: int = 1) -> Tensor:
-        """Sum over the samples of each region of weight, weight times brightness, and so on. (powers, P)"""
+        """Return sums over each region's samples of weight, weight times brightness, and so on. (powers, P)"""
         sums = torch.zeros(powers, len(amounts), dtype=torch.float64, device=scene.device)
         for samples, sigma, region, bright in views:
             seen = _weights(samples, sigma if strokes is None else sigma * _factor(strokes, region, bright)).double()
@@ -124,7 +124,7 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
     before, moved, yields = torch.zeros_like(mean), torch.zeros_like(mean), torch.ones_like(mean)
     for _ in range(ITERATIONS):
         missing = torch.where(striped, (whole / summed(strokes)[0].clamp(min=1e-12)).log(), 0.0)
-        # What the last step yielded says how far to go: little of a gain is seen where all is nearly opaque.
+        # The effect of the last step sets the next: where all is nearly opaque, a gain has little visible effect.
         told = moved.abs() > OPACITY_TOLERANCE
         yields = torch.where(told, (before - missing) / torch.where(told, moved, 1.0), yields).clamp(*YIELD_BOUNDS)
         # At -b no factor is above 1 and at b none below it, so the gain lies between.

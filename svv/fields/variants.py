@@ -1,4 +1,4 @@
-"""Several paintings of one scene: variants share its base, palette and edits, and have a colour network each."""
+"""Several paintings of one scene: variants share its base, palette and edits; each has its own colour network."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 UNNAMED = "styled"
-"""Name of the variant that was given none."""
+"""Name of a variant for which no name was given."""
 
 LONGEST_NAME = 64
-"""Characters of a variant's name at most."""
+"""Maximum number of characters in a variant's name."""
 
 
 @dataclass(frozen=True)
@@ -29,19 +29,19 @@ class Variant:
     name: str
     network: UnrestrictedField
     styles: tuple[str | None, ...]
-    """Name of each region's style; None where the palette holds its colour."""
+    """Name of each region's style; None for a region that is not painted."""
     made: dict[str, Any]
-    """How it was painted."""
+    """Record of how it was painted."""
 
 
 @dataclass(frozen=True)
 class PaintedModel(EditedModel):
-    """A model and its paintings. One is shown: its network is ``styled``, its styles are the regions'."""
+    """A model and its paintings. The painting shown provides the network ``styled`` and the regions' styles."""
 
     painting: str | None = None
-    """Name of the variant whose network is ``styled``, and"""
+    """Name of the variant whose network is ``styled``."""
     others: tuple[Variant, ...] = ()
-    """the variants that are not shown."""
+    """Variants that are not shown."""
 
     @property
     def variant(self) -> str | None:
@@ -54,10 +54,10 @@ class PaintedModel(EditedModel):
         return tuple(variant.name for variant in self.every_variant)
 
     def with_variant(self, name: str) -> Self:
-        """The scene with this variant shown. The edits stay; where it paints, a region's edited colour is not seen.
+        """Return the scene showing this variant. Edits are kept; paint hides the edited colour of a region.
 
         Raises:
-            BadInput: there is no such variant.
+            BadInput: There is no such variant.
         """
         self._check_variant(name)
         if name == self.variant:
@@ -67,10 +67,10 @@ class PaintedModel(EditedModel):
         return self._showing(chosen, rest)
 
     def without_variant(self, name: str) -> Self:
-        """The scene without this variant; if it was shown, the first of the others is.
+        """Return the scene without this variant; if it was the one shown, the first remaining variant is shown.
 
         Raises:
-            BadInput: there is no such variant.
+            BadInput: There is no such variant.
         """
         self._check_variant(name)
         rest = tuple(other for other in self.every_variant if other.name != name)
@@ -84,15 +84,15 @@ class PaintedModel(EditedModel):
     def painted(
         self, network: UnrestrictedField, styles: Mapping[int, str], made: dict[str, Any], name: str | None = None
     ) -> Self:
-        """The scene with one more variant, which is shown; one of this name is replaced.
+        """Return the scene with a new variant, which is shown; it replaces an existing one of the same name.
 
-        The regions get the mean light that light on paint counts from (:mod:`svv.fields.paint_light`).
+        The regions get the mean light from which the light on paint is measured (:mod:`svv.fields.paint_light`).
 
         Args:
-            network: Its diffuse colours.
-            styles: Name of the style of each region that it paints; the palette holds the colours of the others.
-            made: How it was painted.
-            name: What to call it.
+            network: The network of its diffuse colours.
+            styles: Style name of each region that it paints; the other regions keep their palette colours.
+            made: Record of how it was painted.
+            name: Its name, by default :data:`UNNAMED`.
         """
         name = name or UNNAMED
         rest = tuple(other for other in self.every_variant if other.name != name)
@@ -102,17 +102,17 @@ class PaintedModel(EditedModel):
         return replace(shown, regions=tuple(replace(region, mean_light=mean) for region, mean in lit))
 
     def free_name(self, name: str | None) -> str:
-        """The name of a variant to be painted; without one it is :data:`UNNAMED`, which may be painted over.
+        """Return the name for a new variant; by default :data:`UNNAMED`, which may be overwritten.
 
         Raises:
-            BadInput: a variant has that name, or it is empty, too long, or not to be printed.
+            BadInput: The name is taken, empty or too long, or has characters that are not printable.
         """
         if name is None:
             return UNNAMED
         if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
             raise BadInput(f"A variant's name must be 1 to {LONGEST_NAME} printable characters, not '{name}'.")
         if name in self.variants:
-            raise BadInput(f"There is a variant '{name}' already: choose another name, or drop it first.")
+            raise BadInput(f"There is already a variant '{name}': choose another name, or drop it first.")
         return name
 
     def _check_variant(self, name: str) -> None:

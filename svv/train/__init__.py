@@ -1,1 +1,1 @@
-"""Training: one module a stage, from view sets to scenes."""
+"""Training, from view sets to scenes: one module per stage."""

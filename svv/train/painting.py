@@ -1,9 +1,9 @@
-"""Stage 3, first half: a colour field that is painted already, for the stylization to go on from.
+"""Stage 3, first half: a painted colour field from which the stylization starts.
 
-The paper's unrestricted colour network begins with the palette's colours, each region's replaced by the mean of its
-style. From one flat colour, where every place has the same nearest neighbour in the style, and with views that each
-put their strokes elsewhere, no stroke ever appears. So the regions get the style's own strokes to begin with
-(:class:`svv.train.quilt.Quilt`), the same from every side, on a lattice that holds the colours themselves.
+The paper's unrestricted colour network starts from the palette's colours, each region's replaced by the mean of its
+style. In one flat colour every place has the same nearest neighbour in the style, and each view puts its strokes
+elsewhere, so no stroke ever appears. Here, regions therefore start with the style's own strokes
+(:class:`svv.train.quilt.Quilt`), the same from every side, on a lattice that stores the colours themselves.
 """
 
 from __future__ import annotations
@@ -30,32 +30,33 @@ from svv.train.style_loss import StyleTarget, resized
 from svv.train.stylize import UNSEEN, StyledView, visible_from
 
 MOST_VERTICES = 3_000_000
-"""Vertices of a painting at most, about: three bytes each in the scene's file."""
+"""Approximate maximum number of vertices of a painting: each takes three bytes in the scene file."""
 
 MOST_CELLS = 256
-"""Cells of a painting along the longest side at most: the lattice keeps a number for each, stored or not."""
+"""Maximum number of cells of a painting along the longest side: the lattice keeps a number for every cell of the box,
+even if it stores nothing there."""
 
 UP = np.array([0.0, 1.0, 0.0])
-"""Of the world, as cameras have it."""
+"""The world's up direction, as in the cameras."""
 
 VIEWS, VIEW_SIZE = 20, 256
-"""Views of the scene that tell where paint is seen, and their side in pixels."""
+"""Number of views of the scene that determine where paint is visible, and their side in pixels."""
 
 LEAST_SEEN = 0.02
-"""Weight in a pixel from which on a point is a place for paint."""
+"""Weight in a pixel above which a point can be painted."""
 
 POINTS_A_VIEW = 20_000
-"""Points of a view that are looked at, at most."""
+"""Maximum number of points used of each view."""
 
 POINTS_A_RADIUS = 8.0
-"""Points of a surface along a piece's radius, by which pieces are chosen."""
+"""Number of surface points along a piece's radius; pieces are chosen by these points."""
 
 
 def paint_cells(occupancy: Occupancy, pixel: float) -> int:
-    """Cells of the lattice for a painting: as fine as the pixels that see it, as far as the limits allow.
+    """Return the resolution of a painting's lattice: as fine as the pixels that see it, within the limits.
 
     Args:
-        occupancy: The scene's; its cells are the coarsest that a painting has.
+        occupancy: Occupancy of the scene; its cells are the coarsest that a painting has.
         pixel: Side of a pixel of the stylization views at the scene's centre, in box units.
     """
     cells, count = occupancy.cells, int((occupancy.occupied > 0).sum())
@@ -65,24 +66,23 @@ def paint_cells(occupancy: Occupancy, pixel: float) -> int:
 
 
 def painted_field(scene: Scene, pixel: float) -> UnrestrictedField:
-    """A direct colour field for a painting of the scene, black; ``pixel`` as of :func:`paint_cells`."""
+    """Return a black direct colour field for a painting of the scene; ``pixel`` as in :func:`paint_cells`."""
     cells = paint_cells(scene.occupancy, pixel)
     return UnrestrictedField(scene.settings, scene.occupancy, (cells,), direct=True).to(scene.device)
 
 
 @dataclass(frozen=True)
 class Start:
-    """What is painted before anything is matched."""
+    """Styles, inks and colours from which the painting starts, before any matching."""
 
     transferred: Tensor
     """The palette after colour transfer, RGB. (P, 3)"""
     targets: Mapping[int, StyleTarget]
     """Style of each region that gets one."""
     inks: Mapping[int, Ink] = field(default_factory=dict)
-    """Regions that are drawn instead, anew even where the scene says that they are painted."""
+    """Ink of each region that is drawn instead; it is drawn again even if the region is already painted."""
     before: UnrestrictedField | None = None
-    """Colours to begin with: the regions that the scene says are painted keep them, and only those that are new in
-    ``targets`` are painted."""
+    """Earlier paint: regions that the scene marks as painted keep it, and only those new in ``targets`` are painted."""
 
 
 @torch.no_grad()
@@ -97,18 +97,18 @@ def painted_start(
     """Paint the regions.
 
     Args:
-        scene: With a palette colour network.
-        start: Which of them, and how.
+        scene: A scene with a palette colour network.
+        start: What to paint on which regions.
         pixel: Side of a pixel of the styles on the surface, in box units.
-        seed: Another one is another layout.
+        seed: Seed of the layout.
         progress: Called several times a second.
-        show: Given the field with every region in one colour, and again after each region that is painted.
+        show: Called with the field when every region has one colour, and again after each painted region.
 
     Returns:
         A direct colour field.
 
     Raises:
-        BadInput: none of the regions to be painted is visible.
+        BadInput: None of the regions to be painted is visible.
     """
     assert scene.palette_network is not None
     occupancy, targets, inks, before = scene.occupancy, start.targets, start.inks, start.before
@@ -155,10 +155,10 @@ def painted_start(
 def _quilt(
     target: StyleTarget, form: Form, points: NDArray[np.float32], pixel: float, seed: int, progress: Progress
 ) -> Quilt:
-    """A style's picture on points that are seen of a region; in deep ones pieces are larger, with their strokes."""
+    """Lay a style's picture on visible points of a region; in deep regions, pieces and strokes are larger."""
     larger, inside = target.settings.larger, target.inside
     picture = target.picture
-    if larger > 1.0:  # the target's picture has been enlarged already: here it is the pixels that are larger
+    if larger > 1.0:  # the target's picture is already enlarged: here the pixels are enlarged instead
         picture = resized(picture, round(max(picture.shape[1:]) / larger))
         if inside is not None:
             share = resized(torch.from_numpy(inside[None].astype(np.float32)), max(picture.shape[1:]))[0].numpy()
@@ -171,9 +171,9 @@ def _flat(
     scene: Scene, transferred: Tensor, place: NDArray[np.float32], painted: list[int], kept: list[int],
     before: UnrestrictedField | None,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:  # fmt: skip
-    """Painted region that each vertex is most of, -1 for none, (V,), and its colour before any stroke, (V, 3).
+    """Return the painted region with the largest weight at each vertex, -1 for none (V,), and flat colours (V, 3).
 
-    At the border to a region that is not painted the strokes go on: what is interpolated there must be paint.
+    Strokes continue across the border to an unpainted region, so that colours interpolated there are paint.
     """
     assert scene.palette_network is not None
     region = np.empty(len(place), np.int64)
@@ -199,7 +199,7 @@ def _flat(
 def _near_what_is_seen(
     views: Sequence[StyledView], region: int, occupancy: Occupancy, place: NDArray[np.float32]
 ) -> NDArray[np.bool_]:
-    """Whether a vertex is in a cell of the occupancy that some view saw the region in, or in one beside it. (V,)"""
+    """Return whether each vertex lies in, or next to, an occupancy cell in which a view shows the region. (V,)"""
     seen = np.zeros(occupancy.occupied.shape, bool)
     top: NDArray[np.int64] = np.array(seen.shape) - 1
     for view in views:
@@ -212,7 +212,7 @@ def _near_what_is_seen(
 def _surface(
     views: Sequence[StyledView], region: int, spacing: float, generator: np.random.Generator
 ) -> NDArray[np.float32]:
-    """Points that are seen of a region, about one in each cube of a side. (S, 3)"""
+    """Return visible points of a region, about one per cube of side ``spacing``. (S, 3)"""
     parts = []
     for view in views:
         own = torch.nonzero((view.region == region) & (view.weight > LEAST_SEEN))[:, 0].cpu().numpy()

@@ -1,4 +1,4 @@
-"""From views to a scene, and from a scene to a stylized one: the stages in order, measured, resumable."""
+"""Train a scene from views, and stylize a scene: all stages in order, measured and resumable."""
 
 from __future__ import annotations
 
@@ -39,35 +39,34 @@ def train_scene(
     checkpoint: Path | None = None,
     **changes: Any,
 ) -> tuple[Scene, dict[str, Any]]:
-    """Stages 1 and 2: base field, palette, palette colour network.
+    """Train a scene: base field, palette and palette colour network (stages 1 and 2).
 
     Args:
         views: Training views.
-        options: How to train. The name of a preset, or settings of your own, stand for the usual options with these.
+        options: How to train. The name of a preset, or custom settings, mean the default options with these settings.
             On a CPU, the same views, options and number of threads give the same scene (without a time limit); a GPU
-            adds up in another order each time.
+            sums in a different order each time.
         progress: Called several times a second; stops the training when it raises.
-        checkpoint: File to save to now and then, and to resume from if it exists. The caller removes it once the
-            scene is safe.
-        changes: Fields of the options by name, such as ``time_limit=60``.
+        checkpoint: File to save to regularly, and to resume from if it exists. The caller removes it once the scene
+            is saved.
+        changes: Fields of the options to change, by name, such as ``time_limit=60``.
 
     Returns:
-        The scene, and a report: ``seconds`` a stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
-        ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (the last None on a CPU), ``seed``, ``preset``,
-        ``encoding``, ``lighting`` (what the scene is lit by: ``network``, ``phong`` or ``none``), ``notes`` (why the
-        model has the size it has).
+        The scene, and a report: ``seconds`` per stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
+        ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (None on a CPU, as is ``gpu``), ``seed``, ``preset``,
+        ``encoding``, ``lighting`` (the light of the scene: ``network``, ``phong`` or ``none``), and ``notes`` (why the
+        model has its size).
 
     Raises:
-        BadInput: fewer than 3 views, nothing visible in all of them, an option that does not exist, no time.
+        BadInput: There are fewer than 3 views, no point is visible in all of them, an option does not exist, or the
+            time limit is not above 0.
     """
     asked, chosen = given(TrainOptions, options, changes)
     device, time_limit, seed = device_named(asked.device), asked.time_limit, asked.seed
     if asked.views_only:
         views = replace(views, classified=None)
     if len(views.cameras) < LEAST_VIEWS:
-        raise BadInput(
-            f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (92 are usual)."
-        )
+        raise BadInput(f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (usually 92).")
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
     saved = None if checkpoint is None else Checkpoint(checkpoint, key_of(views, chosen, time_limit, seed))
@@ -100,41 +99,41 @@ def stylize_scene(
     loss: StyleLossSettings | None = None,
     **changes: Any,
 ) -> tuple[Scene, dict[str, Any]]:
-    """Stage 3: colour transfer, painting and stylization.
+    """Stylize a scene: colour transfer, painting and feature matching (stage 3).
 
     Args:
-        scene: With a palette colour network; its device is where the work is done.
-        styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.ink.Ink`): their regions are drawn, and
-            nothing is matched in them. :class:`svv.train.ink.StyleInput` gives them names and masks.
-        options: How to paint. The name of a preset, or settings of your own, stand for the usual options with these.
-            ``mapping`` is the style of each
-            region to be painted; other regions stay as they are. None gives every region that is not kept a style, in
-            turn; ``"colour"`` the style whose mean colour is nearest (:func:`svv.train.style_choice.pairs_by_colour`).
-            With ``go_on``, regions that are painted already are refined instead of being painted anew, and those that
-            are not named keep their style. ``variant`` is a name that no painting of the scene has; without one it is
-            ``styled``, and replaces a painting of that name, or with ``go_on`` the painting that is shown.
+        scene: A scene with a palette colour network; its device does the work.
+        styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.ink.Ink`); regions in ink are drawn, and
+            nothing is matched in them. :class:`svv.train.ink.StyleInput` gives styles names and masks.
+        options: How to paint. The name of a preset, or custom settings, mean the default options with these settings.
+            ``mapping`` is the style of each region to be painted; other regions do not change. None gives every region
+            that is not kept a style, in turn; ``"colour"`` gives it the style whose mean colour is nearest
+            (:func:`svv.train.style_choice.pairs_by_colour`). With ``go_on``, regions that are already painted are
+            refined instead of being painted again, and those that are not named keep their style. ``variant`` is a
+            name that no painting of the scene has yet; without one, the painting is called ``styled`` and replaces one
+            of that name, or with ``go_on`` the painting that is shown.
         progress: Called several times a second; stops the work when it raises.
-        checkpoint: File to save to now and then, and to resume from if it exists.
-        preview: Called with the painted scene as it is so far, for the first time when the style is laid, then every
-            ten seconds or so, and with the result. What it is given is its own.
-        loss: What pulls the images towards the styles.
-        changes: Fields of the options by name, such as ``variant="ink"``.
+        checkpoint: File to save to regularly, and to resume from if it exists.
+        preview: Called with a copy of the painted scene in its current state: first when the style has been laid, then
+            about every ten seconds, and finally with the result.
+        loss: Weights and sizes of the style loss; by default those that suit the features.
+        changes: Fields of the options to change, by name, such as ``variant="ink"``.
 
     Returns:
-        The scene with one more variant, which is shown, its edits as they were, and a report as of :func:`train_scene`;
-        ``notes`` says which styles are not used or shared, which masks make no difference, and whether better features
-        could be had; ``features`` names those that were used.
+        The scene with one more variant, which is shown, and the same edits, and a report as from :func:`train_scene`.
+        Its ``notes`` say which styles are unused or shared, which masks make no difference, and whether better features
+        are available; ``features`` names those that were used.
 
     Raises:
-        BadInput: no palette network, no styles, a region or style that does not exist, nothing left to style, a mask
-            that is empty or of another size than its picture, a stroke size or strength out of range, going on with
-            a scene that holds no styled network, a variant that exists, or ink where paint is no lattice.
+        BadInput: There is no palette network or no style, a region or style does not exist, no region is left to style,
+            a mask is empty or differs in size from its picture, a stroke size or strength is out of range, there is no
+            styled network to continue with, the variant already exists, or ink is used where paint is not a lattice.
     """
     asked, chosen = given(PaintOptions, options, changes)
     inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]
     order = ordered(scene, inputs, asked)
     if order.inks and not is_laid(scene, chosen.stylize):
-        raise BadInput("Ink needs paint on a lattice: choose a scene and a preset of another kind than 'paper'.")
+        raise BadInput("Ink needs paint on a lattice: train and stylize the scene with a preset other than 'paper'.")
     network = None  # ink is not matched
     if len(order.inks) < len(order.pairs):
         network = load_features(asked.features, lambda _, label: progress(0.0, label))
@@ -168,7 +167,7 @@ def stylize_scene(
 
 
 def key_of(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:
-    """What a training run depends on: a checkpoint of anything else is not gone on from."""
+    """Return everything that a training run depends on: a checkpoint with another key is not resumed."""
     return {
         "cameras": [(c.camera_to_world, c.fov_x, c.width, c.height) for c in views.cameras],
         "images": views.images,

@@ -1,8 +1,8 @@
-"""Stage 3, second half: every region takes on the manner of its style picture (StyleRF-VolVis, section NPSE).
+"""Stage 3, second half: every region takes on the look of its style picture (StyleRF-VolVis, section NPSE).
 
-From each of 42 views around the scene one image a region is rendered from the UCN's diffuse colours and drawn towards
-its style by nearest-neighbour feature matching. The images are cropped to what is visible. Back-propagation is
-deferred (Zhang et al. 2022, ARF): the image is rendered without a graph, the loss gives a gradient a pixel, and only
+From each of 42 views around the scene, one image per region is rendered from the UCN's diffuse colours and pulled
+towards its style by nearest-neighbour feature matching. The images are cropped to what is visible. Back-propagation is
+deferred (Zhang et al. 2022, ARF): the image is rendered without a graph, the loss gives a gradient per pixel, and only
 then are the samples evaluated again, piece by piece, with a graph.
 
 Density and regions do not change here, so the samples of the views, their weights in the pixels and their regions are
@@ -30,28 +30,28 @@ from svv.train.loop import falling, network_adam
 from svv.train.style_loss import StyleTarget
 
 LEAST_WEIGHT = 4e-3
-"""Samples that weigh less are left out of the images: about one step of 8 bits."""
+"""Weight in a pixel below which samples are omitted from the images: about one 8-bit level."""
 
 RIM = 16
-"""Pixels around what is visible that belong to the crop: what the features see beyond the outline."""
+"""Margin in pixels of the crop around what is visible: features see that far beyond the outline."""
 
 LEAST_PIXELS = 64
-"""A region that covers fewer pixels of a view has no place for a stroke in it and is passed over there."""
+"""Pixels of a view that a region must cover not to be skipped there: fewer have no room for a stroke."""
 
 
 UNSEEN = "None of the regions to be styled is visible; choose other regions with --map."
 
 REFINED = 0.1
-"""Part of the anchor's weight that regions keep which were styled before: what holds them is the style they had."""
+"""Fraction of the anchor's weight for regions that were styled before: they may move further from that style."""
 
 
 DAMPING = 2.0
-"""Of colours that are stored as they are: Adam's epsilon, in units of the first step's gradients."""
+"""Adam's epsilon for colours that are stored directly, in units of the first step's gradients."""
 
 
 @dataclass(frozen=True)
 class StyledView:
-    """What is seen from one stylization view, cropped to ``height`` x ``width`` pixels.
+    """Visible samples of one stylization view, cropped to ``height`` x ``width`` pixels.
 
     ``position`` (S, 3), ``weight`` (S,) in the pixel, ``pixel`` (S,) flat index in the crop, ``region`` (S,).
     """
@@ -64,10 +64,10 @@ class StyledView:
     width: int
 
     def image(self, colours: Tensor, region: int, background: float) -> tuple[Tensor, Tensor]:
-        """Render of one region, behind what hides it: (3, H, W), and its opacity (H, W).
+        """Render one region, with what hides it: colours (3, H, W) and its opacity (H, W).
 
-        Samples of other regions keep their extinction, so they hide what lies behind them; where they are seen, the
-        background is.
+        Samples of other regions keep their extinction, so they hide what lies behind them; where they are visible, the
+        background is shown.
         """
         own = self.region == region
         weight, pixel = self.weight[own], self.pixel[own]
@@ -94,16 +94,16 @@ class Stylization:
         """Prepare the views.
 
         Args:
-            scene: With a palette colour network.
-            field: The colours to begin with, painted or distilled.
+            scene: A scene with a palette colour network.
+            field: Initial colours, painted or distilled.
             targets: Style of each region that gets one.
-            settings: Of stage 3.
+            settings: Settings of stage 3.
             progress: Called after every view.
-            refined: Regions that were styled before and go on: they are less bound to where they begin.
-            whole: Whether the scene counts as one region, number 0, whatever its palette says.
+            refined: Regions that were styled before and are refined: they are less bound to their initial colours.
+            whole: Whether the scene counts as one region, number 0, regardless of its palette.
 
         Raises:
-            BadInput: the regions to be styled are hardly seen from anywhere.
+            BadInput: The regions to be styled are barely visible from all sides.
         """
         self.field, self.targets, self.settings = field, targets, settings
         self.anchors = {k: t.settings.anchor * (REFINED if k in refined else 1.0) for k, t in targets.items()}
@@ -121,8 +121,8 @@ class Stylization:
         self.rate = min(rates) if field.direct else settings.style_feature_rate
 
     def step(self, number: int, fraction: float) -> Tensor:
-        """One view: all its regions; returns the style loss. A network's rates are fixed, as in the paper."""
-        # A stride that shares no factor with the number of views jumps around the scene, so no side falls behind.
+        """Optimise all regions of one view; returns the style loss. A network's rates are fixed, as in the paper."""
+        # A stride coprime to the number of views jumps around the scene, so no side falls behind.
         index = number * _coprime(len(self.views)) % len(self.views)
         view = self.views[index]
         with torch.no_grad():
@@ -143,15 +143,15 @@ class Stylization:
             self._damp()
         self.tables.step([self.rate * falling(fraction, 0.1) if self.field.direct else self.rate])
         if self.field.direct:
-            with torch.no_grad():  # only what was looked up has moved
+            with torch.no_grad():  # only colours that were looked up have changed
                 self.field.encoding.table.clamp_(0.0, 1.0)
         return torch.stack(values).mean()
 
     def _damp(self) -> None:
-        """Let colours move as far as their gradients say.
+        """Set Adam's epsilon such that colours move in proportion to their gradients.
 
-        Adam moves every number alike, however little is asked of it. Features under a network do not mind; colours
-        that are shown as they are get specks where the paint was right already.
+        Adam moves every number by the same amount, however small its gradient. That does no harm to the features of a
+        network, but colours that are shown directly get specks where the paint was already right.
         """
         gradient, used = self.field.encoding.buffers_for_gradient()
         typical = float(gradient[used > 0].square().mean().sqrt())
@@ -159,7 +159,7 @@ class Stylization:
         self.tables.constants = beta1, beta2, max(DAMPING * typical, 1e-12)
 
     def losses(self, index: int, colours: Tensor) -> Iterator[Tensor]:
-        """What is to fall in one view, a scalar a region that is seen in it, for its samples' colours (S, 3)."""
+        """Yield the loss of each region visible in one view, a scalar, for its samples' colours (S, 3)."""
         view, start = self.views[index], self.starts[index]
         for region, target in self.targets.items():
             if self._covers(view, region):
@@ -177,21 +177,21 @@ class Stylization:
 
 
 def spread_along_rays(view: StyledView, own: Tensor, colours: Tensor) -> Tensor:
-    """How much the colours of some samples differ along their rays: the weighted mean of |c - mean in the pixel|^2.
+    """Return how much colours of samples differ along their rays: the weighted mean of |c - mean in the pixel|^2.
 
-    Paint that changes through the thickness of a translucent region shows another mixture from every side, and where
-    strokes lie behind each other they average to nothing. Paint that is the same along each ray does neither.
+    Paint that varies through the thickness of a translucent region shows a different mixture from every side, and
+    strokes that lie behind one another average out. Paint that is constant along each ray avoids both.
 
     Args:
-        view: What is seen.
-        own: Indices of the samples, (N,).
-        colours: Theirs, (N, 3).
+        view: View with the samples.
+        own: Indices of the samples. (N,)
+        colours: Colours of the samples. (N, 3)
 
     Returns:
-        A scalar; 0 where each pixel sees one colour.
+        A scalar; 0 if each pixel sees one colour.
     """
     weight, pixel = view.weight[own], view.pixel[own]
-    with torch.no_grad():  # the part of the gradient that goes through the mean is zero
+    with torch.no_grad():  # the gradient through the mean is zero
         sums = colours.new_zeros(view.height * view.width, 4)
         sums.index_add_(0, pixel, torch.cat([colours * weight[:, None], weight[:, None]], dim=1))
         mean = sums[:, :3] / sums[:, 3:].clamp_min(1e-6)
@@ -199,13 +199,13 @@ def spread_along_rays(view: StyledView, own: Tensor, colours: Tensor) -> Tensor:
 
 
 def stylization_cameras(scene: Scene, settings: StylizeSettings) -> Sequence[Camera]:
-    """The evenly spread views that see the strokes being made."""
+    """Return the evenly spread cameras of the stylization views."""
     return scene.rig.sphere(settings.style_views, settings.style_size)
 
 
 @torch.no_grad()
 def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress, whole: bool = False) -> list[StyledView]:
-    """Samples, weights and regions of views, or one region 0 (``whole``); views that show nothing are left out."""
+    """Return samples, weights and regions of views (``whole``: one region 0); views that show nothing are omitted."""
     assert whole or scene.palette_network is not None
     views, piece = [], kernels_of(scene.device.type).SAMPLES
     for number, camera in enumerate(cameras):
@@ -226,7 +226,7 @@ def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress, wh
         bottom = min(camera.height, int(row.max()) + RIM + 1)
         right = min(camera.width, int(column.max()) + RIM + 1)
         width = right - left
-        # All views are kept at a time: three quarters of a gigabyte for fog, with numbers no longer than they must be.
+        # All views are in memory at once: three quarters of a gigabyte for fog, even with the shortest number types.
         pixel = ((row - top) * width + column - left).int()
         views.append(StyledView(position, weight, pixel, region, bottom - top, width))
     progress(1.0, "stylization views")
@@ -234,7 +234,7 @@ def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress, wh
 
 
 def _coprime(count: int) -> int:
-    """A stride of about the golden section of ``count`` that visits every number before it repeats one."""
+    """Return a stride near the golden section of ``count`` that visits every number before it repeats one."""
     stride = max(1, round(count * 0.618))
     while math.gcd(stride, count) != 1:
         stride += 1

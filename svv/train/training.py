@@ -1,4 +1,4 @@
-"""One training: from views to a scene, stage after stage, within a limit of time if there is one."""
+"""One training run: from views to a scene, stage by stage, within an optional time limit."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from svv.train.sampling import with_fewest_samples
 from svv.train.unmix import Unmixing
 
 INDEPENDENT = 3
-"""Palette colours that a pixel's colour can tell apart by itself: RGB has no more dimensions. Which of more colours a
-mixture is made of, the pixels must say (:class:`svv.train.unmix.Unmixing`) where no volume does."""
+"""Number of palette colours that a pixel's colour alone can tell apart: RGB has no more dimensions. With more colours
+and no volume, :class:`svv.train.unmix.Unmixing` estimates from the pixels which ones a mixture is made of."""
 
 BASE_PART = 0.68
-"""Part of a time limit that goes to stage 1; the rest, less what comes between, is stage 2's."""
+"""Fraction of a time limit given to stage 1; stage 2 gets the rest, less the time of the steps between them."""
 
 
 class Training:
     """Stages 1 and 2 of one scene.
 
-    ``seconds`` says how long each part took, and ``notes`` what was chosen and why.
+    ``seconds`` holds the duration of each part; ``notes`` says what was chosen and why.
     """
 
     def __init__(
@@ -49,14 +49,14 @@ class Training:
         saved: Checkpoint | None,
         device: torch.device,
     ) -> None:
-        """Prepare it; the arguments are those of :func:`svv.train.pipeline.train_scene`."""
+        """Prepare the training; the arguments are those of :func:`svv.train.pipeline.train_scene`."""
         self.views, self.chosen, self.limit, self.seed = views, chosen, limit, seed
         self.progress, self.saved, self.device = progress, saved, device
         self.seconds: dict[str, float] = {}
         self.notes: list[str] = []
 
     def run(self) -> Scene:
-        """The trained scene; stages that the checkpoint holds are not done again."""
+        """Return the trained scene; stages that the checkpoint holds are not repeated."""
         scene = self._restored_base() if self.saved and "base" in self.saved.finished else self._base()
         with self._timed("palette"):
             scene, palette, known = self._palette(scene)
@@ -78,7 +78,7 @@ class Training:
         return Scene.from_arrays(values["header"], self.saved.arrays).on(self.device)
 
     def _base(self) -> Scene:
-        """Stage 1: extinction and base colours."""
+        """Train extinction and base colours (stage 1)."""
         views, chosen, progress = self.views, self.chosen, self.progress
         with self._timed("hull"):
             occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(progress, 0.0, 0.02))
@@ -93,7 +93,7 @@ class Training:
             Running(self.seed, first, part(progress, 0.02, 0.7), self.saved), self.device,
         )  # fmt: skip
         self.notes.append(reason)
-        self.notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning what the density showed empty")
+        self.notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning the cells that are empty")
         scene = Scene(field, occupancy, marching, base, camera_rig=CameraRig.of(views.cameras))
         if self.saved is not None:
             header, arrays = scene.to_arrays(packed=False)
@@ -101,7 +101,7 @@ class Training:
         return scene
 
     def _palette(self, scene: Scene) -> tuple[Scene, Palette, KnownRegions | None]:
-        """Palette, and the regions where the volume says them; fewer levels and no light where the scene needs none."""
+        """Find the palette, and the regions if the volume is known; drop levels and light that the scene can spare."""
         views, seed, known = self.views, self.seed, None
         if views.classified is not None and self.chosen.reconstruct.use_volume:
             known = regions_of(views.classified, views, scene, seed)
@@ -118,12 +118,12 @@ class Training:
         return scene, palette, known
 
     def _lit(self, scene: Scene, palette: Palette, owners: Owners | None, given: Unmixing | None) -> Scene:
-        """The scene with an explicit light, where one was asked for."""
+        """Return the scene, with an explicit light if one was requested."""
         if scene.settings.lighting != "network" or self.chosen.lighting == "network":
             return scene
         scene = replace(scene, settings=with_explicit_light(scene.settings, self.views))
         if self.chosen.lighting != "auto":
-            self.notes.append("instead of it an explicit light (Blinn-Phong), as asked for: it can be moved")
+            self.notes.append("as requested, an explicit light (Blinn-Phong) replaces the lighting network: it can be moved")
             return scene
         with self._timed("lighting"):
             left = self._left()
@@ -135,7 +135,7 @@ class Training:
         return scene
 
     def _recoloured(self, scene: Scene, palette: Palette, known: KnownRegions | None, given: Unmixing | None) -> Scene:
-        """Stage 2: the palette network and its regions."""
+        """Train the palette network and find its regions (stage 2)."""
         owners = None if known is None else known.owners
         told = part(self.progress, 0.76 if "lighting" in self.seconds else 0.7, 1.0)
         network, shares, self.seconds["pcn"] = recolour(
@@ -149,7 +149,7 @@ class Training:
         )
 
     def _left(self) -> float | None:
-        """Seconds of the limit that are left, at least a tenth."""
+        """Return how many seconds of the limit are left, at least 0.1; None without a limit."""
         return None if self.limit is None else max(0.1, self.limit - sum(self.seconds.values()))
 
     @contextmanager

@@ -255,8 +255,8 @@ def changed(chosen: Preset, changes: Sequence[str]) -> Preset:
         stage, _, name = key.partition(".")
         if not sign or stage not in STAGES:
             raise BadInput(
-                f"'{text}' does not change a setting; write STAGE.NAME=VALUE with one of the stages {', '.join(STAGES)}, "
-                "for example reconstruct.iterations=4000."
+                f"'{text}' does not change a setting; write STAGE.NAME=VALUE with one of the stages "
+                f"{', '.join(STAGES)}, for example reconstruct.iterations=4000."
             )
         settings = getattr(chosen, stage)
         known = {field.name: field for field in described(type(settings))}

@@ -123,7 +123,7 @@ class Training:
             return scene
         scene = replace(scene, settings=with_explicit_light(scene.settings, self.views))
         if self.chosen.lighting != "auto":
-            self.notes.append("as requested, an explicit light (Blinn-Phong) replaces the lighting network: it can be moved")
+            self.notes.append("as requested, an explicit light (Blinn-Phong), which can be moved, replaces the network")
             return scene
         with self._timed("lighting"):
             left = self._left()

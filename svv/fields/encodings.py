@@ -163,7 +163,7 @@ class SparseLattice(Encoding):
         return np.nextafter((vertices / resolution).astype(np.float32), (middle / resolution).astype(np.float32))
 
     def packed(self) -> dict[str, NDArray[Any]]:
-        """The table as bytes: codes (V, F), and ``ends``, smallest and largest value of a level's features (L, 2, F)."""
+        """The table as bytes: codes (V, F), and ``ends``, least and greatest value of a level's features (L, 2, F)."""
         table = self.table.detach().cpu()
         codes, ends = torch.empty(table.shape, dtype=torch.uint8), torch.zeros(self.levels, 2, self.features)
         for level in range(self.levels):

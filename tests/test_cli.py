@@ -53,7 +53,7 @@ def test_a_colour_is_its_levels(red: int, green: int, blue: int) -> None:
     "text", ["", "#12345", "#1234567", "reddish", "#-12345", "#+12345", "#12 456", "#1_2345", "0x12ab"]
 )
 def test_no_colour(text: str) -> None:
-    with pytest.raises(BadInput, match="is no colour"):
+    with pytest.raises(BadInput, match="is not a colour"):
         parse_colour(text)
 
 
@@ -72,14 +72,14 @@ def test_sizes() -> None:
     assert parse_size("800") == (800, 800)
     assert parse_size("1280x720") == (1280, 720)
     for text in ("", "0", "-5", "x", "3x", "1x2x3", "99999", "4.5"):
-        with pytest.raises(BadInput, match="is no size"):
+        with pytest.raises(BadInput, match="is not a size"):
             parse_size(text)
 
 
 def test_mappings() -> None:
     assert parse_mapping("0=0,2=1") == {0: 0, 2: 1}
     for text in ("", "0", "a=1", "0=1=2", "-1=0"):
-        with pytest.raises(BadInput, match="is no mapping"):
+        with pytest.raises(BadInput, match="is not a mapping"):
             parse_mapping(text)
     with pytest.raises(BadInput, match="twice"):
         parse_mapping("0=1,0=2")
@@ -135,13 +135,13 @@ def is_one_sentence(text: str) -> bool:
         (["info", "foreign.svv"], "not a scene file"),
         (["info", "future.svv"], "format 99"),
         (["edit", "missing.svv", "--region", "0", "--out", "b.svv"], "Nothing to change"),
-        (["edit", "missing.svv", "--region", "0", "--colour", "red", "--out", "b.svv"], "is no colour"),
+        (["edit", "missing.svv", "--region", "0", "--colour", "red", "--out", "b.svv"], "is not a colour"),
         (["stylize", "missing.svv", "--style", "none.png", "--out", "b.svv"], "none.png"),
-        (["stylize", "missing.svv", "--style", "a.png", "--map", "x", "--out", "b.svv"], "is no mapping"),
+        (["stylize", "missing.svv", "--style", "a.png", "--map", "x", "--out", "b.svv"], "is not a mapping"),
         (["stylize", "missing.svv", "--style", "a.png", "--preview", "now.gif", "--out", "b.svv"], "name it .png"),
         (["stylize", "missing.svv", "--style", "gallery:fresco", "--out", "b.svv"], "no 'fresco' in the gallery"),
         (["stylize", "missing.svv", "--style", "a.png", "--style-mask", "1=m.png", "--out", "b.svv"], "no style 1"),
-        (["stylize", "missing.svv", "--style", "a.png", "--style-mask", "m", "--out", "b.svv"], "no mask of a style"),
+        (["stylize", "missing.svv", "--style", "a.png", "--style-mask", "m", "--out", "b.svv"], "a style's mask"),
         (["styles", "fresco", "--out", "g"], "no 'fresco' in the gallery"),
         (["style-mask", "missing.png", "--regions", "3", "--out", "parts"], "missing.png"),
         (["run", "missing.vti", "--style", "gallery:mosaic", "--out", "v"], "missing.vti"),
@@ -149,7 +149,7 @@ def is_one_sentence(text: str) -> bool:
         (["run", "a.vti", "--lighting", "sun", "--out", "v"], "not one of"),
         (["render", "missing.svv", "--orbit", "4", "--out", "a.png"], "many views"),
         (["render", "missing.svv", "--orbit", "4", "--camera", "c.json", "--out", "a"], "not both"),
-        (["render", "missing.svv", "--size", "big", "--out", "a"], "is no size"),
+        (["render", "missing.svv", "--size", "big", "--out", "a"], "is not a size"),
         (["evaluate", "missing.svv", "--views", "none"], "no scene file"),
         (["views", "missing.vti", "--tf", "tf.json", "--out", "v"], "missing.vti"),
         (["run", "missing.vti", "--tf", "tf.json", "--out", "v"], "missing.vti"),

@@ -152,8 +152,8 @@ def test_a_point_in_a_large_picture_means_its_own_pixels(tmp_path: Path, monkeyp
         (["none.png", "--positive", "1,1", "--out", "m.png"], "no style picture"),
         (["gallery:gouache", "--positive", "1,1", "--out", "m.png"], "no 'gouache'"),
         (["picture.png", "--out", "m.png"], "Say what to select"),
-        (["picture.png", "--positive", "1;1", "--out", "m.png"], "is no point"),
-        (["picture.png", "--positive", "nan,1", "--out", "m.png"], "is no point"),
+        (["picture.png", "--positive", "1;1", "--out", "m.png"], "is not a point"),
+        (["picture.png", "--positive", "nan,1", "--out", "m.png"], "is not a point"),
         (["picture.png", "--positive", "80,1", "--out", "m.png"], "outside of the picture"),
         (["picture.png", "--negative", "8,1", "--out", "m.png"], "at least one --positive"),
         (["picture.png", "--positive", "8,8", "--negative", "8,8", "--out", "m.png"], "ruled out at once"),
@@ -210,8 +210,8 @@ def test_texts_of_options() -> None:
 
 @pytest.mark.parametrize(
     ("texts", "words"),
-    [(["a.png"], "is no mask"), (["x=a.png"], "is no mask"), (["0="], "is no mask"), (["2=a.png"], "no style 2"),
-     (["0=a.png", "0=b.png"], "two masks")],
+    [(["a.png"], "a style's mask"), (["x=a.png"], "a style's mask"), (["0="], "a style's mask"),
+     (["2=a.png"], "no style 2"), (["0=a.png", "0=b.png"], "two masks")],
 )  # fmt: skip
 def test_texts_of_masks_that_cannot_be(texts: list[str], words: str) -> None:
     with pytest.raises(BadInput, match=words):

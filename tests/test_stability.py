@@ -287,9 +287,9 @@ def test_unsteady_seeds_are_a_failure(counted: list[tuple[int, str]], tmp_path: 
         (["--seeds", "0"], "seeds"),
         (["--time-limit", "0"], "time-limit"),
         (["--n", "2"], "--n"),
-        (["--steps", "draft=300"], "are no steps"),
-        (["--steps", "best=300+20"], "are no steps"),
-        (["--steps", "draft=0+20"], "are no steps"),
+        (["--steps", "draft=300"], "does not give steps"),
+        (["--steps", "best=300+20"], "does not give steps"),
+        (["--steps", "draft=0+20"], "does not give steps"),
         (["--case", "transparent", "--seeds", "1", "--out", "/dev/null/x"], "/dev/null/x"),
     ],
 )

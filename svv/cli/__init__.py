@@ -1,1 +1,1 @@
-"""The ``svv`` command: one module a group of commands; each reads its options and calls what does the work."""
+"""The ``svv`` command: one module per group of commands; each reads its options and calls the layers below."""

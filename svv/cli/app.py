@@ -1,6 +1,6 @@
-"""The ``svv`` command: reads arguments, calls the layers below, prints what came out.
+"""The ``svv`` command: reads arguments, calls the layers below and prints the result.
 
-Heavy imports stand inside the commands, so that ``svv --help`` answers at once.
+Heavy imports are inside the commands, so ``svv --help`` answers at once.
 
 Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130 stopped by the user.
 """
@@ -30,7 +30,7 @@ app = typer.Typer(
 
 
 UsageError: Any = typer.BadParameter.__base__
-"""Bad use of the command; typer brings its own copy of click in some versions and needs the package in others."""
+"""Click's error for bad use: some versions of typer bring their own copy of click, others need the package."""
 
 
 @app.callback(invoke_without_command=True)
@@ -41,7 +41,7 @@ def svv(
     """Volume renderings that look like something else: recoloured, relit, thinned out or painted, region by region.
 
     Views of a volume become a small scene file (.svv), which renders from any side, takes edits without training
-    and learns the manner of pictures.
+    and can be painted in the style of pictures.
     """
     if version:
         print(f"svv {__version__}")
@@ -67,7 +67,7 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "features": (features.features, features.FEATURES),
     "cache": (cache.cache, cache.CACHE),
 }
-"""Name -> what does it, and the examples of its help; in the order of the help."""
+"""Each command's name, its function and the examples in its help, in the order of the help."""
 
 for _name, (_command, _examples) in COMMANDS.items():
     app.command(_name, epilog=examples(*_examples))(_command)
@@ -76,7 +76,7 @@ paraview.add_to(app)  # last, as in the help
 
 
 def main() -> NoReturn:
-    """Run the command line; what went wrong becomes one sentence and an exit code."""
+    """Run the command line; an error becomes one sentence and an exit code."""
     share_cores(os.environ)
 
     def run() -> object:

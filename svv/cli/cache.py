@@ -19,14 +19,15 @@ CACHE = (
 
 def cache(
     clear: Annotated[
-        bool, typer.Option("--clear", help="Remove everything; saved states that need it will say so.")
+        bool,
+        typer.Option("--clear", help="Remove everything; saved states that need a result will say so."),
     ] = False,
     json: Json = None,
 ) -> None:
-    """Show or clear what ParaView's filters keep so that saved states need not train or paint again.
+    """Show or clear the results that ParaView's filters keep so that saved states need not train or paint again.
 
-    The folder is SVV_CACHE, or else svv/scenes in the user's cache. SVV_CACHE_SIZE limits it (2G); beyond that, what
-    was unused for longest is removed.
+    The folder is SVV_CACHE if it is set, otherwise svv/scenes in the user's cache. SVV_CACHE_SIZE limits its size (by
+    default to 2G); above the limit, the least recently used results are removed.
     """
     from svv.io.atomic import check_writable, write_json
     from svv.io.cache import Cache

@@ -43,25 +43,25 @@ PALETTE = (
 
 @dataclass(frozen=True)
 class Steps:
-    """What is done with the steps of the history, and with paintings."""
+    """Undoing and redoing edits, and showing or removing paintings."""
 
     undo: Annotated[int, typer.Option("--undo", count=True, help="Undo the last edit; may be repeated.")] = 0
     redo: Annotated[
-        int, typer.Option("--redo", count=True, help="Redo the edit that was undone last; may be repeated.")
+        int, typer.Option("--redo", count=True, help="Redo the last edit that was undone; may be repeated.")
     ] = 0
     show_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Show this painting.")] = None
     drop_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Remove this painting from the file.")] = None
 
 
 @spread
-def edit(  # noqa: PLR0913  (a parameter for each group of options)
+def edit(  # noqa: PLR0913  (one parameter per group of options)
     scene: SceneFile,
     out: Out,
     region: Annotated[
         int | None,
         typer.Option(
             min=0,
-            help="Number of the region; `svv info` lists them. Without it, paint and outlines of all are edited.",
+            help="Number of the region; `svv info` lists them. Without it, paint and outlines change in all regions.",
         ),
     ] = None,
     own: RegionEdit = RegionEdit(),
@@ -71,10 +71,10 @@ def edit(  # noqa: PLR0913  (a parameter for each group of options)
     visibility: VisibilityEdit = VisibilityEdit(),
     steps: Steps = Steps(),
 ) -> None:
-    """Edit a scene's regions: colour, opacity, light, outlines, visibility. Nothing is trained.
+    """Edit a scene's regions: colour, opacity, light, outlines and visibility. Nothing is trained.
 
-    All changes of one command are one step of the history in the scene's file, which --undo takes back. Of several
-    options, --reset applies first, then those that hide and show.
+    All changes made by one command form one step in the history of the scene file, which --undo reverts. --reset is
+    applied first, then the options that hide and show regions, then all others.
     """
     from svv.fields.requested import with_edit
     from svv.fields.scene import Scene
@@ -83,7 +83,7 @@ def edit(  # noqa: PLR0913  (a parameter for each group of options)
     chosen = () if region is None else (region,)
     request = SceneEdit(dict.fromkeys(chosen, own), light, paint, outline, visibility, chosen, chosen)
     if (steps.undo or steps.redo) and (request or own or (steps.undo and steps.redo)):
-        raise BadInput("Undo or redo alone: --undo, or --redo, or edits.")
+        raise BadInput("Give --undo, --redo or edits, not more than one of these.")
     if region is None and own:
         raise BadInput("Say which region with --region K; `svv info` lists them.")
     if region is not None and not (own or paint or outline):
@@ -109,7 +109,7 @@ def edit(  # noqa: PLR0913  (a parameter for each group of options)
 
 @dataclass(frozen=True)
 class PaletteChanges:
-    """What is corrected about a palette."""
+    """Corrections to a palette."""
 
     add: Annotated[tuple[str, ...], Setting(metavar="'#rrggbb'")] = ()
     """Add a region of this colour."""
@@ -123,7 +123,7 @@ class PaletteChanges:
     """Split this region into one region for each of its ranges of values."""
 
     def correction(self) -> Correction:
-        """As the layers below take them."""
+        """Return the changes in the form that the layers below take."""
         from svv.core.correction import Correction
 
         return Correction(
@@ -147,7 +147,7 @@ def palette(
 ) -> None:
     """Correct a scene's palette by hand and train its regions again; the base network is kept.
 
-    If two parts of similar hue were taken for one, add the missing colour. Regions are numbered as in
+    If two parts of similar hue ended up in one region, add the missing colour. Regions are numbered as in
     `svv info SCENE.svv`. If the volume is known, each region still consists of ranges of the transfer function.
     After Ctrl-C, the same command resumes.
     """
@@ -168,12 +168,12 @@ def palette(
 
 
 def parse_set(text: str) -> tuple[int, tuple[float, float, float]]:
-    """'0=#rrggbb' as region and colour.
+    """Return the region and colour of '0=#rrggbb'.
 
     Raises:
-        BadInput: anything else.
+        BadInput: The text has another form.
     """
     region, _, colour = text.partition("=")
     if not (region.strip().isascii() and region.strip().isdigit() and colour):
-        raise BadInput(f"'{text}' sets no colour; write region=colour, for example --set 0='#ff8800'.")
+        raise BadInput(f"'{text}' does not set a colour; write region=colour, for example --set 0='#ff8800'.")
     return int(region), parse_colour(colour)

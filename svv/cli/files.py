@@ -1,4 +1,4 @@
-"""Scene files that commands read and write, with the checkpoints of what was stopped."""
+"""Scene files that commands read and write, and the checkpoints of interrupted work."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def check_targets(*paths: Path | None) -> None:
-    """Find out before minutes of work that a result could not be written."""
+    """Check before minutes of work that the results can be written; raises BadInput otherwise."""
     from svv.io.atomic import check_writable
 
     for path in paths:
@@ -21,7 +21,7 @@ def check_targets(*paths: Path | None) -> None:
 
 
 def load(path: Path, device: str = "cpu") -> Scene:
-    """Read a scene onto a device; raises BadInput where either is not there."""
+    """Read a scene onto a device; raises BadInput if either is not available."""
     from svv.fields.scene import Scene
     from svv.kernels.dispatch import device_named
 
@@ -30,7 +30,7 @@ def load(path: Path, device: str = "cpu") -> Scene:
 
 
 def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, checkpoint: Path) -> None:
-    """Save a trained scene and what its training reports, then drop the checkpoint that is no longer needed."""
+    """Save a trained scene and the report of its training, then delete the checkpoint."""
     from svv.io.atomic import write_json
 
     scene.save(out)

@@ -1,4 +1,4 @@
-"""The commands that begin with a volume: ``svv demo``, ``svv run`` and ``svv views``; see :mod:`svv.cli.app`."""
+"""The commands that start from a volume: ``svv demo``, ``svv run`` and ``svv views``; see :mod:`svv.cli.app`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Commands whose options come from dataclasses: :mod:`svv.options`, or a command's own.
+"""Commands whose options come from dataclasses, in :mod:`svv.options` or in the command's own module.
 
-A command has a parameter of the dataclass's type; :func:`spread` shows typer its fields instead, and gives the command
-the dataclass, made of what was typed.
+A command has a parameter of the dataclass's type. :func:`spread` shows typer the fields instead and passes the command
+an instance made from the options given.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ SYNTAX: dict[str, Callable[[str, str], Any]] = {
     "size": lambda text, _: options.parse_size(text),
     "spacing": options.parse_numbers,
 }
-"""Name of a syntax -> what reads it, from the text and the option's name."""
+"""Parser of each syntax, by name; it takes the text and the option's name."""
 
 
 def spread(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The command as typer is to see it: a parameter that is a dataclass is its fields, in their order and place.
+    """Return the command as typer is to see it: each dataclass parameter is replaced by its fields, in order.
 
-    Left out, an option is as in the parameter's default, where it has one, or else the field's own.
+    The default of an option comes from the parameter's default if there is one, otherwise from the field.
     """
     parameters: list[inspect.Parameter] = []
     groups: dict[str, Any] = {}
@@ -68,7 +68,7 @@ def spread(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def flag_of(field: Described) -> str:
-    """The name of its option, ``--stroke-size``."""
+    """Return the name of a field's option, such as ``--stroke-size``."""
     return field.setting.flag or f"--{field.name.replace('_', '-')}"
 
 
@@ -77,7 +77,7 @@ def _options_of(kind: Any) -> list[Described]:
 
 
 def _as_typer_has_it(cls: Any, field: Described) -> Any:
-    """The type and option of a field; what a command's own dataclass says of typer itself is taken as it is."""
+    """Return the annotation of a field for typer; a field that already has a typer option is left unchanged."""
     given = get_type_hints(cls, include_extras=True)[field.name]
     if any(hasattr(note, "param_decls") for note in get_args(given)):
         return given
@@ -104,19 +104,19 @@ def _as_typer_has_it(cls: Any, field: Described) -> Any:
 
 @cache
 def words(name: str, choices: tuple[str, ...]) -> Any:
-    """The enumeration that shows typer a choice of words."""
+    """Return an enumeration with which typer offers a choice of words."""
     return Enum(name.title().replace("_", ""), {word.replace("-", "_"): word for word in choices}, type=str)
 
 
 def _shown(field: Described, default: Any) -> Any:
-    """A default as typer takes it."""
+    """Return a default in the form that typer takes."""
     if default is inspect.Parameter.empty or default is None or default == ():
         return inspect.Parameter.empty if default is inspect.Parameter.empty else None
     return words(field.name, field.choices)(default) if field.choices else default
 
 
 def _meant(field: Described, given: Any) -> Any:
-    """What was typed, as the dataclass has it."""
+    """Convert the value of an option to the value of its field."""
     if isinstance(given, Enum) and field.choices:
         return given.value
     if field.setting.syntax:

@@ -1,4 +1,4 @@
-"""The options of the ``svv`` command that several commands share, and how their text is read."""
+"""Options that several commands of ``svv`` share, and the parsing of their text."""
 
 from __future__ import annotations
 
@@ -20,46 +20,46 @@ VolumeFile = Annotated[Path, typer.Argument(metavar="VOLUME", help="A volume: .v
 
 
 def examples(*lines: str) -> str:
-    """Commands to copy, shown under a command's help."""
+    """Return example commands to copy, as shown below a command's help."""
     return "[bold]Examples[/bold]\n\n" + "\n\n".join(f"  {line}" for line in lines)
 
 
 def parse_colour(text: str) -> tuple[float, float, float]:
-    """'#rrggbb', 'white' or 'black' as sRGB in [0, 1].
+    """Return '#rrggbb', 'white' or 'black' as sRGB in [0, 1].
 
     Raises:
-        BadInput: anything else.
+        BadInput: The text has another form.
     """
     digits = {"white": "ffffff", "black": "000000"}.get(text.lower(), text.removeprefix("#"))
     if len(digits) != 6 or not set(digits) <= set(string.hexdigits):
-        raise BadInput(f"'{text}' is no colour; write it as '#rrggbb', for example '#ff8800'.")
+        raise BadInput(f"'{text}' is not a colour; write it as '#rrggbb', for example '#ff8800'.")
     value = int(digits, 16)
     return (value >> 16) / 255, (value >> 8 & 255) / 255, (value & 255) / 255
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """'800' or '1280x720' as (width, height).
+    """Return '800' or '1280x720' as (width, height).
 
     Raises:
-        BadInput: anything else, or fewer than 1 or more than 16384 pixels along a side.
+        BadInput: The text has another form, or a side has fewer than 1 or more than 16384 pixels.
     """
     parts = text.lower().split("x")
     if len(parts) in (1, 2) and all(p.isascii() and p.isdigit() and 1 <= int(p) <= 16384 for p in parts):
         return int(parts[0]), int(parts[-1])
-    raise BadInput(f"'{text}' is no size; write 800 or 1280x720, at most 16384 pixels along a side.")
+    raise BadInput(f"'{text}' is not a size; write 800 or 1280x720, with at most 16384 pixels per side.")
 
 
 def parse_mapping(text: str) -> dict[int, int] | Literal["colour"]:
-    """'0=0,2=1' as {region: style}; 'colour' (or 'color') stays that word.
+    """Return '0=0,2=1' as {region: style}; 'colour' (or 'color') is returned as the word 'colour'.
 
     Raises:
-        BadInput: anything else, or a region that is named twice.
+        BadInput: The text has another form, or a region is named twice.
     """
     if text.strip().lower() in ("colour", "color"):
         return "colour"
     pairs = [part.split("=") for part in text.split(",")]
     if not all(len(p) == 2 and all(x.strip().isascii() and x.strip().isdigit() for x in p) for p in pairs):
-        raise BadInput(f"'{text}' is no mapping; write region=style pairs, for example --map 0=0,1=1, or colour.")
+        raise BadInput(f"'{text}' is not a mapping; write region=style pairs, for example --map 0=0,1=1, or colour.")
     mapping = {int(region): int(style) for region, style in pairs}
     if len(mapping) < len(pairs):
         raise BadInput(f"'{text}' names a region twice.")
@@ -67,30 +67,30 @@ def parse_mapping(text: str) -> dict[int, int] | Literal["colour"]:
 
 
 def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
-    """['0=sky.png', '1=tree.png'] as {style: file}.
+    """Return ['0=sky.png', '1=tree.png'] as {style: file}.
 
     Raises:
-        BadInput: anything else, a style that is not there, or one that is named twice.
+        BadInput: A text has another form, or a style does not exist or is named twice.
     """
     found: dict[int, Path] = {}
     for text in texts:
         number, sign, file = text.partition("=")
         if not (sign and file and number.strip().isascii() and number.strip().isdigit()):
-            raise BadInput(f"'{text}' is no mask of a style; write style=file, for example --style-mask 0=mask.png.")
+            raise BadInput(f"'{text}' does not name a style's mask; write style=file, such as --style-mask 0=mask.png.")
         style = int(number)
         if style >= styles:
             raise BadInput(f"There is no style {style} for --style-mask: the styles given are 0 to {styles - 1}.")
         if style in found:
-            raise BadInput(f"Style {style} has two masks: give its picture twice, and each its mask.")
+            raise BadInput(f"Style {style} has two masks: give its picture twice, with one mask for each.")
         found[style] = Path(file)
     return found
 
 
 def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]:
-    """['120,40'] as [(120.0, 40.0)].
+    """Return ['120,40'] as [(120.0, 40.0)].
 
     Raises:
-        BadInput: anything else.
+        BadInput: A text has another form.
     """
     points = []
     for text in texts:
@@ -99,43 +99,43 @@ def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]
         except ValueError:
             x = y = math.nan
         if not (math.isfinite(x) and math.isfinite(y)):
-            raise BadInput(f"'{text}' is no point; write x,y in pixels, for example {option} 120,40.")
+            raise BadInput(f"'{text}' is not a point; write x,y in pixels, for example {option} 120,40.")
         points.append((x, y))
     return points
 
 
 def parse_choices(text: str, option: str, known: Sequence[str]) -> tuple[str, ...]:
-    """'draft,fast' as those of the ``known`` words that it names, each once.
+    """Return the words of 'draft,fast', each once.
 
     Raises:
-        BadInput: another word.
+        BadInput: A word is not in ``known``.
     """
     words = [part.strip() for part in text.split(",")]
     for word in words:
         if word not in known:
-            raise BadInput(f"{option} has no '{word}'; choose of {', '.join(known)}, with commas between.")
+            raise BadInput(f"{option} has no '{word}'; choose from {', '.join(known)}, separated by commas.")
     return tuple(dict.fromkeys(words))
 
 
 def parse_whole(text: str, option: str, least: int = 0) -> tuple[int, ...]:
-    """'0,1,2' as whole numbers, each once.
+    """Return '0,1,2' as whole numbers, each once.
 
     Raises:
-        BadInput: anything else, or a number below ``least``.
+        BadInput: The text has another form, or a number is below ``least``.
     """
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isascii() and part.isdigit() and int(part) >= least for part in parts):
-        raise BadInput(f"{option} needs whole numbers of at least {least} with commas between, not '{text}'.")
+        raise BadInput(f"{option} needs whole numbers of at least {least}, separated by commas, not '{text}'.")
     return tuple(dict.fromkeys(int(part) for part in parts))
 
 
 def parse_light(text: str) -> dict[str, object]:
-    """What ``with_light`` takes (:class:`svv.fields.edits.EditedModel`) of 'headlight', '40,20' or '1,0,0'.
+    """Return 'headlight', '40,20' or '1,0,0' as arguments of :meth:`svv.fields.edits.EditedModel.with_light`.
 
-    Two numbers are degrees to the right of the camera and above it, three a direction in the world.
+    Two numbers are degrees to the right of the camera and above it; three are a direction in the world.
 
     Raises:
-        BadInput: anything else.
+        BadInput: The text has another form.
     """
     if text == "headlight":
         return {}
@@ -148,16 +148,16 @@ def parse_light(text: str) -> dict[str, object]:
     if len(numbers) == 3:
         return {"direction": tuple(numbers)}
     raise BadInput(
-        f"--light needs 'headlight', two angles beside the camera ('40,20': 40 degrees right, 20 up) or a direction in "
-        f"the world ('1,0,0'), not '{text}'."
+        f"--light needs 'headlight', two angles relative to the camera ('40,20': 40 degrees right, 20 up) or a "
+        f"direction in the world ('1,0,0'), not '{text}'."
     )
 
 
 def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
-    """'15,60,full' as seconds, each once; ``full`` is None, no limit.
+    """Return '15,60,full' as seconds, each once; ``full`` becomes None, which means no limit.
 
     Raises:
-        BadInput: anything else, or less than a second.
+        BadInput: The text has another form, or a limit is shorter than a second.
     """
     limits: list[float | None] = []
     for part in (part.strip() for part in text.split(",")):
@@ -166,16 +166,16 @@ def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
         except ValueError:
             limit = math.nan
         if limit is not None and not 1.0 <= limit < math.inf:
-            raise BadInput(f"{option} needs seconds (at least 1) or 'full' with commas between, not '{text}'.")
+            raise BadInput(f"{option} needs seconds (at least 1) or 'full', separated by commas, not '{text}'.")
         limits.append(limit)
     return tuple(dict.fromkeys(limits))
 
 
 def parse_dims(text: str) -> tuple[int, int, int]:
-    """'128,128,64' as three whole numbers above 0.
+    """Return '128,128,64' as three whole numbers above 0.
 
     Raises:
-        BadInput: anything else.
+        BadInput: The text has another form.
     """
     x, y, z = parse_numbers(text, "--dims")
     if not (x.is_integer() and y.is_integer() and z.is_integer()):
@@ -184,10 +184,10 @@ def parse_dims(text: str) -> tuple[int, int, int]:
 
 
 def parse_numbers(text: str, option: str) -> tuple[float, float, float]:
-    """'1,1,2.5' as three positive numbers.
+    """Return '1,1,2.5' as three positive numbers.
 
     Raises:
-        BadInput: anything else.
+        BadInput: The text has another form.
     """
     try:
         x, y, z = (float(part) for part in text.split(","))

@@ -13,15 +13,17 @@ from svv.errors import BadInput
 Folder = Annotated[
     Path | None,
     typer.Option(
-        "--paraview", metavar="DIR", help="Folder of ParaView; by default SVV_PARAVIEW, or the one on the PATH."
+        "--paraview",
+        metavar="DIR",
+        help="ParaView's folder; by default SVV_PARAVIEW, otherwise the one on the PATH.",
     ),
 ]
 Arguments = Annotated[
     list[str] | None, typer.Argument(metavar="ARGS", help="Arguments for the program, passed on unchanged.")
 ]
 
-# What we do not know is the program's, and from its first file name on everything is: `svv pvpython script.py --help`.
-# Only --help is ours, as -h would be found inside ParaView's own options (-display).
+# Unknown options belong to the program, and so does everything from the first file name on: `svv pvpython script.py
+# --help`. Only --help is ours: -h would also be found inside ParaView's own options (-display).
 PASSED_ON: dict[str, Any] = {
     "ignore_unknown_options": True,
     "allow_interspersed_args": False,
@@ -38,7 +40,7 @@ def paraview(
         typer.Option(
             "--torch",
             metavar="cpu|cuda|keep",
-            help="With --prepare: which build of PyTorch; by default the variable TORCH decides.",
+            help="With --prepare: build of PyTorch to install; by default the environment variable TORCH decides.",
         ),
     ] = None,
 ) -> None:
@@ -47,11 +49,11 @@ def paraview(
         from svv.pv import prepare as preparation
 
         if arguments:
-            raise BadInput(f"--prepare starts nothing: leave out {' '.join(arguments)}.")
+            raise BadInput(f"--prepare does not start a program: leave out {' '.join(arguments)}.")
         print(preparation.prepare(folder, torch))
         return
     if torch is not None:
-        raise BadInput("--torch chooses what --prepare installs: give both.")
+        raise BadInput("--torch has no effect without --prepare: give both.")
     _run("paraview", arguments, folder)
 
 
@@ -61,7 +63,7 @@ def pvpython(arguments: Arguments = None, folder: Folder = None) -> None:
 
 
 def pvbatch(arguments: Arguments = None, folder: Folder = None) -> None:
-    """Start ParaView's batch Python, by itself or on every rank of an MPI job."""
+    """Start ParaView's batch Python, alone or on every rank of an MPI job."""
     _run("pvbatch", arguments, folder)
 
 
@@ -77,7 +79,7 @@ def _run(program: str, arguments: list[str] | None, folder: Path | None) -> None
 
 
 def add_to(app: typer.Typer) -> None:
-    """Register the four commands."""
+    """Add the four commands to the application."""
     for command, lines in (
         (paraview, ("svv paraview", "svv paraview --paraview ~/ParaView-6.0.1 state.pvsm", "svv paraview --prepare")),
         (pvpython, ("svv pvpython script.py --help", "svv pvpython -c 'import svv, torch'")),

@@ -27,14 +27,15 @@ RENDER = (
 def render(
     scene: SceneFile,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR|FILE", help="A folder for frames, or a .png, .vti or .mp4 file.")
+        Path,
+        typer.Option("--out", "-o", metavar="DIR|FILE", help="Folder for frames, or a .png, .vti or .mp4 file."),
     ],
     orbit: Annotated[int | None, typer.Option(min=2, help="Number of frames on the path around the scene.")] = None,
     camera: Annotated[
         Path | None,
         typer.Option(
             metavar="CAMERA.json",
-            help="Render one view: a file with camera_to_world (4 x 4) and fov, or a transforms file.",
+            help="Render one view, from a file with camera_to_world (4 x 4) and fov, or from a transforms file.",
         ),
     ] = None,
     frame: Annotated[int, typer.Option(min=0, help="Number of the view in a transforms file.")] = 0,
@@ -51,17 +52,17 @@ def render(
     if one_view and orbit is not None:
         raise BadInput("An orbit has many views: give --out as a folder or an .mp4 file.")
     if out.suffix.lower() not in ("", ".png", ".vti", ".mp4") and out.suffix[1:].isalpha() and not out.is_dir():
-        raise BadInput(f"Cannot tell what to write into {out}: name it .png or .vti (one view), .mp4, or a folder.")
+        raise BadInput(f"Cannot tell what to write to {out}: give a .png or .vti (one view), an .mp4 or a folder.")
     loaded = load(scene, options.device)
     if options.variant is not None:
         if network not in (None, "styled"):
-            raise BadInput(f"A variant is a painting: leave --network {network} away.")
+            raise BadInput(f"A variant is a painting: leave out --network {network}.")
         loaded = loaded.with_variant(options.variant)
     width, height = pixels or (800, 800)
     if camera is not None:
         cameras = [read_camera(camera, pixels, frame)]
     elif one_view:
-        cameras = [views.orbit(loaded, 181, width, height)[90]]  # the middle of the way: from the front
+        cameras = [views.orbit(loaded, 181, width, height)[90]]  # the middle of the path: from the front
     else:
         cameras = views.orbit(loaded, orbit or 181, width, height)
     with shown("Rendering") as progress:

@@ -1,4 +1,4 @@
-"""The commands that make a scene from views, measure it and say what it holds; see :mod:`svv.cli.app`."""
+"""The commands that train a scene on views, score it and show its contents; see :mod:`svv.cli.app`."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ def train(
 
 @dataclass(frozen=True)
 class Scoring:
-    """How a scene is scored."""
+    """Views, network and device with which a scene is scored."""
 
     split: str = "test"
-    """Which views of the folder: train, test or val."""
+    """Split of the views in the folder: train, test or val."""
     network: NetworkName | None = None
-    """Which network to score: base or pcn, by default pcn."""
+    """Network to score, base or pcn; by default pcn."""
     device: DeviceName = "cpu"
     """Where to run; auto uses CUDA if PyTorch finds a GPU."""
 
@@ -82,8 +82,8 @@ def evaluate(
 ) -> None:
     """Score a scene against views of the volume: PSNR, SSIM, FLIP and LPIPS.
 
-    If the folder holds the classified volume, region_overlap says how well each region matches the values that it
-    stands for: the intersection over union, over all that the views show.
+    If the folder contains the classified volume, region_overlap measures how well each region matches its range of
+    values: the intersection over union of everything that the views show.
     """
     from svv.io.atomic import write_json
     from svv.io.viewset import ViewSet, read_classified
@@ -94,7 +94,7 @@ def evaluate(
     loaded = load(scene, scoring.device)
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, scoring.split, progress)
-    volume = read_classified(views)  # before minutes of work, should it be damaged
+    volume = read_classified(views)  # before minutes of work, in case it is damaged
     with shown("Evaluating") as progress:
         scores = evaluate_scene(loaded, view_set, scoring.network or "pcn", progress)
     if volume is not None and any(region.values for region in loaded.regions):

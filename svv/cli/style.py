@@ -30,15 +30,15 @@ STYLE_MASK = (
 
 @dataclass(frozen=True)
 class Finder:
-    """What finds parts of pictures."""
+    """The segmenter that finds parts of pictures."""
 
     segmenter: Annotated[Literal["scikit-image", "sam"], Setting("--with")] = "scikit-image"
-    """What finds the part; sam is experimental and needs its package and weights."""
+    """Segmenter that finds the part; sam is experimental and needs its package and weights."""
 
 
 def styles(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="NAME ...", help="Names of style pictures; all by default.")
+        list[str] | None, typer.Argument(metavar="NAME ...", help="Names of style pictures; by default all.")
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="DIR", help="Write them to this folder as PNG files.")
@@ -75,7 +75,7 @@ def style_mask(
             "--out",
             "-o",
             metavar="MASK.png|DIR",
-            help="Where to write the mask, or with --regions the folder of masks.",
+            help="Where to write the mask; with --regions, the folder for the masks.",
         ),
     ],
     regions: Annotated[
@@ -85,18 +85,18 @@ def style_mask(
         list[str] | None, typer.Option(metavar="X,Y", help="A pixel that belongs to the part; may be repeated.")
     ] = None,
     negative: Annotated[
-        list[str] | None, typer.Option(metavar="X,Y", help="A pixel that does not belong to it; may be repeated.")
+        list[str] | None, typer.Option(metavar="X,Y", help="A pixel that does not belong to the part; may be repeated.")
     ] = None,
     refine: Annotated[
-        Path | None, typer.Option(metavar="MASK.png", help="Start from this mask and the points stored beside it.")
+        Path | None, typer.Option(metavar="MASK.png", help="Start from this mask and the points stored next to it.")
     ] = None,
     by: Finder = Finder(),
 ) -> None:
     """Select the part of a style picture that `svv stylize --style-mask` learns from.
 
     Points are pixels of the picture, x from the left, y from the top. Besides MASK.png, the command writes
-    MASK-overlay.png, which shows the selection, and MASK.json, the points, to which --refine adds. With --regions, the
-    folder gets a mask for each region, and overlay.png with their numbers.
+    MASK-overlay.png, which shows the selection, and MASK.json, the points, to which --refine adds. With --regions, it
+    writes a mask for each region, and overlay.png, which shows their numbers, to the folder.
     """
     from svv.styles.selecting import write_regions, write_selected
 
@@ -104,7 +104,7 @@ def style_mask(
     unwanted = parse_points(negative or [], "--negative")
     if regions is not None:
         if wanted or unwanted or refine:
-            raise BadInput("Give --regions, or points: refine a region afterwards with --refine.")
+            raise BadInput("Give --regions or points, not both; a region can be refined afterwards with --refine.")
         with shown("Segmenting") as progress:
             paths = write_regions(picture, regions, out, by.segmenter, progress)
         for path in paths:
@@ -113,17 +113,17 @@ def style_mask(
     with shown("Selecting") as progress:
         share = write_selected(picture, wanted, unwanted, refine, out, by.segmenter, progress)
     if share == 1.0:
-        print("The selection covers the whole picture; set --negative points where it should not be.", file=sys.stderr)
+        print("The selection covers the whole picture; add --negative points outside the part.", file=sys.stderr)
     print(f"{out}: {share:.1%} of the picture")
 
 
 def read_styles(sources: Sequence[str], masks: Sequence[str]) -> list[StyleInput]:
-    """Pictures or inks, names and masks of the options ``--style`` and ``--style-mask``.
+    """Read the pictures or inks and the masks of the options ``--style`` and ``--style-mask``, with their names.
 
-    A picture that is given several times is named after its mask, too.
+    The name of a picture with a mask includes the name of the mask.
 
     Raises:
-        BadInput: a picture, ink or mask that is not there or cannot be used.
+        BadInput: A picture, ink or mask does not exist or cannot be used.
     """
     from svv.io.mask_file import read_mask
     from svv.train.ink import StyleInput, picture_of, style_named

@@ -40,13 +40,13 @@ def stylize(
     out: Out,
     style_mask: Annotated[
         list[str] | None,
-        typer.Option("--style-mask", metavar="K=MASK.png", help="Learn style K only from where the mask is white."),
+        typer.Option("--style-mask", metavar="K=MASK.png", help="Learn style K only where the mask is white."),
     ] = None,
     options: PaintOptions = PaintOptions(),
     where: DeviceOptions = DeviceOptions(),
     preview: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.png", help="Keep a picture of the painting there while it is made."),
+        typer.Option(metavar="FILE.png", help="Regularly write a picture of the unfinished painting to this file."),
     ] = None,
     json: Json = None,
 ) -> None:
@@ -62,7 +62,7 @@ def stylize(
 
     check_targets(out, json)
     show = None if preview is None else previews_in(preview)
-    settings_of(options)  # what is wrong is said before pictures of the gallery are painted
+    settings_of(options)  # reports bad options before pictures of the gallery are painted
     device_named(where.device)
     styles = read_styles(style, style_mask or [])
     checkpoint = checkpoint_of(out)

@@ -1,4 +1,4 @@
-"""How the command prints names and values; see :mod:`svv.cli.app`."""
+"""Printing of names and values; see :mod:`svv.cli.app`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def print_table(content: Mapping[str, Any], indent: str = "") -> None:
-    """Names and values on standard output; what is nested stands indented under its name."""
+    """Print names and values to standard output; nested values are indented below their names."""
     wide = max((len(name) for name, value in content.items() if not _is_nested(value)), default=0)
     for name, value in content.items():
         if not _is_nested(value):

@@ -129,7 +129,7 @@ def test_a_shared_package_that_was_removed_is_noticed(prepared: Path, tmp_path: 
 
 def test_a_build_of_torch_goes_with_the_preparation_alone(prepared: Path) -> None:
     done = run("paraview", "--torch", "cpu")
-    assert (done.returncode, done.stderr) == (2, "svv: --torch chooses what --prepare installs: give both.\n")
+    assert (done.returncode, done.stderr) == (2, "svv: --torch has no effect without --prepare: give both.\n")
     done = run("paraview", "--prepare", "--torch", "rocm")
     assert (done.returncode, "choose one of auto, cpu, cuda, keep" in done.stderr) == (2, True)
     assert run("paraview", "--prepare", TORCH="gpu").returncode == 2

@@ -1,4 +1,4 @@
-"""``svv bench``: the commands that measure the rest of the package, one module a group."""
+"""``svv bench``: the commands that measure the rest of the package, one module per group."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "figures": (sheets.figures, sheets.FIGURES),
     "blind": (blind.blind, blind.BLIND),
 }
-"""Name -> what does it, and the examples of its help; in the order of the help."""
+"""Each command's name, its function and the examples in its help, in the order of the help."""
 
 
 @app.callback(epilog=examples("svv bench chart views --out chart", "svv bench consistency styled.svv --out frames"))
 def bench() -> None:
-    """Measure: accuracy against time, stability, consistency between frames, what each part is worth."""
+    """Measure accuracy against time, stability, consistency between frames, and the effect of each part."""
 
 
 for _name, (_command, _examples) in COMMANDS.items():

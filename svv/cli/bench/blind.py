@@ -22,7 +22,7 @@ def blind(
     ways: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="FOLDER ...", help="Folders of PNG files with the same names, one folder for each way of painting."
+            metavar="FOLDER ...", help="Folders of PNG files with the same names, one folder per way of painting."
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the sheets.")] = None,
@@ -30,7 +30,7 @@ def blind(
         Path | None,
         typer.Option(
             metavar="FILE.json|DIR",
-            help="Style of each picture; by default the picture of the gallery that has its name.",
+            help="Style of each picture; by default the gallery picture of the same name.",
         ),
     ] = None,
     key: Annotated[
@@ -38,16 +38,17 @@ def blind(
     ] = None,
     crops: Annotated[int, typer.Option(min=0, max=6, help="Number of rows with enlarged crops.")] = 2,
     choices: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="The best column of every sheet; opens the key.")
+        Path | None,
+        typer.Option(metavar="FILE.json", help="Best column of every sheet; with it, the key is opened."),
     ] = None,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """Compare ways of painting without knowing which is which, and check figures against the choices.
+    """Compare ways of painting without knowing which is which, and check metrics against the choices.
 
-    First make the sheets: the style is on the left, the ways are in shuffled columns. Write the number of the best
-    column of each sheet into choices.json, which lies beside them, and pass it to --choices. The result says in what
-    share of the sheets each way was chosen, and in what share of the pairs each figure agrees.
+    First make the sheets: the style is on the left, and the ways are in shuffled columns. Write the number of the best
+    column of each sheet into choices.json, which is in the same folder, and pass it to --choices. The result gives the
+    share of sheets in which each way was chosen, and the share of pairs in which each metric agrees.
     """
     from svv.bench.styles.blind import CHOICES, open_key, report, write_sheets
     from svv.io.atomic import check_writable, write_json
@@ -65,10 +66,10 @@ def blind(
         print(report(found))
         return
     if out is None:
-        raise BadInput("Give --out for the sheets, or --choices to open the key of those that are there.")
+        raise BadInput("Give --out to write sheets, or --choices to open the key of existing ones.")
     if json is not None:
-        raise BadInput("There are no figures before the key is opened: give --json beside --choices.")
+        raise BadInput("There are no figures before the key is opened: give --json together with --choices.")
     kept = key or out.resolve().with_name(f"{out.resolve().name}-key.json")
     with shown("Sheets") as progress:
         count = write_sheets(ways or (), styles, out, kept, seed, crops, progress)
-    print(f"{out}: {count} sheets; write your choices into {out / CHOICES}. Leave {kept} closed until then.")
+    print(f"{out}: {count} sheets; write your choices into {out / CHOICES}. Do not open {kept} before then.")

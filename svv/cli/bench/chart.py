@@ -28,35 +28,35 @@ CHART = (
 
 
 PROCESSORS = ("cpu", "cuda")
-"""Devices by name, for ``auto`` would be another one on another machine."""
+"""Devices by name, because ``auto`` depends on the machine."""
 KERNELS = ("auto", "reference")
 
 
 @dataclass(frozen=True)
 class Axes:
-    """What is combined: every value of one with every value of the others."""
+    """Settings whose values are all combined with each other."""
 
     presets: Annotated[str, Setting(metavar="A,B")] = "draft,fast"
-    """Presets, of draft, fast, balanced and paper."""
+    """Presets: draft, fast, balanced, paper."""
     encodings: Annotated[str, Setting(metavar="A,B")] = "lattice,hash"
-    """Encodings, of lattice and hash."""
+    """Encodings: lattice, hash."""
     time_limits: Annotated[str, Setting(metavar="SECONDS,...")] = "15,30,60"
     """Time limits, one run for each; 'full' is the preset's whole schedule."""
     sizes: Annotated[str | None, Setting(metavar="N,...")] = None
-    """Widths of training views; by default as they are, or 400 for a volume."""
+    """Widths of training views; by default the original width, or 400 for a volume."""
     render_sizes: Annotated[str | None, Setting(metavar="N,...")] = None
-    """Widths of rendered views; by default the training views'."""
+    """Widths of rendered views; by default those of the training views."""
     devices: Annotated[str, Setting(metavar="A,B")] = "cpu"
-    """Devices, of cpu and cuda."""
+    """Devices: cpu, cuda."""
     kernels: Annotated[str, Setting(metavar="A,B")] = "auto"
-    """Kernels, of auto (numba on a CPU, Triton on a GPU) and reference (plain torch)."""
+    """Kernels: auto (numba on a CPU, triton on a GPU), reference (plain PyTorch)."""
     seeds: Annotated[str, Setting(metavar="N,...")] = "0"
     """Seeds, one run for each."""
     lighting: Annotated[str, Setting(metavar="A,B")] = "network"
-    """Lights, of network, phong (needs the lattice) and auto; see svv train."""
+    """Lighting: network, phong (needs the lattice), auto; see svv train."""
 
     def grid(self) -> Grid:
-        """As the layers below take them."""
+        """Return the settings in the form that the layers below take."""
         from svv.bench.chart.plan import Grid
 
         return Grid(
@@ -74,10 +74,10 @@ class Axes:
 
 @dataclass(frozen=True)
 class Scored:
-    """What is measured of each combination, and on which views."""
+    """The network and views with which each combination is scored."""
 
     network: NetworkName = "pcn"
-    """Which network to score: base or pcn."""
+    """Network to score: base or pcn."""
     test: Annotated[int, Setting(least=5)] = 8
     """Number of unseen views that are scored and timed."""
     n: Annotated[int, Setting(least=3)] = 92
@@ -101,9 +101,9 @@ def chart(
 ) -> None:
     """Chart accuracy against time and memory for presets, encodings, sizes, devices and time limits, on your scenes.
 
-    Every combination is trained and measured on unseen views in a process of its own. The folder gets chart.html,
-    three PNG charts, runs.csv and runs.json. A volume is also rendered directly, so that its own time stands beside the
-    network's. After Ctrl-C, the same command resumes.
+    Every combination is trained and scored on unseen views in a separate process. The results are chart.html, three
+    PNG charts, runs.csv and runs.json. A volume is also rendered directly, for comparison with the network's rendering
+    time. After Ctrl-C, the same command resumes.
     """
     from svv.bench.chart.job import Chart
     from svv.bench.chart.plan import Measure

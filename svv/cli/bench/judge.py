@@ -20,7 +20,8 @@ def judge(
     view: Annotated[Path, typer.Argument(metavar="VIEW.png", help="A view with alpha.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for table.csv and contact sheets.")],
     style: Annotated[
-        list[str] | None, typer.Argument(metavar="STYLE ...", help="Style pictures besides our own two.")
+        list[str] | None,
+        typer.Argument(metavar="STYLE ...", help="Style pictures besides the two built-in ones."),
     ] = None,
     size: Annotated[int, typer.Option(min=64, help="Width of the view in pixels.")] = 400,
     steps: Annotated[int, typer.Option(min=1, help="Steps of each stylization.")] = 60,
@@ -31,7 +32,7 @@ def judge(
 ) -> None:
     """Compare feature networks: one view is stylized with every candidate and scored against the style.
 
-    The scores use none of the features that are compared. The contact sheets are for the eye, which has the last word.
+    The scores use none of the features that are compared. Let the contact sheets decide, not the scores alone.
     """
     from svv.bench.styles.judge_features import judge as judged
 

@@ -23,10 +23,10 @@ PROFILE = (
 
 @dataclass(frozen=True)
 class Profiling:
-    """What is run, and how much of it is timed."""
+    """Number of steps to run and to time."""
 
     preset: PresetName = "fast"
-    """Whose settings are run."""
+    """Preset whose settings are used."""
     steps: Annotated[int, Setting(least=8)] = 200
     """Steps of stage 1; stage 2 takes half as many."""
     timed: Annotated[int, Setting(least=1)] = 15
@@ -41,12 +41,12 @@ def profile(
     how: Profiling = Profiling(),
     json: Json = None,
 ) -> None:
-    """Show where the time of training and rendering goes on this CPU, beside the least that it could take.
+    """Show where the time of training and rendering goes on this CPU, compared with the least it could take.
 
-    Trains for some steps and renders an image. For each part: milliseconds, bytes that must move, operations, and the
-    lower bound that follows from the machine's measured peak rates.
+    It trains for some steps and renders an image. For each part, it prints the milliseconds, the bytes that must be
+    moved, the operations, and the lower bound given by the machine's measured peak rates.
     """
-    # Torch's profiler would say on standard error when it starts and stops; it asks for this as torch is loaded.
+    # Otherwise PyTorch's profiler logs its start and stop to standard error; it reads this when torch is imported.
     os.environ.setdefault("KINETO_LOG_LEVEL", "5")
     from svv.bench.profile.profile import profile_views
     from svv.bench.profile.table import as_text

@@ -25,7 +25,7 @@ FIGURES = ("svv bench figures head.svv --style gallery:impasto --style gallery:m
 
 @dataclass(frozen=True)
 class Painting:
-    """What is painted, how, and where it goes."""
+    """Styles, settings and output folder of paintings."""
 
     style: Annotated[
         list[str], typer.Option("--style", metavar="IMG|gallery:NAME", help="A style picture; may be repeated.")
@@ -43,7 +43,7 @@ class Painting:
     """The same seed gives the same result."""
 
     def exhibit(self) -> Exhibit:
-        """As the layers below take it."""
+        """Return the settings in the form that the layers below take."""
         from svv.bench.styles.exhibits import Exhibit
 
         return Exhibit(self.preset, self.size, self.frame, self.seed)
@@ -54,9 +54,9 @@ def sheet(
     scenes: Annotated[list[Path], typer.Argument(metavar="SCENE.svv ...", help="Scenes with a palette network.")],
     how: Painting,
 ) -> None:
-    """Paint every scene in every style, and show them all on one sheet.
+    """Paint every scene in every style, and show all paintings on one sheet.
 
-    The folder gets sheet.png and a scene file for each painting. After Ctrl-C, the same command resumes.
+    The results are sheet.png and a scene file for each painting. After Ctrl-C, the same command resumes.
     """
     from svv.bench.styles.exhibits import paint_sheet
 
@@ -68,10 +68,10 @@ def figures(
     scene: Annotated[Path, typer.Argument(metavar="SCENE.svv", help="A scene with at least two regions.")],
     how: Painting,
 ) -> None:
-    """Make the paper's figures with a scene of yours.
+    """Reproduce the paper's figures with your own scene.
 
-    several.png: each region painted alone, and several pictures for one scene; parts.png: three pairings of parts of
-    one picture with the regions; edits.png: opacity and light edited after painting.
+    several.png shows each region painted alone, and one scene painted after several pictures; parts.png shows three
+    pairings of the parts of one picture with the regions; edits.png shows edits of opacity and light after painting.
     """
     from svv.bench.styles.exhibits import paint_figures
 

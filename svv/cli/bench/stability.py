@@ -29,16 +29,16 @@ STABILITY = (
 
 @dataclass(frozen=True)
 class Runs:
-    """Which cases are run, how often, and how large."""
+    """Cases to run, and the number and size of their runs."""
 
     case: Annotated[tuple[str, ...], Setting(metavar="NAME")] = ()
-    """A case, or a pattern of names. By default all but 'regions-*'."""
+    """A case, or a pattern of names; by default all except 'regions-*'."""
     preset: tuple[PresetName, ...] = ()
-    """A preset. By default draft and paper."""
+    """A preset; by default draft and paper."""
     seeds: Annotated[int, Setting(least=1)] = 5
     """Runs of each case, with the seeds 0, 1, ..."""
     n: Annotated[int, Setting(least=3)] = 92
-    """Number of training views, unless the case is about them."""
+    """Number of training views, except for cases that vary it."""
     test: Annotated[int, Setting(least=2)] = 6
     """Number of test views."""
     size: Annotated[int, Setting(least=64)] = 200
@@ -48,12 +48,12 @@ class Runs:
     time_limit: Annotated[float, Setting(least=1, metavar="SECONDS")] = 15.0
     """Training time of each run, the same for every preset."""
     steps: Annotated[tuple[str, ...], Setting(metavar="PRESET=A+B")] = ()
-    """Steps of the two stages instead of a time limit: draft=300+150."""
+    """Steps of the two stages instead of a time limit, such as draft=300+150."""
     samples: Annotated[int | None, Setting(least=512)] = None
-    """Most visible samples per step."""
+    """Maximum number of visible samples per step."""
 
     def settings(self) -> BenchSettings:
-        """As the layers below take them."""
+        """Return the settings in the form that the layers below take."""
         from svv.bench.stability.cases import BenchSettings
 
         steps = tuple(map(parse_steps, self.steps))
@@ -66,10 +66,10 @@ def stability(
     runs: Runs = Runs(),
     listed: Annotated[bool, typer.Option("--list", help="List the cases and exit.")] = False,
 ) -> None:
-    """Train on generated scenes with known truth, where methods of this kind fail, and report what failed.
+    """Train on generated scenes that are known to be hard, compare with the ground truth and report failures.
 
-    Each run is a file; after Ctrl-C, the same command resumes. The result is a table
-    (stability.md, .csv, .json) and a heat map (stability.png).
+    The results are a table (stability.md, .csv, .json) and a heat map (stability.png). Each run is kept in a file;
+    after Ctrl-C, the same command resumes.
     """
     from svv.bench.charts import need_matplotlib
     from svv.bench.stability.cases import CASES, USUAL
@@ -94,13 +94,13 @@ def stability(
 
 
 def parse_steps(text: str) -> tuple[str, int, int]:
-    """'draft=300+150' as (preset, steps of stage 1, of stage 2).
+    """Return 'draft=300+150' as (preset, steps of stage 1, steps of stage 2).
 
     Raises:
-        BadInput: anything else.
+        BadInput: The text has another form.
     """
     name, _, numbers = text.partition("=")
     parts = numbers.split("+")
     if name in PRESET_NAMES and len(parts) == 2 and all(p.isascii() and p.isdigit() and int(p) for p in parts):
         return name, int(parts[0]), int(parts[1])
-    raise BadInput(f"'{text}' are no steps; write PRESET=A+B, for example --steps draft=300+150.")
+    raise BadInput(f"'{text}' does not give steps; write PRESET=A+B, for example --steps draft=300+150.")

@@ -44,9 +44,9 @@ ALL_MODES = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame,video,a
 
 @dataclass(frozen=True)
 class Frames:
-    """Which frames are measured, and which pairs of them."""
+    """Frames and pairs of frames that are measured."""
 
-    orbit: Annotated[int, typer.Option("--orbit", metavar="N", min=2, help="Number of frames of the whole path.")] = 181
+    orbit: Annotated[int, typer.Option("--orbit", metavar="N", min=2, help="Number of frames on the whole path.")] = 181
     size: Annotated[int, typer.Option("--size", min=32, help="Width and height of the frames in pixels.")] = 400
     every: Annotated[int, typer.Option("--every", metavar="K", min=1, help="Start a pair at every Kth frame.")] = 1
     intervals: Annotated[
@@ -54,38 +54,38 @@ class Frames:
     ] = "1,10"
 
     def protocol(self, flows: str) -> Protocol:
-        """As the layers below take it."""
+        """Return the settings in the form that the layers below take."""
         from svv.bench.styles.path import Protocol
 
         kinds = tuple(dict.fromkeys(part.strip() for part in flows.split(",")))
         for kind in kinds:
             if kind not in KINDS:
-                raise BadInput(f"--flows has no '{kind}'; choose of {', '.join(KINDS)}, with commas between.")
+                raise BadInput(f"--flows has no '{kind}'; choose from {', '.join(KINDS)}, separated by commas.")
         return Protocol(self.orbit, self.size, self.every, parse_whole(self.intervals, "--intervals", 1), kinds)
 
 
 ALL_FRAMES, FEW_FRAMES = Frames(), Frames(every=10)
-"""All, and fewer where many variants are measured."""
+"""Defaults: all frames, and fewer for measuring many variants."""
 
 
 @dataclass(frozen=True)
 class Training:
-    """How each variant is trained."""
+    """Settings with which each variant is trained."""
 
     preset: PresetName = "balanced"
     """How long to paint; draft gives a first look."""
     seed: Annotated[int, Setting(least=0)] = 0
     """The same seed gives the same result."""
     features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE")] = "auto"
-    """Which features to match; auto uses VGG-16 if its weights are available."""
+    """Features to match; auto uses VGG-16 if its weights are available."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Which of a scene's networks is measured."""
+    """The network of a scene that is measured."""
 
     network: NetworkName | None = None
-    """Which network gives the colours: base, pcn or styled; by default the last that the scene has."""
+    """Network that gives the colours: base, pcn or styled; by default the last one that the scene has."""
 
 
 TRAINING = Training()
@@ -102,7 +102,7 @@ def consistency(
 ) -> None:
     """Measure how consistent the frames of an orbit are: RMSE, MSE and FLIP, short- and long-range.
 
-    A frame is warped onto a later one along the optical flow and compared where both see the same. After
+    A frame is warped onto a later one along the optical flow and compared where both show the same points. After
     Ctrl-C, the same command resumes.
     """
     from svv.bench.styles.consistency import consistency
@@ -127,7 +127,7 @@ def consistency(
     print(markdown(named, "flow, interval", (*METRICS, "share", "pairs")))
     for kind, errors in found["flow_error"].items():
         apart = ", ".join(f"{error:.2f} pixels over {interval}" for interval, error in errors.items())
-        print(f"{kind} is off the flow of the depth by {apart} frames.")
+        print(f"{kind} differs from the flow of the depth by {apart} frames.")
 
 
 @spread
@@ -137,7 +137,7 @@ def compare(
     out: Out,
     modes: Annotated[
         str,
-        typer.Option(metavar="A,B", help=f"Of {ALL_MODES.replace(',', ', ')}."),
+        typer.Option(metavar="A,B", help=f"Modes to compare: {ALL_MODES.replace(',', ', ')}."),
     ] = ALL_MODES,
     frames: Frames = ALL_FRAMES,
     flows: Flows = "depth,tvl1",
@@ -146,9 +146,9 @@ def compare(
         bool, typer.Option("--paper-loss", help="Use plain matching instead of our loss in all modes.")
     ] = False,
 ) -> None:
-    """Compare our stylization with other ways to do it: with other fields, and frame by frame.
+    """Compare our stylization with other methods: with other fields, and frame by frame.
 
-    The folder gets modes.md, .csv and .json, and a contact sheet for each scene and style. After Ctrl-C, the same
+    The results are modes.md, .csv and .json, and a contact sheet for each scene and style. After Ctrl-C, the same
     command resumes.
     """
     from svv.bench.styles.modes import Comparison, compare_styles, write_comparison
@@ -169,7 +169,7 @@ def ablate(
     style: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="IMG|gallery:NAME", help="Style picture, for the ablations of stylization; may be repeated."
+            metavar="IMG|gallery:NAME", help="A style picture, for the ablations of stylization; may be repeated."
         ),
     ] = None,
     views: Annotated[
@@ -180,17 +180,17 @@ def ablate(
         str | None,
         typer.Option(
             metavar="A,B",
-            help="Of matching, painted-start, form, tone, contrast, depth, colour-transfer, lighting, background, "
-            "along-rays, paint-cells, refinement, lambda-delta.",
+            help="Parts to leave out: matching, painted-start, form, tone, contrast, depth, colour-transfer, lighting, "
+            "background, along-rays, paint-cells, refinement, lambda-delta.",
         ),
     ] = None,
     frames: Frames = FEW_FRAMES,
     training: Training = TRAINING,
     paper_loss: Annotated[bool, typer.Option("--paper-loss", help="Use plain matching instead of our loss.")] = False,
 ) -> None:
-    """Leave out one part of the method at a time: a table and a contact sheet of every variant.
+    """Leave out one part of the method at a time, and compare all variants in a table and a contact sheet.
 
-    The folder gets ablations.md, .csv and .json and the pictures. After Ctrl-C, the same command resumes.
+    The results are ablations.md, .csv and .json, and the pictures. After Ctrl-C, the same command resumes.
     """
     from svv.bench.ablation.painting import Ablation, run_ablation
     from svv.render.gallery import style_file

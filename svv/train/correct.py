@@ -1,7 +1,7 @@
-"""A palette corrected by hand: stage 2 is trained again for it, on the base network that is there.
+"""Palette correction by hand: stage 2 is trained again for the new palette, on the existing base network.
 
-The paper's cure for regions of similar hue (StyleRF-VolVis, section limitations): the palette that is found joins them,
-and somebody who knows better says so.
+This is the paper's remedy for regions of similar hue (StyleRF-VolVis, section limitations): the extracted palette joins
+them, and a user who knows better separates them.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from svv.train.sampling import with_fewest_samples
 from svv.train.unmix import Unmixing
 
 ELSEWHERE = 0.05
-"""Views whose cameras stand around another place or at another distance, by more than this part of it, are of another
-scene."""
+"""Largest deviation of the cameras' centre and distance from the scene's, as a fraction of the distance: beyond it, the
+views are of another scene."""
 
 
 def correct_palette(
@@ -47,28 +47,28 @@ def correct_palette(
     checkpoint: Path | None = None,
     **changes: Any,
 ) -> tuple[Scene, dict[str, Any]]:
-    """Correct the palette of a scene and train its palette colour network again; the base network stays.
+    """Correct the palette of a scene and train its palette colour network again; the base network does not change.
 
-    Where the scene knows which values its regions show and the views carry the classified volume, regions stay made of
-    ranges of the transfer function: they are merged and taken apart, and a removed region's go to their neighbours.
-    Else the corrected palette is taken as given, and the views decide which point is of which colour.
+    If the scene knows which values its regions show and the views include the classified volume, regions remain unions
+    of transfer function ranges: ranges are merged and split, and those of a removed region go to their neighbours.
+    Otherwise the corrected palette is taken as given, and the views decide which colour each point has.
 
     Args:
-        scene: With a palette network; its device is where the work is done.
-        views: Those it was trained on, or others of the same scene.
-        correction: What to do.
-        options: How to train. The name of a preset, or settings of your own, stand for the usual options with these.
+        scene: A scene with a palette network; its device does the work.
+        views: Views that it was trained on, or others of the same scene.
+        correction: Changes of the palette.
+        options: How to train. The name of a preset, or custom settings, mean the default options with these settings.
         progress: Called several times a second; stops the training when it raises.
-        checkpoint: File to save to now and then, and to resume from if it exists.
-        changes: Fields of the options by name, such as ``time_limit=60``.
+        checkpoint: File to save to regularly, and to resume from if it exists.
+        changes: Fields of the options to change, by name, such as ``time_limit=60``.
 
     Returns:
-        The scene with its new regions: those that took over an old one keep its edits, without a history. Its
-        paintings are gone, for they are of the old regions. And a report as of :func:`train_scene`, whose ``notes``
-        say what was done.
+        The scene with its new regions, and a report as from :func:`train_scene`, whose ``notes`` say what was done. A
+        region that replaces an old one keeps its edits, but there is no history. Paintings are dropped, because they
+        belong to the old regions.
 
     Raises:
-        BadInput: no palette network, views of another scene, or a correction that cannot be
+        BadInput: There is no palette network, the views are of another scene, or the correction is impossible
             (:func:`svv.core.correction.corrected`).
     """
     if scene.palette_network is None:
@@ -121,7 +121,7 @@ def correct_palette(
 
 
 def _entries(scene: Scene, volume: ClassifiedVolume | None) -> list[Entry]:
-    """The palette as it is, with the ranges of each region where the volume is known."""
+    """Return the present palette, with the ranges of each region if the volume is known."""
     member = np.zeros((0, len(scene.regions)), bool) if volume is None else membership(scene.regions, volume)
     return [
         Entry(region.colour, region.share, (number,), tuple(int(r) for r in np.flatnonzero(member[:, number])))
@@ -133,4 +133,4 @@ def _check_views(scene: Scene, views: ViewSet) -> None:
     rig, ours = CameraRig.of(views.cameras), scene.rig
     far = np.linalg.norm(np.subtract(rig.centre, ours.centre)) + abs(rig.radius - ours.radius)
     if not far <= ELSEWHERE * ours.radius:
-        raise BadInput("These views are of another scene: give those that it was trained on.")
+        raise BadInput("These views are of another scene: give the views that the scene was trained on.")

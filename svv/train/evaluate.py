@@ -1,4 +1,4 @@
-"""Scores of a scene on views, by the protocol that stands beside every number of this project."""
+"""Scores of a scene on views, by the protocol used for all published figures of this project."""
 
 from __future__ import annotations
 
@@ -22,48 +22,50 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of a scene on views, means over them; the names of the fields are the keys of `svv evaluate --json`."""
+    """Mean scores of a scene over views; the field names are the keys of `svv evaluate --json`."""
 
     psnr: float
-    """dB on white."""
+    """PSNR in dB, on white."""
     psnr_foreground: float
-    """dB over the pixels whose true alpha is above 0; nan where no view has one."""
+    """PSNR in dB over the pixels whose true alpha is above 0; nan if no view has such a pixel."""
     ssim: float
+    """Structural similarity on white; 1 for equal images."""
     flip: float
+    """FLIP error in [0, 1], on white; 0 for equal images."""
     lpips: float | None
-    """None where its weights are not on this machine."""
+    """LPIPS distance on white, 0 for equal images; None if its weights are not on this machine."""
     views: int
-    """How many."""
+    """Number of views."""
     size: tuple[int, int]
-    """Their width and height, pixels."""
+    """Width and height of the views in pixels."""
     seconds_per_view: float
-    """Of rendering: the median."""
+    """Median rendering time per view."""
     network: str
-    """Whose colours: ``base``, ``pcn`` or ``styled``."""
+    """Network whose colours were rendered: ``base``, ``pcn`` or ``styled``."""
     background: str
-    """On what they were compared: ``white``."""
+    """Background of the comparison: ``white``."""
     device: str
-    """Where it was rendered: ``cpu`` or ``cuda``,"""
+    """Device that rendered: ``cpu`` or ``cuda``."""
     gpu: str | None
-    """on which GPU,"""
+    """Name of the GPU; None on a CPU."""
     kernels: str
-    """by which kernels."""
+    """Name of the kernels that rendered."""
     peak_gpu_bytes: int | None
-    """None on a CPU."""
+    """Peak GPU memory; None on a CPU."""
     region_overlap: tuple[float, ...] | None = None
-    """Intersection over union of each region with the values that it stands for, where the volume is known
+    """Intersection over union of each region with the values that it represents, if the volume is known
     (:func:`svv.train.ranges.region_overlaps`)."""
 
     @classmethod
     def from_json(cls, content: object, name: str = "scores") -> Scores:
-        """The inverse of :meth:`to_json`; where a file holds null for a number, which JSON has not, it is nan.
+        """Read scores: the inverse of :meth:`to_json`. JSON has no nan, so null in place of a number becomes nan.
 
         Args:
-            content: What a file holds.
-            name: What errors call it.
+            content: Content of a file.
+            name: Name of the scores in error messages.
 
         Raises:
-            BadInput: a value that is missing or none.
+            BadInput: A value is missing or of the wrong kind.
         """
         values = object_in(content, name)
 
@@ -97,7 +99,7 @@ class Scores:
         )
 
     def to_json(self) -> dict[str, object]:
-        """As plain values under the names of the fields; without ``region_overlap`` where the volume is not known."""
+        """Return plain values under the names of the fields, without ``region_overlap`` if the volume is not known."""
         content = {field.name: getattr(self, field.name) for field in fields(self)}
         content["size"] = list(self.size)
         overlap = content.pop("region_overlap")
@@ -105,18 +107,18 @@ class Scores:
 
 
 def evaluate_scene(scene: Scene, views: ViewSet, network: str | None = None, progress: Progress = silent) -> Scores:
-    """Mean scores over views that were not trained on.
+    """Return mean scores over views that were not trained on.
 
     The truth is alpha-blended on white and the prediction clamped to [0, 1]; scores are means over the images.
 
     Args:
-        scene: What is measured.
-        views: The truth.
-        network: ``base``, ``pcn`` or ``styled``; by default the last that the scene holds.
-        progress: Called after every view.
+        scene: Scene to evaluate.
+        views: Views with the true images.
+        network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene holds.
+        progress: Called for every view.
 
     Raises:
-        BadInput: the scene does not hold that network.
+        BadInput: The scene does not hold that network.
     """
     network = network or scene.networks[-1]
     measure = load_lpips()

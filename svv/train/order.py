@@ -1,4 +1,4 @@
-"""Which region is painted with what, and the painting of it, stage after stage."""
+"""Decide which region gets which style, and paint the scene stage by stage."""
 
 from __future__ import annotations
 
@@ -30,42 +30,43 @@ from svv.train.style_loss import StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
 
 LEAST_STROKE, MOST_STROKE = 0.25, 4.0
-"""Between them a stroke is more than a pixel of the render and less than most regions."""
+"""Range of the stroke size: within it, a stroke is larger than a pixel of the render and smaller than most regions."""
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be painted, checked."""
+    """A checked assignment of styles to regions."""
 
     styles: Sequence[Style]
+    """Pictures and inks."""
     labels: Sequence[str]
-    """What each style is called."""
+    """Name of each style."""
     masks: Sequence[Mask | None]
-    """Where each style teaches; None is all of it."""
+    """Part of each picture to learn from; None for all of it."""
     pairs: Mapping[int, int]
-    """Style of each region that gets one."""
+    """Number of the style of each region that gets one."""
     inks: Mapping[int, Ink]
-    """Those of them that are drawn in ink."""
+    """Ink of each region that is drawn in ink."""
     regions: tuple[Region, ...]
     """The scene's regions with the strength of their styles."""
     named: Mapping[int, str]
     """Name of the style of each region that has one in the end."""
     name: str
-    """The variant's."""
+    """Name of the variant."""
     go_on: bool
-    """Whether to begin with the scene's own paint."""
+    """Whether to start from the scene's own paint."""
     notes: Sequence[str]
-    """What the user should know of the choice."""
+    """Remarks about the choice for the user."""
 
     def painted(self, scene: Scene, colours: UnrestrictedField) -> Scene:
-        """The scene with these colours as the variant."""
+        """Return the scene with these colours as the variant."""
         return replace(scene, regions=self.regions).painted(colours, self.named, {}, self.name)
 
 
 def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -> Order:
-    """Who gets what; what is raised is that of :func:`svv.train.pipeline.stylize_scene`."""
+    """Assign styles to regions; raises BadInput as :func:`svv.train.pipeline.stylize_scene` does."""
     stroke_size, strength, go_on, mapping = options.stroke_size, options.strength, options.go_on, options.mapping
     name, styles, keep = scene.free_name(options.variant), [given.style for given in inputs], options.keep
     if go_on and options.variant is None and scene.variant is not None:
@@ -78,10 +79,10 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
         raise BadInput(f"The stroke size must lie between {LEAST_STROKE} and {MOST_STROKE:g}, not {stroke_size:g}.")
     if not 0.0 < strength <= 1.0:
         raise BadInput(
-            f"The strength must be more than 0 and at most 1, not {strength:g}: at 0 nothing of a style is seen."
+            f"The strength must be more than 0 and at most 1, not {strength:g}: at 0 the style would be invisible."
         )
     if go_on and scene.styled is None:
-        raise BadInput("The scene holds no styled network to go on with: leave --continue out.")
+        raise BadInput("The scene holds no styled network to continue with: leave out --continue.")
     own = {k: r.style for k, r in enumerate(scene.regions) if go_on and r.style is not None}
     regions = tuple(
         replace(r, strength=float(strength)) if k in pairs else r if k in own else replace(r, strength=1.0)
@@ -95,7 +96,7 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
 
 
 class Painting:
-    """Stage 3 of one scene: a start, matching, and contrast. ``seconds`` says how long each took."""
+    """Stage 3 of one scene: start, matching and contrast; ``seconds`` holds the duration of each."""
 
     def __init__(
         self,
@@ -108,32 +109,32 @@ class Painting:
         saved: Checkpoint | None,
         preview: Show | None,
     ) -> None:
-        """Prepare it.
+        """Prepare the painting.
 
         Args:
-            scene: With a palette colour network.
-            order: What is to be painted.
-            settings: Of stage 3.
-            weights: What pulls the images towards the styles.
-            network: Whose features are matched; None where all is ink.
-            seed: Of all that is drawn at random.
-            saved: Where to go on from, and to save to.
-            preview: Shown the painting as it comes.
+            scene: A scene with a palette colour network.
+            order: Styles of the regions.
+            settings: Settings of stage 3.
+            weights: Weights and sizes of the style loss.
+            network: Network whose features are matched; None if every style is an ink.
+            seed: Seed of all random choices.
+            saved: Checkpoint to resume from and to save to.
+            preview: Called with the painting while it is made.
         """
         self.scene, self.order, self.settings, self.weights = scene, order, settings, weights
         self.network, self.seed, self.saved = network, seed, saved
         self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
         self.seconds: dict[str, float] = {"stylize": 0.0}
         self.refined: list[int] = []
-        """Regions that go on from the paint that they have."""
+        """Regions that start from their present paint."""
 
     def run(self, progress: Progress) -> UnrestrictedField:
-        """The paint."""
+        """Paint the scene and return its colours."""
         scene, order, settings = self.scene, self.order, self.settings
         targets = self._targets()
         self.refined = [k for k in targets if order.go_on and scene.regions[k].style is not None]
         as_colours = is_laid(scene, settings) and self.weights.seeded
-        # Patches know no shapes: what they make of strokes that are there is specks (docs/measurements/painting.md).
+        # Patches know no shapes: they would turn the strokes already laid into specks (docs/measurements/painting.md).
         plain = as_colours and not self.refined and isinstance(self.network, PatchFeatures)
         laid, end = plain or not targets, 0.9 if as_colours and self.weights.contrast else 1.0
         start = Start(self._transferred(targets), targets, order.inks, scene.styled if order.go_on else None)
@@ -141,13 +142,13 @@ class Painting:
         field = started(scene, start, settings, running, self.seconds, self.previews)
         if not laid:
             self._match(field, targets, part(progress, 0.3, end))
-            give_memory_back()  # samples and moments, a third of a gigabyte: what follows has samples of its own
+            give_memory_back()  # a third of a gigabyte of samples and moments: the next step computes its own samples
         if end < 1.0:
             match_contrast(scene, field, targets, settings, part(progress, end, 1.0))
         return field
 
     def _targets(self) -> dict[int, StyleTarget]:
-        """What each region is drawn towards."""
+        """Return the style target of each region that is not drawn in ink."""
         if self.network is None:
             return {}
         order = self.order
@@ -157,7 +158,7 @@ class Painting:
         return targets_of(self.scene, network, pictures, masks, self.weights, self.settings, self.seed)
 
     def _transferred(self, targets: Mapping[int, StyleTarget]) -> Tensor:
-        """The palette with the mean colours of styles, and paper where ink is drawn. (P, 3)"""
+        """Return the palette with the mean colours of styles, and of paper where ink is drawn. (P, 3)"""
         assert self.scene.palette_network is not None
         colours = self.scene.palette_network.colours.detach().clone()
         for region, target in targets.items() if self.settings.colour_transfer else ():
@@ -167,7 +168,7 @@ class Painting:
         return colours
 
     def _match(self, field: UnrestrictedField, targets: dict[int, StyleTarget], progress: Progress) -> None:
-        """Join the pieces by matching features, or make strokes where none were laid."""
+        """Match features, which joins the pieces, or makes strokes where none were laid."""
         work = Stylization(self.scene, field, targets, self.settings, part(progress, 0.0, 0.08), self.refined)
         watch = None if self.previews is None else partial(self.previews.look, field)
         loop = Loop(self.settings.style_iterations, None, part(progress, 0.08, 1.0), "stylization", watch=watch)

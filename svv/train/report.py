@@ -1,4 +1,4 @@
-"""What training and painting report: the same figures under the same names."""
+"""Reports of training and painting: the same figures under the same names."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from svv.train.config import Preset
 def report_on(
     scene: Scene, seconds: Mapping[str, float], cost: Cost, chosen: Preset, seed: int, **more: Any
 ) -> dict[str, Any]:
-    """The figures of a finished run, as the command writes them (JSON).
+    """Return the figures of a finished run, as the command writes them (JSON).
 
     Args:
-        scene: What came of it.
-        seconds: How long each stage took, and ``total``.
-        cost: What the run needed.
-        chosen: Its settings.
-        seed: Its seed.
-        more: What only this kind of run has.
+        scene: Resulting scene.
+        seconds: Duration of each stage, and ``total``.
+        cost: Time and memory of the run.
+        chosen: Settings of the run.
+        seed: Seed of the run.
+        more: Figures that only this kind of run has.
     """
     return {
         "seconds": dict(seconds),

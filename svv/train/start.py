@@ -1,4 +1,4 @@
-"""What a stylization begins with, and how its parts go on from a checkpoint."""
+"""The start of a stylization, and how its parts resume from a checkpoint."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PREFIX = "table_and_network."
 
 
 def is_laid(scene: Scene, settings: StylizeSettings) -> bool:
-    """Whether paint is laid as a lattice of colours; else the paper's network is distilled."""
+    """Return whether paint is laid as a lattice of colours; otherwise the paper's network is distilled."""
     return settings.direct and isinstance(scene.base.encoding, SparseLattice)
 
 
@@ -42,16 +42,16 @@ def targets_of(
     settings: StylizeSettings,
     seed: int,
 ) -> dict[int, StyleTarget]:
-    """What each region is drawn towards; where a region is deep, larger strokes.
+    """Return the style target of each region; deep regions get larger strokes.
 
     Args:
-        scene: With a palette colour network.
-        network: Of features, on the scene's device.
+        scene: A scene with a palette colour network.
+        network: Feature network, on the scene's device.
         pictures: Style of each region, (H, W, 3) sRGB in [0, 1].
-        masks: Where each teaches, or None: all of it.
+        masks: Part of each picture to learn from, or None for all of it.
         loss: Weights and sizes.
-        settings: Of stage 3.
-        seed: Of what the targets draw at random.
+        settings: Settings of stage 3.
+        seed: Seed of the targets' random choices.
     """
     larger: Mapping[int, float] = {}
     if is_laid(scene, settings) and loss.seeded:
@@ -73,18 +73,18 @@ def started(
     seconds: dict[str, float],
     previews: Previews | None,
 ) -> UnrestrictedField:
-    """The colours that the stylization begins with: painted, or, as the paper has it, distilled into a network.
+    """Return the initial colours of the stylization: painted, or distilled into a network as in the paper.
 
     Args:
-        scene: With a palette colour network.
+        scene: A scene with a palette colour network.
         start: Styles and inks of the regions (inks only where paint is laid, :func:`is_laid`), and earlier colours.
-        settings: Of stage 3.
+        settings: Settings of stage 3.
         running: Seed of networks, rays and layout; progress; and the checkpoint that keeps a finished start.
-        seconds: How long it took is noted here.
-        previews: Shown the start as it comes, region by region.
+        seconds: Dictionary that receives the duration.
+        previews: Shows the start while it is made, region by region.
 
     Raises:
-        BadInput: none of the regions is visible.
+        BadInput: None of the regions is visible.
     """
     saved, before, progress = running.saved, start.before, running.progress
     if not is_laid(scene, settings):
@@ -111,7 +111,7 @@ def started(
 
 
 def run_stage(loop: Loop, work: Distillation | Stylization, saved: Checkpoint | None, name: str) -> float:
-    """Run a part of the stylization, or take its result from the checkpoint; returns its seconds."""
+    """Run a part of the stylization, or take its result from the checkpoint; returns the seconds spent."""
     if saved is None:
         return loop.run(work.step)
     if name in saved.finished:

@@ -1,4 +1,4 @@
-"""Which region gets which style: by hand, in turn, or by likeness of colour; and what is left over."""
+"""Choice of a style for each region: by hand, in turn, or by similarity of colour; and the styles left over."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Mask = NDArray[np.bool_]
 
 
 def checked_masks(styles: Sequence[StyleInput]) -> tuple[list[Mask | None], list[str]]:
-    """One mask or None for each style, and what is to be said about them.
+    """Return one mask or None for each style, and notes about them.
 
-    A mask of everything says nothing, so it counts as None.
+    A mask that covers the whole picture has no effect and counts as None.
 
     Raises:
-        BadInput: a mask of another shape than its style, an empty one, or one of an ink.
+        BadInput: A mask differs in shape from its picture, is empty, or is given for an ink.
     """
     found: list[Mask | None] = []
     notes = []
@@ -33,11 +33,11 @@ def checked_masks(styles: Sequence[StyleInput]) -> tuple[list[Mask | None], list
         mask, (height, width) = np.asarray(given.mask, dtype=bool), picture_of(given.style).shape[:2]
         if mask.shape != (height, width):
             raise BadInput(
-                f"The mask of style {number} has {mask.shape[1]} x {mask.shape[0]} pixels, its picture "
-                f"{width} x {height}: make it from that picture."
+                f"The mask of style {number} has {mask.shape[1]} x {mask.shape[0]} pixels, but its picture has "
+                f"{width} x {height}: make the mask from that picture."
             )
         if not mask.any():
-            raise BadInput(f"The mask of style {number} is empty: nothing of the picture is left to learn from.")
+            raise BadInput(f"The mask of style {number} is empty: select the part of the picture to learn from.")
         if mask.all():
             notes.append(f"The mask of style {number} covers the whole picture, so it changes nothing.")
         found.append(None if mask.all() else mask)
@@ -45,7 +45,7 @@ def checked_masks(styles: Sequence[StyleInput]) -> tuple[list[Mask | None], list
 
 
 def mean_colour(style: Style, mask: Mask | None = None) -> NDArray[np.float64]:
-    """Mean colour of a style picture, where its mask is, sRGB; of an ink, its paper. (3,)"""
+    """Return the mean sRGB colour of a style picture within its mask; for an ink, the colour of paper. (3,)"""
     if isinstance(style, Ink):
         return np.array(PAPER)
     pixels = np.asarray(style, np.float64).reshape(-1, 3) if mask is None else np.asarray(style, np.float64)[mask]
@@ -53,7 +53,7 @@ def mean_colour(style: Style, mask: Mask | None = None) -> NDArray[np.float64]:
 
 
 def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep: Collection[int]) -> dict[int, int]:
-    """Style of each region that gets one; raises BadInput for pairs that cannot be."""
+    """Return the style of each region that gets one; raises BadInput for impossible pairs."""
     if regions == 0:
         raise BadInput("The scene holds no palette network, so it has no regions to style; train it again.")
     if styles == 0:
@@ -66,11 +66,11 @@ def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep:
             raise BadInput(f"There is no style {style}: the styles given are 0 to {styles - 1}.")
     both = sorted(set(keep) & set(mapping or {}))
     if both:
-        raise BadInput(f"Region {both[0]} is to be kept and styled at once; leave it out of --keep or of --map.")
+        raise BadInput(f"Region {both[0]} cannot be both kept and styled; leave it out of --keep or of --map.")
     free = [k for k in range(regions) if k not in set(keep)]
     pairs = dict(mapping) if mapping is not None else {region: k % styles for k, region in enumerate(free)}
     if not pairs:
-        raise BadInput("No region is left to style: every one is kept.")
+        raise BadInput("No region is left to style: name fewer regions with --keep.")
     return pairs
 
 
@@ -80,14 +80,14 @@ def pairs_by_colour(
     masks: Sequence[Mask | None] | None = None,
     keep: Collection[int] = (),
 ) -> dict[int, int]:
-    """Style of each region that is not kept: every region near to its style's mean colour (where the mask is).
+    """Return a style for each region that is not kept, by the mean colours of the styles (within their masks).
 
-    As many regions and styles as there are of the fewer are paired one to one, so that the sum of their CIEDE2000
-    differences is least. Regions left over take the style nearest to them; styles left over are not used
-    (:func:`leftovers` says which). A region's colour is the one shown: edited, if it was.
+    Regions and styles are paired one to one, as many as possible, with the least sum of CIEDE2000 differences. Regions
+    left over take the nearest style; styles left over are not used (:func:`leftovers` names them). A region's colour is
+    the one shown: the edited colour if there is one.
 
-    Raises:
-        BadInput: no region, no style, or none left to be styled.
+    Returns:
+        Pairs of region and style; empty if there is no style, or no region that is not kept.
     """
     free = [k for k in range(len(regions)) if k not in set(keep)]
     if not free or not styles:
@@ -101,7 +101,7 @@ def pairs_by_colour(
 
 
 def leftovers(pairs: dict[int, int], names: Sequence[str]) -> list[str]:
-    """Sentences about styles that no region has, and those that several share."""
+    """Return sentences about styles that no region has, and about styles that several regions share."""
     notes = []
     unused = [k for k in range(len(names)) if k not in set(pairs.values())]
     if unused:
@@ -109,10 +109,10 @@ def leftovers(pairs: dict[int, int], names: Sequence[str]) -> list[str]:
         one = len(unused) == 1
         notes.append(
             f"{'Style' if one else 'Styles'} {listed} {'has' if one else 'have'} no region and "
-            f"{'is' if one else 'are'} not used; say where with --map."
+            f"{'is' if one else 'are'} not used; assign with --map."
         )
     for style in sorted(set(pairs.values())):
         of = [region for region, k in sorted(pairs.items()) if k == style]
         if len(of) > 1 and len(names) > 1:
-            notes.append(f"Style {style} ({names[style]}) is shared by the regions {', '.join(map(str, of))}.")
+            notes.append(f"Style {style} ({names[style]}) is shared by regions {', '.join(map(str, of))}.")
     return notes

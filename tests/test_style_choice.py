@@ -42,13 +42,13 @@ def test_more_regions_than_styles_share_the_nearest() -> None:
     pairs = pairs_by_colour(regions(RED, BLUE, (0.8, 0.2, 0.0), (0.2, 0.1, 0.8)), flat(BLUE, RED))
     assert pairs == {0: 1, 1: 0, 2: 1, 3: 0}
     notes = leftovers(pairs, ["sea", "fire"])
-    assert notes == ["Style 0 (sea) is shared by the regions 1, 3.", "Style 1 (fire) is shared by the regions 0, 2."]
+    assert notes == ["Style 0 (sea) is shared by regions 1, 3.", "Style 1 (fire) is shared by regions 0, 2."]
 
 
 def test_more_styles_than_regions_are_left_out_and_said() -> None:
     pairs = pairs_by_colour(regions(GREEN), flat(BLUE, GREEN, RED))
     assert pairs == {0: 1}
-    said = "Styles 0 (a), 2 (c) have no region and are not used; say where with --map."
+    said = "Styles 0 (a), 2 (c) have no region and are not used; assign regions with --map."
     assert leftovers(pairs, ["a", "b", "c"]) == [said]
     assert leftovers({0: 0}, ["a"]) == [] and leftovers({0: 0, 1: 0}, ["a"]) == []
 
@@ -81,7 +81,7 @@ def test_masks_are_checked() -> None:
     assert notes == ["The mask of style 1 covers the whole picture, so it changes nothing."]
     for masks, words in (
         ([None, np.zeros((4, 4), bool)], "style 1 is empty"),
-        ([np.ones((4, 5), bool), None], "5 x 4 pixels, its picture 4 x 4"),
+        ([np.ones((4, 5), bool), None], "5 x 4 pixels, but its picture has 4 x 4"),
     ):
         with pytest.raises(BadInput, match=words):
             checked_masks(masked(*masks))

@@ -27,8 +27,8 @@ def test_region_image_is_weighted_colour_over_background() -> None:
         (2, 1, {5: 0}, (), "no region 5"),
         (2, 1, {0: 3}, (), "no style 3"),
         (2, 1, None, (4,), "no region 4"),
-        (2, 1, {0: 0}, (0,), "at once"),
-        (2, 1, None, (0, 1), "every one is kept"),
+        (2, 1, {0: 0}, (0,), "both kept and styled"),
+        (2, 1, None, (0, 1), "keep fewer regions"),
         (0, 1, None, (), "no regions"),
     ],
 )

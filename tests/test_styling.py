@@ -267,7 +267,7 @@ def test_strokes_scale_with_their_size(picture: np.ndarray, monkeypatch: pytest.
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"strength": 0.0}, "more than 0.*nothing of a style is seen"),
+        ({"strength": 0.0}, "more than 0.*style would be invisible"),
         ({"strength": 1.5}, "at most 1"),
         ({"strength": float("nan")}, "more than 0"),
         ({"stroke_size": 0.0}, "between 0.25 and 4"),
@@ -276,7 +276,7 @@ def test_strokes_scale_with_their_size(picture: np.ndarray, monkeypatch: pytest.
         ({"mapping": {9: 0}}, "no region 9"),
         ({"mapping": {0: 1}}, "no style 1"),
         ({"mapping": "colour", "keep": tuple(range(8))}, "no region"),
-        ({"go_on": True}, "no styled network to go on with"),
+        ({"go_on": True}, "no styled network to continue with"),
     ],
 )
 def test_stylizations_that_cannot_be(scene: Scene, picture: np.ndarray, options: dict, words: str) -> None:
@@ -288,7 +288,7 @@ def test_stylizations_that_cannot_be(scene: Scene, picture: np.ndarray, options:
 def test_styles_left_over_are_said(scene: Scene, picture: np.ndarray) -> None:
     last = len(scene.regions)
     _, report = style(scene, [picture] * (last + 1))
-    assert report["notes"] == [f"Style {last} (style {last}) has no region and is not used; say where with --map."]
+    assert report["notes"] == [f"Style {last} (style {last}) has no region and is not used; assign regions with --map."]
     assert all(name in report for name in ("stroke_size", "strength", "continued"))
 
 

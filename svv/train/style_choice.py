@@ -70,7 +70,7 @@ def style_pairs(regions: int, styles: int, mapping: dict[int, int] | None, keep:
     free = [k for k in range(regions) if k not in set(keep)]
     pairs = dict(mapping) if mapping is not None else {region: k % styles for k, region in enumerate(free)}
     if not pairs:
-        raise BadInput("No region is left to style: name fewer regions with --keep.")
+        raise BadInput("No region is left to style: keep fewer regions.")
     return pairs
 
 
@@ -109,7 +109,7 @@ def leftovers(pairs: dict[int, int], names: Sequence[str]) -> list[str]:
         one = len(unused) == 1
         notes.append(
             f"{'Style' if one else 'Styles'} {listed} {'has' if one else 'have'} no region and "
-            f"{'is' if one else 'are'} not used; assign with --map."
+            f"{'is' if one else 'are'} not used; assign regions with --map."
         )
     for style in sorted(set(pairs.values())):
         of = [region for region, k in sorted(pairs.items()) if k == style]

@@ -1,7 +1,7 @@
 """StyleRF: expressive volume visualization in ParaView's Filters menu.
 
-The filters are thin: a list of properties, and calls into the package ``svv``. Nothing heavy is imported before the
-first filter does its work, so ParaView starts as quickly as without the plugin.
+The filters are thin: a list of properties, and calls into the package ``svv``. Heavy modules are imported only when a
+filter first runs, so ParaView starts as quickly as without the plugin.
 """
 
 import importlib.util
@@ -11,7 +11,7 @@ from pathlib import Path
 paraview_plugin_name = "StyleRF"
 paraview_plugin_version = "0.2.0"
 
-if importlib.util.find_spec("svv") is None:  # loaded by hand: the package lies beside the plugin, or above it
+if importlib.util.find_spec("svv") is None:  # loaded by hand: the package is in the plugin's folder or its parent
     _here = Path(__file__).resolve().parent
     sys.path += [str(folder) for folder in (_here, _here.parent) if (folder / "svv").is_dir()]
 
@@ -27,5 +27,5 @@ except ImportError as _error:
 
     vtkOutputWindow.GetInstance().DisplayErrorText(
         f"The plugin StyleRF cannot be used here, because {_error.name or _error} is missing in ParaView's Python: "
-        "start ParaView with `svv paraview`, which brings along what it needs.\n"
+        "start ParaView with `svv paraview`, which provides the packages that it needs.\n"
     )

@@ -1,6 +1,6 @@
-"""Gives ParaView before 5.12 back ``inspect.getargspec``, which Python 3.11 removed: without it no Python plugin loads.
+"""Restore ``inspect.getargspec``, removed in Python 3.11, for ParaView before 5.12: no Python plugin loads without it.
 
-ParaView imports its own use of it before any plugin, so this has to run first, from a folder on PYTHONPATH.
+ParaView uses it before it loads any plugin, so this module must run first, from a folder on PYTHONPATH.
 """
 
 import importlib.util
@@ -14,7 +14,7 @@ if not hasattr(inspect, "getargspec"):
 
 
 def _run_the_next() -> None:
-    """Run the sitecustomize that this one hides: Python takes only the first on its path."""
+    """Run the sitecustomize module that this one hides, because Python imports only the first one on its path."""
     here = os.path.dirname(os.path.realpath(__file__))
     others = [folder for folder in sys.path if os.path.realpath(folder) != here]
     spec = PathFinder.find_spec("sitecustomize", others)

@@ -1,4 +1,4 @@
-"""Takes transfer function and shading of the volume, as the active view shows it, into the active StyleRF filter."""
+"""Copy the volume's transfer function and shading from the active view to the active StyleRF filter."""
 
 from paraview.simple import GetActiveSource
 
@@ -8,7 +8,7 @@ from svv.pv.capture import CAPTURED, capture
 filter = GetActiveSource()
 try:
     if filter is None or filter.SMProxy.GetXMLName() not in CAPTURED:
-        raise BadInput("Choose StyleRF Stylized View, Views or Train in the Pipeline Browser first.")
+        raise BadInput("Select StyleRF Stylized View, Views or Train in the Pipeline Browser first.")
     capture(filter)
 except BadInput as error:
     print(error)

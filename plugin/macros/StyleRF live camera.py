@@ -1,4 +1,4 @@
-"""The view that shows the volume moves the StyleRF image beside it, as the property Follow Camera does."""
+"""Let the StyleRF image follow the camera of the view that shows the volume, as the property Follow Camera does."""
 
 from svv.errors import BadInput
 from svv.pv.follow import follow

@@ -1,4 +1,4 @@
-"""Play and Save Animation go round the scene of the active StyleRF image; the data's time stands still meanwhile."""
+"""Let Play and Save Animation orbit the scene of the active StyleRF image, while the data's time stands still."""
 
 from svv.errors import BadInput
 from svv.pv.orbit import play_orbit

@@ -1,4 +1,4 @@
-"""The StyleRF images stand still again."""
+"""Stop the StyleRF images from following a camera."""
 
 from svv.pv.follow import stop_following
 

@@ -1,4 +1,4 @@
-"""The animation shows the data's time again."""
+"""Let the animation show the data's time again."""
 
 from svv.pv.orbit import stop_orbit
 

@@ -1,8 +1,8 @@
-"""How a volume is shown: from the client's active view into a filter's panel.
+"""Copy how a volume is displayed from the client's active view into a filter's panel.
 
-Only the client knows the views, so this is client code: it sets properties, which ParaView then carries to the server
-like any others. ``paraview.simple`` and ``servermanager`` are imported when they are needed and no sooner: in a program
-that is just starting, they would make a session of their own.
+Only the client knows the views, so this is client code: it sets properties, which ParaView then sends to the server
+like any others. ``paraview.simple`` and ``servermanager`` are imported only when they are needed: in a program that
+is just starting, importing them would create an additional session.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from svv.pv.points import watch_points
 from svv.pv.undo import watch
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
-"""Filters that look at a volume."""
+"""Filters that read a volume's display."""
 
 BUTTONS = ("StyleRFEdit", "StyleRFPalette")
 """Filters with buttons that set their panel (:mod:`svv.pv.undo`)."""
@@ -31,23 +31,23 @@ IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsR
 """Filters and readers whose output is an image of colours."""
 
 DISPLAY = "UniformGridRepresentation"
-"""What ParaView shows a ``vtkImageData`` with in a 3D view."""
+"""XML name of the representation with which ParaView shows a ``vtkImageData`` in a 3D view."""
 
 SEEN = "StyleRF.seen"
-"""Mark on a representation that has been looked at once: from then on it is the user's."""
+"""Annotation of a representation that has been set up once; afterwards it is left to the user."""
 
 _observed: list[Any] = []
 
 
 def volume_display(source: Any, view: Any = None) -> Any:
-    """The representation that shows a source as a volume.
+    """Return the representation that shows a source as a volume.
 
     Args:
-        source: A source or filter, as ParaView's Python has them.
-        view: Where it is shown; by default the active view, then any other.
+        source: Proxy of a source or filter, as in ``paraview.simple``.
+        view: View that shows it; by default the active view, then any other.
 
     Raises:
-        BadInput: it is shown nowhere as a volume.
+        BadInput: No view shows it as a volume.
     """
     source = getattr(source, "SMProxy", source)
     from paraview import simple
@@ -59,25 +59,28 @@ def volume_display(source: Any, view: Any = None) -> Any:
             if given is not None and given.SMProxy == source and display.Representation == "Volume":
                 return display
     raise BadInput(
-        "The input is shown nowhere as a volume: set its representation to Volume in the active view, so that there is "
-        "a transfer function to learn from."
+        "No view shows the input as a volume: set its representation to Volume in the active view, which gives it a "
+        "transfer function."
     )
 
 
 def shown_as(display: Any) -> dict[str, Any]:
-    """How a representation shows a volume: the values of the properties of the same names of our filters.
+    """Return how a representation shows a volume, as values for the filters' properties, by property name.
 
     Args:
-        display: A representation, as ParaView's Python has it.
+        display: Proxy of a representation.
 
     Raises:
-        BadInput: it shows the volume in a way that cannot be learned.
+        BadInput: It shows the volume in a way that is not supported.
     """
     if getattr(display, "UseSeparateOpacityArray", 0) or getattr(display, "UseTransfer2D", 0):
-        raise BadInput("The volume is shown with a second array or a 2D transfer function; use one array and a 1D one.")
+        raise BadInput(
+            "The volume is shown with a separate opacity array or a 2D transfer function: use a single array and a 1D "
+            "transfer function."
+        )
     table = display.LookupTable
     if table is None:
-        raise BadInput("The volume is shown without a colour map; choose an array under Coloring.")
+        raise BadInput("The volume is shown without a colour map: choose an array under Coloring.")
     if display.ScalarOpacityFunction is not None:
         table.ScalarOpacityFunction = display.ScalarOpacityFunction
     return {
@@ -89,27 +92,27 @@ def shown_as(display: Any) -> dict[str, Any]:
 
 
 def capture(filter: Any, view: Any = None) -> None:
-    """Take transfer function, opacity unit distance and shading from the display of a filter's input into its panel.
+    """Copy transfer function, opacity unit distance and shading from the display of a filter's input to its panel.
 
     Args:
-        filter: A StyleRF filter, as ParaView's Python has it.
-        view: Where its input is shown, by default the active view.
+        filter: Proxy of a StyleRF filter.
+        view: View that shows its input; by default the active view.
 
     Raises:
-        BadInput: the input is not shown as a volume, or in a way that cannot be learned.
+        BadInput: The input is not shown as a volume, or in a way that is not supported.
     """
     for name, value in shown_as(volume_display(filter.Input, view)).items():
         setattr(filter, name, value)
 
 
 def watch_new_filters() -> None:
-    """Capture into every filter of ours when it is made, where there is something to capture.
+    """Set up every StyleRF filter when it is created, and capture the display of its input if it has one.
 
-    A filter begins without a transfer function; this saves the user from linking it by hand, in the window as in a
-    script. Called by the plugin, in the client.
+    A new filter has no transfer function; capturing one saves the user from linking it by hand, both in the window and
+    in scripts. The plugin calls this in the client.
     """
     manager = vtkSMProxyManager.GetProxyManager()
-    # A plugin that is loaded at the start comes before the session; and a connection to a server is another session.
+    # A plugin loaded at startup runs before the session exists, and connecting to a server creates another session.
     manager.AddObserver(manager.ActiveSessionChanged, _session_changed)
     _watch_session(manager.GetActiveSessionProxyManager())
 
@@ -126,13 +129,13 @@ def _watch_session(session: Any) -> None:
 
 def _registered(session: Any, *_: Any) -> None:
     for name in CAPTURED:
-        # There is no saying which proxy the event is about, but a new one has no transfer function yet.
+        # The event does not identify the proxy, but a new one has no transfer function yet.
         for filter in _proxies(session, name):
             if filter.TransferFunction is None and filter.Input is not None:
                 try:
                     capture(filter)
                 except BadInput:
-                    continue  # the filter says what is missing when it is applied
+                    continue  # the filter reports what is missing when it is applied
     for name in BUTTONS:
         for filter in _proxies(session, name):
             watch(filter)
@@ -146,7 +149,7 @@ def _registered(session: Any, *_: Any) -> None:
             watch_camera(filter)
     for view in _proxies(session, "RenderView", "views"):
         watch_view(view)
-    loading = session.GetInLoadXMLState()  # a state says itself how things are shown
+    loading = session.GetInLoadXMLState()  # a state defines how its data is displayed
     for display in _proxies(session, DISPLAY, "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
             display.SMProxy.SetAnnotation(SEEN, "1")
@@ -155,7 +158,7 @@ def _registered(session: Any, *_: Any) -> None:
 
 
 def as_it_is(display: Any) -> None:
-    """Show an image's colours as they are, and not through a colour map."""
+    """Show an image's colours directly, not through a colour map."""
     display.Representation = "Slice"
     display.ColorArrayName = ["POINTS", "RGBA"]
     display.MapScalars = 0

@@ -1,8 +1,8 @@
-"""Our data as VTK's: scenes as tables, images and views as image data.
+"""Convert scenes, images and views to VTK data and back: scenes become tables, images and views become image data.
 
-What flows between filters is plain VTK data, so that ParaView can show, save and move it. A scene's table carries the
-whole scene file as an array of bytes; programs that read the same scene again and again, as a moving camera does,
-get the one that was unpacked already.
+Only plain VTK data passes between filters, so ParaView can show, save and transfer it. A scene's table carries the
+whole scene file as an array of bytes; unpacked scenes are cached, because a moving camera reads the same one again and
+again.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ SCENE = "StyleRF Scene"
 VIEWS = "StyleRF Views"
 
 KEPT = 3
-"""Unpacked scenes that stay in memory."""
+"""Maximum number of unpacked scenes in memory."""
 
 _scenes: OrderedDict[str, Scene] = OrderedDict()
 _digests: dict[tuple[str, int], str] = {}
-"""Address and time of an array -> hash of its content, which takes 0.05 s for a scene of 20 MB."""
+"""Address and modification time of an array -> hash of its content; hashing a scene of 20 MB takes 0.05 s."""
 KNOWN = 256
-"""Arrays whose hashes are kept at most."""
+"""Maximum number of arrays whose hashes are cached."""
 _views: weakref.WeakValueDictionary[str, ViewSet] = weakref.WeakValueDictionary()
 
 
@@ -45,7 +45,7 @@ _views: weakref.WeakValueDictionary[str, ViewSet] = weakref.WeakValueDictionary(
 
 
 def put_scene(scene: Scene, table: vtkTable) -> None:
-    """Fill a table: one row a region, and the scene itself as field data."""
+    """Fill a table with one row per region, and with the scene itself as field data."""
     table.Initialize()
     regions = scene.regions
     colours = np.array([r.edited_colour or r.colour for r in regions], np.float64).reshape(-1, 3)
@@ -70,16 +70,16 @@ def put_scene(scene: Scene, table: vtkTable) -> None:
 
 
 def scene_of(data: vtkDataObject | None) -> Scene:
-    """The scene that a table carries.
+    """Return the scene that a table carries.
 
     Raises:
-        BadInput: there is none, or it is damaged.
+        BadInput: There is none, or it is damaged.
     """
     from svv.fields.scene import Scene
 
     array = None if data is None else data.GetFieldData().GetArray(SCENE)
     if array is None:
-        raise BadInput("The input is no scene: connect StyleRF Train, Edit or Stylize, or open a .svv file.")
+        raise BadInput("The input is not a scene: connect StyleRF Train, Edit or Stylize, or open a .svv file.")
     key = digest_of(array)
     if key not in _scenes:
         _keep(key, Scene.from_bytes(vtk_to_numpy(array).tobytes(), "The scene in the input"))
@@ -88,13 +88,13 @@ def scene_of(data: vtkDataObject | None) -> Scene:
 
 
 def time_of(data: vtkDataObject | None) -> float | None:
-    """The time of data, None where it has none."""
+    """Return the time of a data object; None if it has none."""
     key = vtkDataObject.DATA_TIME_STEP()
     return float(data.GetInformation().Get(key)) if data is not None and data.GetInformation().Has(key) else None
 
 
 def digest_of(array: Any) -> str:
-    """Hash of an array's content, found once until the array is modified."""
+    """Return a hash of an array's content; it is cached until the array is modified."""
     place = array.__this__, array.GetMTime()
     if place not in _digests:
         if len(_digests) >= KNOWN:
@@ -111,7 +111,7 @@ def _keep(key: str, scene: Scene) -> None:
 
 
 def forget_scenes() -> None:
-    """Let go of the unpacked scenes."""
+    """Release the unpacked scenes and the cached hashes."""
     _scenes.clear()
     _digests.clear()
 
@@ -124,11 +124,11 @@ def _digest(content: bytes | memoryview) -> str:
 
 
 def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
-    """Fill an image with arrays whose row 0 is at the top, the first as its scalars.
+    """Fill an image with arrays whose row 0 is at the top; the first array becomes its scalars.
 
     Args:
-        image: Of one slice; VTK's row 0 is at the bottom.
-        arrays: (height, width) or (height, width, channels) each.
+        image: Image to fill; it gets one slice, with row 0 at the bottom, as usual in VTK.
+        arrays: Arrays by name, each (height, width) or (height, width, channels).
     """
     image.Initialize()
     height, width = next(iter(arrays.values())).shape[:2]
@@ -143,10 +143,10 @@ def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
 
 
 def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
-    """Keep the ranges of an array's components (N, C) where VTK would: for it, those of a small image take 0.1 s."""
+    """Store the ranges of an array's components (N, C) where VTK caches them; VTK needs 0.1 s for a small image."""
     finite = values if values.dtype.kind in "iu" else np.where(np.isfinite(values), values, np.nan)
     if values.dtype.kind == "f" and (np.isinf(values).any() or np.isnan(finite).all(axis=0).any()):
-        return  # all values and the finite ones differ, or there are none
+        return  # the ranges of all and of finite values differ, or there are no finite values
     norm = np.linalg.norm(finite.astype(np.float64), axis=1)
     ends = np.stack([np.nanmin(finite, axis=0), np.nanmax(finite, axis=0)], axis=1).astype(np.float64)
     information = array.GetInformation()
@@ -161,15 +161,15 @@ def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
 
 
 def camera_of(numbers: Sequence[float], width: int, height: int) -> Camera:
-    """A camera from VTK's ten numbers.
+    """Return a camera from VTK's ten numbers.
 
     Args:
         numbers: Position (3), focal point (3), view up (3), and the vertical angle of view in degrees.
-        width: Pixels.
-        height: Pixels.
+        width: Width of the image, in pixels.
+        height: Height of the image, in pixels.
 
     Raises:
-        BadInput: position and focal point coincide, or the angle is none.
+        BadInput: Position and focal point coincide, or the angle is out of range.
     """
     position, focal, up = (np.array(numbers[k : k + 3], np.float64) for k in (0, 3, 6))
     angle = np.radians(numbers[9])
@@ -183,17 +183,17 @@ def camera_of(numbers: Sequence[float], width: int, height: int) -> Camera:
 
 
 def put_views(views: ViewSet, index: int, image: vtkImageData, cameras: vtkPolyData, key: str = "") -> None:
-    """Show one view as an image, and all cameras as points; both say to which views they belong.
+    """Fill the outputs with one view as an image and all cameras as points; both refer to the views they belong to.
 
-    The views themselves stay with the filter that made them: a token in the image's field data finds them as long as
-    that filter lives.
+    The views themselves stay with the filter that made them: a token in the image's field data refers to them for as
+    long as that filter exists.
 
     Args:
-        views: All of them.
-        index: Number of the one that is shown.
-        image: To be filled.
-        cameras: To be filled.
-        key: What the views depend on, as a hash; by default that of the views themselves.
+        views: All views.
+        index: Number of the view to show.
+        image: Image to fill.
+        cameras: Points to fill.
+        key: Hash of what the views depend on; by default the hash of the views themselves.
     """
     put_image(image, {"RGBA": views.images[index]})
     token = f"{id(views):x}"
@@ -203,7 +203,7 @@ def put_views(views: ViewSet, index: int, image: vtkImageData, cameras: vtkPolyD
 
 
 def put_no_views(key: str, image: vtkImageData, cameras: vtkPolyData) -> None:
-    """Say which views would be shown if they were there: what was made of them may be kept somewhere."""
+    """Mark empty outputs with the key of the missing views: results made from those views may still be kept."""
     _mark("", key, image, cameras)
 
 
@@ -217,10 +217,10 @@ def _mark(token: str, key: str, *outputs: vtkDataObject) -> None:
 
 
 def key_of_views(data: vtkDataObject | None) -> str | None:
-    """A hash of what the views depend on that an image belongs to, None where it belongs to none.
+    """Return a hash of what the views of an image depend on; None if the image does not belong to any views.
 
     Raises:
-        BadInput: the filter that made them is gone.
+        BadInput: The filter that made the views no longer exists.
     """
     array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
     if array is None:
@@ -233,22 +233,24 @@ def key_of_views(data: vtkDataObject | None) -> str | None:
 
 
 def views_of(data: vtkDataObject | None) -> ViewSet | None:
-    """The views that an image belongs to, None where it belongs to none.
+    """Return the views that an image belongs to; None if it does not belong to any.
 
     Raises:
-        BadInput: the filter that made them is gone.
+        BadInput: The filter that made the views no longer exists.
     """
     array = None if data is None else data.GetFieldData().GetAbstractArray(VIEWS)
     if array is None:
         return None
     views = _views.get(array.GetValue(0))
     if views is None:
-        raise BadInput("The views of the input are gone; apply StyleRF Views, or open the folder of views, again.")
+        raise BadInput(
+            "The input's views are no longer in memory: apply StyleRF Views, or open the folder of views, again."
+        )
     return views
 
 
 def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
-    """Cameras as points with their direction, up, and vertical angle of view (degrees)."""
+    """Fill a data object with cameras as points, with their direction, up, and vertical angle of view (degrees)."""
     data.Initialize()
     matrices = np.stack([camera.camera_to_world for camera in cameras])
     points = vtkPoints()

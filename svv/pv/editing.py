@@ -1,4 +1,4 @@
-"""What the panels of StyleRF Edit and StyleRF Palette mean: edits of a scene, and a correction of its palette."""
+"""Turn the panels of StyleRF Edit and StyleRF Palette into edits of a scene and a correction of its palette."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ Values = Mapping[str, Any]
 
 
 def as_edited(scene: Scene, values: Values) -> Scene:
-    """A scene with the edits of the panel, which are one step of its history.
+    """Return a scene with the panel's edits, as one step of its history.
 
     Raises:
-        BadInput: any reason of the edits' (:mod:`svv.fields.edits`), or more to be undone than there is.
+        BadInput: Any reason of the edits (:mod:`svv.fields.edits`), or Undo is larger than the number of edits.
     """
     if values["Undo"] > len(scene.history.past):
-        raise BadInput(f"{values['Undo']} edits are to be undone, but the scene came with {len(scene.history.past)}.")
+        raise BadInput(
+            f"Cannot undo {values['Undo']} edits, because the scene came with {len(scene.history.past)}: reduce Undo."
+        )
     for _ in range(values["Undo"]):
         scene = scene.undone()
     from svv.fields.requested import with_edit
@@ -44,10 +46,10 @@ def as_edited(scene: Scene, values: Values) -> Scene:
 
 
 def edit_in(values: Values) -> SceneEdit:
-    """All edits that the panel asks for.
+    """Return all edits that the panel asks for.
 
     Raises:
-        BadInput: text that is no regions.
+        BadInput: A text does not name regions.
     """
     rows = [f"Region{region}" for region in range(REGIONS)]
     hide = tuple(region for region, name in enumerate(rows) if values[f"{name}Hide"])
@@ -61,7 +63,7 @@ def edit_in(values: Values) -> SceneEdit:
         {region: options_in(RegionEdit, values, name) for region, name in enumerate(rows)},
         options_in(LightEdit, values, light=places[values["LightFrom"]]),
         options_in(PaintEdit, values),
-        # Width and colour say nothing while there is no ink.
+        # Width and colour have no meaning without an outline.
         outline if outline.outline is not None else OutlineEdit(),
         VisibilityEdit(
             isolate=tuple(whole_numbers_in(values["Isolate"], "Isolate")) if values["Isolate"].strip() else None,
@@ -72,7 +74,7 @@ def edit_in(values: Values) -> SceneEdit:
 
 
 def told(scene: Scene) -> str:
-    """One line for the panel: what there is to undo, and the paintings."""
+    """Return one line for the panel: the edits that can be undone, and the paintings."""
     past = scene.history.past
     lines = [f"{len(scene.regions)} regions"]
     if past:
@@ -85,18 +87,18 @@ def told(scene: Scene) -> str:
 
 
 def whole_numbers_in(text: str, name: str) -> list[int]:
-    """'0, 2' as whole numbers; raises BadInput for anything else."""
+    """Parse '0, 2' as whole numbers; raise BadInput for anything else."""
     try:
         return [int(word) for word in text.replace(",", " ").split()]
     except ValueError:
-        raise BadInput(f"{name} must be whole numbers with commas between them, not '{text}'.") from None
+        raise BadInput(f"{name} must be whole numbers separated by commas, not '{text}'.") from None
 
 
 def correction_in(values: Values) -> Correction:
-    """The correction that the panel asks for; one without anything is false.
+    """Return the correction that the panel asks for; an empty one is false.
 
     Raises:
-        BadInput: text that is no regions.
+        BadInput: A text does not name regions.
     """
     groups = filter(str.strip, values["Merge"].split(";"))
     chosen = {
@@ -112,16 +114,16 @@ def correction_in(values: Values) -> Correction:
 
 
 def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) -> Scene:
-    """The scene with its palette corrected as the panel says.
+    """Return the scene with its palette corrected as the panel asks.
 
     Args:
-        scene: With a palette network.
-        views: Those that it was trained on.
-        values: The panel's.
+        scene: Scene with a palette network.
+        views: The views that it was trained on.
+        values: The panel's values.
         progress: Called several times a second.
 
     Raises:
-        BadInput: any reason of :func:`svv.train.correct.correct_palette`.
+        BadInput: Any reason of :func:`svv.train.correct.correct_palette`.
         Cancelled: ``progress`` raised it.
     """
     from svv.kernels.dispatch import device_named
@@ -135,17 +137,17 @@ def correct(scene: Scene, views: ViewSet, values: Values, progress: Progress) ->
 
 
 def views_in_file(values: Values, progress: Progress) -> ViewSet:
-    """The views that the panel of StyleRF Palette names.
+    """Read the views that the panel of StyleRF Palette names.
 
     Raises:
-        BadInput: it names none, or they cannot be read.
+        BadInput: It names none, or they cannot be read.
     """
     from svv.io.viewset import ViewSet
 
     if not values["ViewsFile"]:
         raise BadInput(
-            "The regions are learned again from the views that the scene was trained on: connect StyleRF Views as "
-            "the second input, or choose their transforms_train.json under Views File."
+            "Training the regions again takes the views that the scene was trained on: connect StyleRF Views as the "
+            "second input, or choose the transforms_train.json of the views under Views File."
         )
     file = Path(values["ViewsFile"])
     return ViewSet.read(file.parent, file.stem.removeprefix("transforms_"), progress)

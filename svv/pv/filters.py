@@ -1,7 +1,7 @@
-"""What our filters share: values, progress, errors that are sentences, and results that are kept.
+"""Base classes of the StyleRF filters: property values, progress, error messages, and kept results.
 
-Errors reach the user as one sentence in Output Messages, and never as a crash: a filter that cannot do its work gives
-out what it had before, or nothing.
+Errors reach the user as one sentence in Output Messages, never as a crash: a filter that fails outputs its previous
+result, or nothing.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, MutableMapping
 from contextlib import contextmanager
 from typing import Any, ClassVar, TypeVar
 
-import vtkmodules.vtkRenderingCore  # noqa: F401  (a server hands out transfer functions as what Python knows of them)
+import vtkmodules.vtkRenderingCore  # noqa: F401  (lets Python know the class of the server's transfer functions)
 from paraview.util.vtkAlgorithm import VTKPythonAlgorithmBase
 from vtkmodules.vtkCommonCore import vtkOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkDataObject
@@ -28,20 +28,20 @@ ORBIT = 181
 
 NOT_INSTALLED = (
     "{name} is missing in ParaView's Python, and StyleRF needs it: start ParaView with `svv paraview` (a server with "
-    "`svv pvserver`), which brings it along."
+    "`svv pvserver`), which provides it."
 )
 
 _forgetters: list[Callable[[Any, str], None]] = []
-"""One for each filter that is there. They must not be the filters' alone: Python would collect what is observed yet."""
+"""Deletion observers, one per existing filter; if only the filters held them, Python would collect them too early."""
 
 _working: list[str] = []
-"""Name of the filter that is training: ParaView handles events meanwhile, so another one could be asked to begin."""
+"""Name of the filter that is training, if any; ParaView handles events meanwhile, so a second one could be started."""
 
 
 class Filter(VTKPythonAlgorithmBase):
-    """A filter whose class was decorated with :func:`svv.pv.properties.panel`.
+    """Base class of filters whose class is decorated with :func:`svv.pv.properties.panel`.
 
-    ``values`` holds the value of every property under its name.
+    ``values`` holds the value of every property by name.
     """
 
     defaults: ClassVar[dict[str, Any]] = {}
@@ -57,12 +57,12 @@ class Filter(VTKPythonAlgorithmBase):
     # --- the pipeline's requests --------------------------------------------------------------------------------------
 
     def FillInputPortInformation(self, port: int, info: Any) -> int:
-        """Take any data: what is none of ours is refused in a sentence, and not in the pipeline's words."""
+        """Accept any data, so that the filter itself can explain which input it needs."""
         info.Set(self.INPUT_REQUIRED_DATA_TYPE(), "vtkDataObject")
         return 1
 
     def RequestUpdateExtent(self, request: Any, in_info: Any, out_info: Any) -> int:
-        """Ask for the whole input: the output's extent is that of an image."""
+        """Request the whole input, because the output's extent is that of an image and unrelated to the input's."""
         for port in in_info:
             info = port.GetInformationObject(0)
             executive = self.GetExecutive()
@@ -74,16 +74,16 @@ class Filter(VTKPythonAlgorithmBase):
         return 1
 
     def RequestData(self, request: Any, in_info: Any, out_info: Any) -> int:
-        """Do the work on the first rank; what others would do is the same."""
+        """Do the work on the first rank only; the other ranks would do the same work."""
         if not self.first_rank:
             return 1
-        self.SetAbortExecute(0)  # what stopped the last run does not stop this one
+        self.SetAbortExecute(0)  # an abort of the last run must not stop this one
         inputs = [vtkDataObject.GetData(port, 0) for port in in_info]
         outputs = [vtkDataObject.GetData(out_info, port) for port in range(self.GetNumberOfOutputPorts())]
         try:
             self._status = self.work(inputs, outputs, out_info) or "Done."
         except Cancelled:
-            self.say("Stopped; what was there before stays. Apply again to go on.", error=False)
+            self.say("Stopped; the previous result is kept. Press Apply again to resume.", error=False)
             self.before(outputs)
         except BadInput as error:
             self.say(str(error))
@@ -91,7 +91,7 @@ class Filter(VTKPythonAlgorithmBase):
         except ImportError as error:
             self.say(NOT_INSTALLED.format(name=error.name or str(error)))
         except MemoryError:
-            self.say("There is not enough memory for this; choose fewer or smaller views, or a smaller preset.")
+            self.say("There is not enough memory for this: choose fewer or smaller views, or a smaller preset.")
             self.before(outputs)
         self.UpdateProgress(1.0)
         return 1
@@ -100,27 +100,27 @@ class Filter(VTKPythonAlgorithmBase):
         """Fill the outputs; return a line for the panel.
 
         Raises:
-            BadInput: a sentence for the user.
-            Cancelled: the user stopped it.
+            BadInput: The work failed; the message is a sentence for the user.
+            Cancelled: The user stopped it.
         """
         raise NotImplementedError
 
     def before(self, outputs: list[Any]) -> None:
-        """Fill the outputs with what there was before the work that failed; by default nothing."""
+        """Fill the outputs with the previous result after the work has failed; by default do nothing."""
 
-    # --- what filters do ----------------------------------------------------------------------------------------------
+    # --- for subclasses -----------------------------------------------------------------------------------------------
 
     @property
     def first_rank(self) -> bool:
-        """Whether this process is the one that works, of those of a parallel server."""
+        """Whether this process is the one of a parallel server's processes that does the work."""
         controller = vtkMultiProcessController.GetGlobalController()
         return controller is None or controller.GetLocalProcessId() == 0
 
     def progress(self, fraction: float, label: str) -> None:
-        """Show progress in ParaView's bar.
+        """Show progress in ParaView's progress bar.
 
         Raises:
-            Cancelled: the user pressed Abort.
+            Cancelled: The user pressed Abort.
         """
         self.SetProgressText(label)
         self.UpdateProgress(min(max(fraction, 0.0), 1.0))
@@ -130,13 +130,13 @@ class Filter(VTKPythonAlgorithmBase):
 
     @contextmanager
     def training(self) -> Iterator[Progress]:
-        """Give progress to long work, of which only one may run at a time.
+        """Provide the progress callback for long work, which only one filter may do at a time.
 
         Raises:
-            BadInput: another filter is at it.
+            BadInput: Another filter is doing long work.
         """
         if _working:
-            raise BadInput(f"{_working[0]} is at work; apply this filter again when it is done, or stop that one.")
+            raise BadInput(f"{_working[0]} is at work: stop it, or apply this filter again when it is done.")
         _working.append(type(self).__name__)
         try:
             yield self.progress
@@ -145,40 +145,40 @@ class Filter(VTKPythonAlgorithmBase):
             give_memory_back()
 
     def kept(self, name: str, key: Any, make: Callable[[], Result]) -> Result:
-        """The result of ``make`` under this key, made only if the last one was of another key."""
+        """Return the result kept under a name, and call ``make`` only if the key differs from the last one's."""
         if name not in self._kept or self._kept[name][0] != key:
             self._kept[name] = (key, make())
         result: Result = self._kept[name][1]
         return result
 
     def last(self, name: str) -> Any:
-        """The last result that was kept under this name, or None."""
+        """Return the last result that was kept under this name, or None."""
         return self._kept[name][1] if name in self._kept else None
 
     def forget(self, *names: str) -> None:
-        """Make these results anew next time."""
+        """Forget these results, so that they are made again next time."""
         for name in names:
             self._kept.pop(name, None)
         self.Modified()
 
     def say(self, sentence: str, error: bool = True) -> None:
-        """Tell the user, in Output Messages and in the property Status."""
+        """Report a sentence to the user, in Output Messages and in the property Status."""
         self._status = sentence
         window = vtkOutputWindow.GetInstance()
         (window.DisplayErrorText if error else window.DisplayWarningText)(f"{type(self).__name__}: {sentence}\n")
 
     def GetStatus(self) -> str:
-        """What the filter did last, or why it failed."""
+        """Return what the filter did last, or why it failed."""
         return self._status
 
     def TakeAsEdited(self) -> None:
-        """Look at the transfer function, and at the time step that is shown."""
+        """Update the result to the current transfer function and time step."""
         self.steps.ask()
         self.Modified()
 
 
 def _forgetter(*kept: MutableMapping[Any, Any]) -> Callable[[Any, str], None]:
-    """What to do when a filter is deleted. VTK may hold on to its Python attributes long after."""
+    """Return an observer that clears a deleted filter's results; VTK may keep its Python attributes much longer."""
 
     def forget(_: Any, event: str) -> None:
         for results in kept:
@@ -193,7 +193,7 @@ def _forgetter(*kept: MutableMapping[Any, Any]) -> Callable[[Any, str], None]:
 
 
 def set_image_information(filter: Filter, out_info: Any, width: int, height: int, port: int = 0) -> None:
-    """Tell the pipeline the size of the image that will come."""
+    """Announce the size of the output image to the pipeline."""
     info = out_info.GetInformationObject(port)
     info.Set(filter.GetExecutive().WHOLE_EXTENT(), (0, width - 1, 0, height - 1, 0, 0), 6)
     info.Set(vtkDataObject.SPACING(), (1.0, 1.0, 1.0), 3)
@@ -201,37 +201,37 @@ def set_image_information(filter: Filter, out_info: Any, width: int, height: int
 
 
 def time_asked_for(filter: Filter) -> float | None:
-    """The time for which the first input was asked, None without one."""
+    """Return the time that was requested of the first input; None if there was none."""
     executive = filter.GetExecutive()
     info, key = executive.GetInputInformation(0, 0), executive.UPDATE_TIME_STEP()
     return float(info.Get(key)) if info is not None and info.Has(key) else None
 
 
 class ViewsOutput(Filter):
-    """Gives out one view as an image, that of the property ``ShownView``, and all cameras."""
+    """A filter whose outputs are one view as an image (property ``ShownView``), and all cameras as points."""
 
     last_view = 0
-    """Number of the last view that there is, or will be."""
+    """Number of the last view that exists or will exist."""
 
     def FillOutputPortInformation(self, port: int, info: Any) -> int:
-        """An image, and points."""
+        """Declare the outputs: an image, and points."""
         info.Set(vtkDataObject.DATA_TYPE_NAME(), ("vtkImageData", "vtkPolyData")[port])
         return 1
 
     def show(self, views: Any, outputs: list[Any], key: str = "") -> None:
-        """Give out views; the last one where there are fewer than the panel asks for. ``key``: see ``put_views``."""
+        """Output views; show the last one if the panel asks for a later one. ``key`` is as for ``put_views``."""
         image, cameras = outputs
         put_views(views, min(max(self.values["ShownView"], 0), len(views) - 1), image, cameras, key)
 
     def GetViewNumbers(self) -> tuple[int, int]:
-        """The range of ``ShownView``."""
+        """Return the range of ``ShownView``."""
         return 0, self.last_view
 
 
 class ImageOutput(Filter):
-    """Gives out an image of a scene."""
+    """A filter whose output is an image of a scene."""
 
     def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
-        """The image's size; time steps are those of the input."""
+        """Announce the image's size; the time steps are those of the input."""
         set_image_information(self, out_info, *(int(v) for v in self.values["ImageSize"]))
         return 1

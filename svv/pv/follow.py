@@ -1,7 +1,7 @@
-"""The live camera: the volume rendering on the left, the scene's image on the right, one camera.
+"""The live camera: one camera for the volume rendering on the left and the scene's image on the right.
 
-Client code, for the user interface and for scripts with a view that people move. :mod:`svv.pv.live` begins and ends it
-as a filter's property *Follow Camera* says.
+Client code, for the user interface and for scripts with an interactive view. :mod:`svv.pv.live` starts and stops it
+according to a filter's property *Follow Camera*.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from vtkmodules.vtkCommonCore import vtkWeakReference
 from svv.errors import BadInput
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView")
-"""Filters whose output is an image from a camera."""
+"""Filters that render an image from a camera."""
 
 LARGEST = 800
-"""Pixels of the sharp image's longer side."""
+"""Longer side of the sharp image, in pixels."""
 
 DRAGGING = 0.4
-"""Size of the image while the mouse moves, as a part of the sharp one's."""
+"""Size of the image while the mouse moves, as a fraction of the sharp image's size."""
 
 _followers: list[CameraFollower] = []
 
 
 class CameraFollower:
-    """Gives a filter the camera of a view whenever it moves: a small image meanwhile, a sharp one at the end.
+    """Passes a view's camera to a filter whenever it moves: a small image during the motion, a sharp one at its end.
 
-    It holds none of the three, so each can be deleted; then nothing follows any longer.
+    It keeps only weak references to the three, so each can be deleted; following then ends.
 
     Args:
-        view: Whose camera is followed.
-        filter: StyleRF Render or StyleRF Stylized View, as ParaView's Python has it.
-        target: The view that shows the filter's image.
+        view: View whose camera is followed.
+        filter: Proxy of StyleRF Render or StyleRF Stylized View.
+        target: View that shows the filter's image.
     """
 
     def __init__(self, view: Any, filter: Any, target: Any) -> None:
@@ -43,7 +43,7 @@ class CameraFollower:
         self.drawing = False
         interactor = view.GetInteractor()
         self._interactor = _weak(interactor)
-        # Held here, for VTK alone would let Python collect them.
+        # VTK holds no references to observers, so without these Python would collect them.
         self._do = {
             "InteractionEvent": lambda *_: self.update(DRAGGING),
             "EndInteractionEvent": lambda *_: self.update(1.0),
@@ -52,32 +52,32 @@ class CameraFollower:
 
     @property
     def view(self) -> Any:
-        """Whose camera is followed; None when it is gone."""
+        """View whose camera is followed; None if it was deleted."""
         return _python(self._proxies[0].Get())
 
     @property
     def filter(self) -> Any:
-        """The image's filter; None when it is gone."""
+        """Filter that renders the image; None if it was deleted."""
         return _python(self._proxies[1].Get())
 
     @property
     def target(self) -> Any:
-        """The view that shows the image; None when it is gone."""
+        """View that shows the image; None if it was deleted."""
         return _python(self._proxies[2].Get())
 
     @property
     def behind(self) -> bool:
-        """Whether the camera moved while ParaView was busy, so that the image has still to be made."""
+        """Whether the camera moved while ParaView was busy, so that the image is out of date."""
         return self._wanted is not None
 
     @property
     def alive(self) -> bool:
-        """Whether all three are still there, and not only held by a script that has deleted them."""
+        """Whether all three still exist; a proxy that a script deleted but still references does not count."""
         groups = zip(("views", "sources", "views"), (proxy.Get() for proxy in self._proxies), strict=True)
         return all(p is not None and p.GetSessionProxyManager().GetProxyName(group, p) for group, p in groups)
 
     def update(self, scale: float) -> None:
-        """Make the image that the view's camera sees, if it has moved or the size is another."""
+        """Render the image from the view's camera if the camera has moved or the image size has changed."""
         self._wanted = scale
         if self.drawing or busy():
             return
@@ -105,7 +105,7 @@ class CameraFollower:
         simple.Render(target)
 
     def stop(self) -> None:
-        """Follow no longer."""
+        """Stop following."""
         interactor = self._interactor.Get()
         for tag in self._tags if interactor is not None else ():
             interactor.RemoveObserver(tag)
@@ -113,7 +113,7 @@ class CameraFollower:
 
 
 def busy() -> bool:
-    """Whether ParaView is in the midst of an update; from 6.1 on it handles the mouse and timers meanwhile."""
+    """Return whether ParaView is in the middle of an update; since 6.1 it handles mouse and timer events meanwhile."""
     from paraview import servermanager
 
     connection = servermanager.ActiveConnection
@@ -133,14 +133,14 @@ def _python(proxy: Any) -> Any:
 
 
 def camera_numbers(view: Any) -> list[float]:
-    """Position, focal point, view up and angle of view of a view's live camera."""
-    # The view's properties follow the live camera only when the mouse is let go.
+    """Return position, focal point, view up and angle of view of a view's live camera."""
+    # The view's properties are updated only when the mouse button is released.
     camera = view.GetActiveCamera()
     return [*camera.GetPosition(), *camera.GetFocalPoint(), *camera.GetViewUp(), camera.GetViewAngle()]
 
 
 def show_image(filter: Any, view: Any) -> Any:
-    """Show an image filter's colours as they are, flat and filling the view; returns the representation."""
+    """Show an image filter's colours directly, in 2D; return the representation."""
     from paraview import simple
 
     display = simple.Show(filter, view)
@@ -154,7 +154,7 @@ def show_image(filter: Any, view: Any) -> Any:
 
 
 def fit(view: Any, width: int, height: int) -> None:
-    """Let an image of this many pixels fill a view."""
+    """Move a view's camera so that an image of this many pixels fills the view."""
     camera = view.GetActiveCamera()
     camera.SetParallelProjection(1)
     centre = 0.5 * (width - 1), 0.5 * (height - 1)
@@ -166,16 +166,16 @@ def fit(view: Any, width: int, height: int) -> None:
 
 
 def follow(filter: Any = None, view: Any = None) -> CameraFollower:
-    """Let an image follow a camera, and set its property Follow Camera.
+    """Let an image follow a camera, and set its filter's property Follow Camera.
 
-    The image is shown in a view of its own: the one that shows it already, else a new one right of the followed view.
+    The image has a separate view: the one that already shows it, or a new one to the right of the followed view.
 
     Args:
-        filter: An image filter of ours; by default the active one, or else the last that was made.
-        view: Whose camera is followed; by default the view that shows the volume, else the active one.
+        filter: Proxy of a StyleRF image filter; by default the active one, or the one created last.
+        view: View whose camera is followed; by default the view that shows the volume, or the active one.
 
     Raises:
-        BadInput: there is no image filter, or no 3D view.
+        BadInput: There is no image filter, or no 3D view.
     """
     from paraview import simple
 
@@ -192,7 +192,7 @@ def follow(filter: Any = None, view: Any = None) -> CameraFollower:
         simple.Hide(filter, view)
     if target is None:
         layout = simple.GetLayout(view)
-        if layout is None:  # a script's view need not be in one
+        if layout is None:  # views created by scripts may be in none
             simple.AssignViewToLayout(view)
             layout = simple.GetLayout(view)
         target = simple.CreateView("RenderView")
@@ -208,17 +208,17 @@ def follow(filter: Any = None, view: Any = None) -> CameraFollower:
 
 
 def followers() -> list[CameraFollower]:
-    """All that follow."""
+    """Return all active followers."""
     return [follower for follower in _followers if follower.alive]
 
 
 def follower_of(filter: Any) -> CameraFollower | None:
-    """What lets a filter's image follow, or None where nothing does."""
+    """Return a filter's follower, or None if its image follows no camera."""
     return next((f for f in followers() if f.filter == filter), None)
 
 
 def stop_following(filter: Any = None) -> None:
-    """Let a filter's image, or every image, stand still."""
+    """Stop a filter's image, or every image, from following."""
     ended = [f for f in _followers if filter is None or not f.alive or f.filter == filter]
     _followers[:] = [f for f in _followers if f not in ended]
     for follower in ended:
@@ -228,7 +228,7 @@ def stop_following(filter: Any = None) -> None:
 
 
 def view_to_follow(filter: Any) -> Any:
-    """The 3D view that shows the volume that a filter's image is of; else the active one. None: there is none."""
+    """Return the 3D view that shows the volume of a filter's image, or the active one; None if there is no 3D view."""
     from paraview import simple
 
     active = simple.GetActiveView()
@@ -241,16 +241,16 @@ def view_to_follow(filter: Any) -> Any:
 
 
 def shows(view: Any, sources: Sequence[Any]) -> bool:
-    """Whether a view shows any of these sources."""
+    """Return whether a view shows any of these sources."""
     given = [getattr(display, "Input", None) for display in view.Representations if display.Visibility]
     return any(one is not None and one.SMProxy == source.SMProxy for one in given for source in sources)
 
 
 def _upstream(filter: Any) -> Iterator[Any]:
-    """The filters and sources before a filter."""
+    """Yield the filters and sources upstream of a filter."""
     given = getattr(filter, "Input", None)
     if given is not None:
-        for one in [given] if hasattr(given, "SMProxy") else given:  # some filters take several
+        for one in [given] if hasattr(given, "SMProxy") else given:  # some filters take several inputs
             yield one
             yield from _upstream(one)
 

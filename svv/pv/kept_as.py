@@ -1,7 +1,8 @@
-"""The property *Kept As*: after each run of a filter it says under which names the results are kept.
+"""The property *Kept As*: after each run of a filter it holds the names under which the results are kept.
 
-The filter itself runs where the data is and cannot set its own properties, and states are made of properties, so this
-is client code. Setting it starts nothing: the filter stores it without being modified.
+The filter itself runs on the server, with the data, and cannot set its own properties, whereas states consist of
+properties. This is therefore client code. Setting the property starts nothing: the filter stores it without being
+modified.
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ KEEPING = ("StyleRFViews", "StyleRFTrain", "StyleRFPalette", "StyleRFStylize", "
 """Filters with this property."""
 
 _watched: set[str] = set()
-"""The proxies' names in the session."""
+"""Session and proxy IDs of the filters that are being watched."""
 
 
 def watch_kept(filter: Any) -> None:
-    """Let a filter's property follow what the filter says, from now on.
+    """Keep a filter's property up to date with the names that the filter reports, from now on.
 
     Args:
-        filter: One of :data:`KEEPING`, as ParaView's Python has it.
+        filter: Proxy of one of :data:`KEEPING`.
     """
     proxy = filter.SMProxy
     key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}"

@@ -1,4 +1,4 @@
-"""What the launcher of an installation runs, with any Python: ``python3 -m svv.pv.launch pvpython script.py``."""
+"""Entry point of an installation's launcher, for any Python: ``python3 -m svv.pv.launch pvpython script.py``."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from svv.pv.start import PROGRAMS, run
 
 
 def main() -> NoReturn:
-    """Start what the command line names: a program and its arguments, or ``paraview``'s arguments alone.
+    """Start the program that the command line names, by default ``paraview``, with the remaining arguments.
 
-    ``--prepare`` by itself prepares the environment instead.
+    A single ``--prepare`` prepares the environment instead.
     """
     program, arguments = "paraview", sys.argv[1:]
     if arguments and arguments[0] in PROGRAMS:

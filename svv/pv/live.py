@@ -1,7 +1,7 @@
-"""The property Follow Camera: watches the image filters, and begins and ends the live camera as they say.
+"""The property Follow Camera: watch the image filters, and start and stop the live camera as they ask.
 
-Client code. Views and layouts must not be changed while ParaView draws them or loads a state, so what is to be done
-waits: in the window for a timer, in a script for the next picture.
+Client code. Views and layouts must not be changed while ParaView draws them or loads a state, so changes are deferred:
+to a timer in the window, to the next rendering in a script.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from svv.pv.follow import busy, follow, follower_of, followers, stop_following, 
 PROPERTY = "FollowCamera"
 
 PAUSE = 50
-"""Milliseconds until the window's timer looks again."""
+"""Interval of the window's timer, in milliseconds."""
 
 _watched: list[Any] = []
-"""Weak references to the filters and views that are observed."""
+"""Weak references to the observed filters and views."""
 
 _waiting: list[Any] = []
-"""Weak references to the filters whose image is new, or whose property was set."""
+"""Weak references to the filters with a new image or a newly set property."""
 
 _beginning: list[bool] = []
-"""Not empty while views are being arranged."""
+"""Non-empty while views are being arranged."""
 
 _timers: list[Timer] = []
-"""At most one, held here: VTK alone would let Python collect it."""
+"""The active timer, at most one; without this reference Python would collect it, because VTK holds none."""
 
 
 class Timer:
-    """Looks again soon, from the event loop of a window."""
+    """One-shot timer that processes the waiting filters from a window's event loop."""
 
     def __init__(self, interactor: Any) -> None:
         self._interactor = vtkWeakReference()
@@ -42,7 +42,7 @@ class Timer:
 
     @property
     def alive(self) -> bool:
-        """Whether the window is still there."""
+        """Whether the window still exists."""
         return self._interactor.Get() is not None
 
     def _tick(self, *_: Any) -> None:
@@ -54,10 +54,10 @@ class Timer:
 
 
 def watch_camera(filter: Any) -> None:
-    """Let a filter's property Follow Camera work, from now on.
+    """Make a filter's property Follow Camera work, from now on.
 
     Args:
-        filter: StyleRF Render or StyleRF Stylized View, as ParaView's Python has it.
+        filter: Proxy of StyleRF Render or StyleRF Stylized View.
     """
     if _new(filter.SMProxy):
         filter.SMProxy.AddObserver("UpdatePropertyEvent", _pushed)
@@ -65,17 +65,17 @@ def watch_camera(filter: Any) -> None:
 
 
 def watch_view(view: Any) -> None:
-    """Look at what waits when a view has been drawn.
+    """Process the waiting filters whenever a view has been drawn.
 
     Args:
-        view: A 3D view, as ParaView's Python has it.
+        view: Proxy of a 3D view.
     """
     if _new(view.SMProxy):
         view.SMProxy.AddObserver("EndEvent", _drawn)
 
 
 def _new(proxy: Any) -> bool:
-    """Whether a proxy is not yet observed; from now on it is."""
+    """Return whether a proxy was not observed yet, and mark it as observed."""
     _watched[:] = [known for known in _watched if known.Get() is not None]
     if any(known.Get() is proxy for known in _watched):
         return False
@@ -121,7 +121,7 @@ def _drawn(proxy: Any, event: str) -> None:
 
 
 def _soon() -> bool:
-    """Let the window's timer look at what waits; False where there is no window, whose script does it itself."""
+    """Start the window's timer for the waiting filters; return False if there is no window (in a script)."""
     from paraview import simple
 
     _timers[:] = [timer for timer in _timers if timer.alive]
@@ -129,17 +129,17 @@ def _soon() -> bool:
         return True
     for view in simple.GetRenderViews():
         interactor = view.GetInteractor()
-        if interactor is not None and interactor.GetClassName().startswith("QVTK"):  # only that has an event loop
+        if interactor is not None and interactor.GetClassName().startswith("QVTK"):  # only Qt's has an event loop
             _timers.append(Timer(interactor))
             return True
     return False
 
 
 def _begin() -> None:
-    """Begin to follow for all that wait and have an image, or bring what follows up to date."""
+    """Start following, or update the follower, for each waiting filter that has an image."""
     from paraview import servermanager
 
-    if _beginning:  # what is shown now is drawn, and that would begin it again
+    if _beginning:  # showing an image draws a view, which would call this again
         return
     if busy() or servermanager.ProxyManager().GetInLoadXMLState():
         _soon()

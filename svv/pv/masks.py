@@ -1,6 +1,7 @@
-"""Pictures and their parts as the panel of StyleRF Stylize asks for them: what a region learns from, shown and saved.
+"""Style pictures and masks that the panel of StyleRF Stylize asks for: reading, showing and saving them.
 
-A region's row names its picture, or leaves it to the mapping. Pictures are files or of the gallery.
+A region's row in the panel names its picture or leaves the choice to the mapping. Pictures come from files or from the
+gallery.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ if TYPE_CHECKING:
 Values = Mapping[str, Any]
 Colours = NDArray[np.float32]
 
-NO_PICTURE = "Choose at least one picture under Style Files, or one of the gallery."
+NO_PICTURE = "Choose at least one picture under Style Files, or one from the gallery."
 
 
 def sources_of(values: Values) -> list[str]:
-    """The pictures that regions without one of their own get: the files, and the one of the gallery."""
+    """Return the pictures for regions whose rows name none: the files, then the one chosen from the gallery."""
     chosen = values.get("Gallery", NO_GALLERY)
     return [*values["StyleFiles"], *([] if chosen == NO_GALLERY else [_offered(chosen)])]
 
 
 def source_of(values: Values, region: int) -> str | None:
-    """The picture of a region's row; None where the row leaves it to the mapping, '' where it stays as it is.
+    """Return the picture named in a region's row; None if the mapping chooses it, '' if the region stays unpainted.
 
     Raises:
-        BadInput: the row names a picture that is not among Style Files.
+        BadInput: The row names a picture that is not among Style Files.
     """
     word, files = values.get(f"Region{region}Style", AUTOMATIC), values["StyleFiles"]
     if word == AUTOMATIC:
@@ -46,29 +47,29 @@ def source_of(values: Values, region: int) -> str | None:
         return _offered(word)
     number = int(word.removeprefix(PICTURE))
     if number >= len(files):
-        there = f"there are {len(files)} under Style Files, counted from 0" if files else "there is none"
-        raise BadInput(f"Region {region} is to have picture {number}, but {there}.")
+        there = f"there are {len(files)} under Style Files, counted from 0" if files else "Style Files is empty"
+        raise BadInput(f"Region {region} asks for picture {number}, but {there}.")
     return str(files[number])
 
 
 def _offered(word: str) -> str:
-    """The source of what the panel itself offers: an ink or a picture of the gallery."""
+    """Return the source of an entry that the panel offers: an ink, or a picture from the gallery."""
     from svv.options.making import DRAWN, PREFIX
 
     return word if word.startswith(DRAWN) else PREFIX + word
 
 
 def asks_for_part(values: Values, region: int) -> bool:
-    """Whether a region's row asks for less than all of its picture."""
+    """Return whether a region's row asks for only a part of its picture."""
     row = f"Region{region}"
     return any(values.get(row + name) for name in ("Positive", "Negative", "Mask")) or values.get(f"{row}Part", -1) >= 0
 
 
 def mask_for(values: Values, region: int, source: str, picture: Colours) -> tuple[Mask | None, Selection | None]:
-    """The part of a picture that a region's row asks for, and its points; None where it asks for all of it.
+    """Return the part of a picture that a region's row asks for, and its points; both None for the whole picture.
 
     Raises:
-        BadInput: points or a mask that cannot be (:func:`svv.styles.selecting.selected`), or a part that there is not.
+        BadInput: Points or mask are invalid (:func:`svv.styles.selecting.selected`), or the part does not exist.
     """
     from svv.styles.selecting import selected
 
@@ -79,57 +80,60 @@ def mask_for(values: Values, region: int, source: str, picture: Colours) -> tupl
     number, file = values[f"{row}Part"], values[f"{row}Mask"]
     if number >= 0:
         if positive or negative or file:
-            raise BadInput(f"Region {region} has a part and a mask or points: set its part to -1, or clear the others.")
+            raise BadInput(
+                f"Region {region} has both a part and a mask or points: set its part to -1, or clear mask and points."
+            )
         labels = parts_of(values, picture)
         if number > labels.max():
             raise BadInput(
-                f"Region {region} is to have part {number}, but the picture is cut into {labels.max() + 1}, counted "
-                "from 0: choose another, or raise Picture Parts."
+                f"Region {region} asks for part {number}, but the picture is divided into {labels.max() + 1} parts, "
+                "counted from 0: choose another part, or increase Picture Parts."
             )
         return labels == number, None
     return selected(source, picture, positive, negative, Path(file) if file else None)
 
 
 def parts_of(values: Values, picture: Colours) -> NDArray[np.int64]:
-    """A picture cut into as many parts as the panel says; numbers by size, the largest 0. (h, w)
+    """Divide a picture into the panel's number of parts; they are numbered by size, the largest is 0. (h, w)
 
     Raises:
-        BadInput: no number of parts, or one out of range.
+        BadInput: The number of parts is not set, or out of range.
     """
     from svv.styles.segmenters import style_regions
 
     if not values["PictureParts"]:
-        raise BadInput("Say under Picture Parts into how many the pictures are to be cut, 2 to 32.")
+        raise BadInput("Set Picture Parts to the number of parts into which pictures are divided, 2 to 32.")
     return style_regions(picture, values["PictureParts"])
 
 
 def points_in(text: str, name: str) -> list[tuple[float, float]]:
-    """'310,120; 40,300' as points; raises BadInput for anything else."""
+    """Parse '310,120; 40,300' as points; raise BadInput for anything else."""
     points = []
     for place in filter(None, (p.strip() for p in text.split(";"))):
         try:
             x, y = (float(word) for word in place.split(","))
         except ValueError:
             raise BadInput(
-                f"{name} must be places such as 310,120; 40,300 in pixels of the picture, not '{text}'."
+                f"{name} must be points in pixels of the picture, such as 310,120; 40,300, not '{text}'."
             ) from None
         points.append((x, y))
     return points
 
 
 def preview(values: Values, progress: Progress) -> tuple[Colours, NDArray[np.uint8], NDArray[Any], tuple[int, int]]:
-    """The picture of the region whose mask is shown, how it is shown, and what of it is taken.
+    """Return the picture of the region whose mask is shown, its overlay, and the part of it that is used.
 
     Args:
-        values: The panel's.
-        progress: Called while a picture of the gallery is painted.
+        values: The panel's values.
+        progress: Called while a gallery picture is painted.
 
     Returns:
-        Picture (h, w, 3) in [0, 1]; overlay (h, w, 3) levels, with rulers in pixels of the file; taken (h, w), the
-        numbers of parts where the picture is cut and no part is chosen, else 1 and 0; width and height of the file.
+        Picture (h, w, 3) in [0, 1]; overlay (h, w, 3) uint8, with rulers in pixels of the file; mask (h, w), the
+        numbers of the parts if the picture is divided and no part is chosen, otherwise 1 and 0; width and height of
+        the file.
 
     Raises:
-        BadInput: there is no picture to show, or any reason of :func:`mask_for`.
+        BadInput: There is no picture to show, or any reason of :func:`mask_for`.
     """
     from svv.io.mask_pictures import mask_overlay, regions_overlay, with_rulers
     from svv.io.output import to_bytes
@@ -142,7 +146,7 @@ def preview(values: Values, progress: Progress) -> tuple[Colours, NDArray[np.uin
     if source is None:
         raise BadInput(NO_PICTURE)
     _, style = style_named(source, progress)
-    if isinstance(style, Ink) and not asks_for_part(values, region):  # an empty sheet is what it begins with
+    if isinstance(style, Ink) and not asks_for_part(values, region):  # ink starts from an empty sheet
         blank = np.full((64, 64, 3), PAPER, np.float32)
         return blank, to_bytes(blank), np.ones(blank.shape[:2], np.uint8), (64, 64)
     picture = picture_of(style).astype(np.float32, copy=False)
@@ -158,7 +162,7 @@ def preview(values: Values, progress: Progress) -> tuple[Colours, NDArray[np.uin
 
 
 def write_masks(scene: Scene, values: Values, folder: Path, progress: Progress) -> int:
-    """Write the masks of all regions that have one, as ``svv style-mask`` does: region-K.png; returns how many."""
+    """Write every region's mask, if it has one, to region-K.png, as ``svv style-mask`` does; return their number."""
     from svv.io.atomic import make_folder
     from svv.io.mask_file import overlay_file, write_mask, write_selection
     from svv.io.mask_pictures import mask_overlay

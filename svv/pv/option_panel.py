@@ -1,4 +1,4 @@
-"""Properties of ParaView's panels made from dataclasses of :mod:`svv.options`, and such a dataclass from a panel."""
+"""Make ParaView panel properties from the dataclasses of :mod:`svv.options`, and a dataclass from a panel's values."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ Options = TypeVar("Options")
 
 
 def properties_of(options: Any, prefix: str = "", advanced: bool = False, skip: tuple[str, ...] = ()) -> list[Property]:
-    """A property for each field that panels show, with the sentence under it as its help.
+    """Return a property for each field that panels show; the field's docstring becomes its help.
 
     Args:
-        options: A dataclass with the panel's defaults, such as ``TrainOptions(preset="fast")``.
-        prefix: Before the names of the properties: ``Region0``.
-        advanced: Whether all of them are advanced properties.
-        skip: Fields that this panel shows in another way.
+        options: A dataclass instance with the panel's defaults, such as ``TrainOptions(preset="fast")``.
+        prefix: Prefix of the property names, such as ``Region0``.
+        advanced: Whether all properties are advanced.
+        skip: Names of fields that this panel shows in another way.
     """
     found: list[Property] = []
     switches: set[str] = set()
@@ -38,13 +38,13 @@ def properties_of(options: Any, prefix: str = "", advanced: bool = False, skip: 
 
 
 def options_in(kind: type[Options], values: Mapping[str, Any], prefix: str = "", **others: Any) -> Options:
-    """The dataclass that a panel's values mean.
+    """Return the options that a panel's values represent.
 
     Args:
-        kind: Of options.
-        values: Of the properties, by name; fields whose property is missing are at their defaults.
-        prefix: As for :func:`properties_of`.
-        others: Fields that the panel shows in another way.
+        kind: Dataclass of the options.
+        values: Property values by name; fields whose property is missing keep their defaults.
+        prefix: Prefix of the property names, as for :func:`properties_of`.
+        others: Values of fields that the panel shows in another way.
     """
     given = {f.name: _meant(f, values, prefix) for f in _shown(kind) if prefix + f.property_name in values}
     return kind(**{**given, **others})
@@ -55,7 +55,7 @@ def _shown(kind: Any) -> Iterator[Described]:
 
 
 def _property(field: Described, default: Any, prefix: str, advanced: bool) -> Property:
-    """The property of one field."""
+    """Return the property of one field."""
     name, setting, help = prefix + field.property_name, field.setting, field.sentence
     if setting.unset_says:
         help = f"{help} {setting.unset_says}"
@@ -79,7 +79,7 @@ def _property(field: Described, default: Any, prefix: str, advanced: bool) -> Pr
 
 
 def _meant(field: Described, values: Mapping[str, Any], prefix: str) -> Any:
-    """The field's value that a property's value means."""
+    """Return the field's value that corresponds to the property's value."""
     value, setting = values[prefix + field.property_name], field.setting
     if setting.switch is not None:
         return value if values[prefix + setting.switch.name] else None

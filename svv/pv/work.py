@@ -1,7 +1,7 @@
-"""What the filters do, in terms of the engine: views of a volume, a scene of views, styles of a scene, an image of it.
+"""The filters' work in terms of the engine: drawing views, training scenes, keys of paintings, rendering images.
 
-The functions take what the panel holds (``values``) and find out by themselves what a result depends on, so that
-nothing is made twice.
+The functions take the panel's ``values`` and determine which inputs a result depends on, so that no result is computed
+twice.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ Values = Mapping[str, Any]
 
 
 def volume_of(data: vtkDataObject | None) -> vtkImageData:
-    """The input as an image.
+    """Return the input as an image.
 
     Raises:
-        BadInput: it is of another kind; the sentence says which filter makes an image of it.
+        BadInput: It is of another type; the message names the filter that converts it to an image.
     """
     if isinstance(data, vtkImageData):
         if data.GetNumberOfPoints() == 0:
@@ -47,17 +47,17 @@ def volume_of(data: vtkDataObject | None) -> vtkImageData:
         return data
     kind = "nothing" if data is None else data.GetClassName()
     raise BadInput(
-        f"The input is {kind}, and StyleRF needs an image (vtkImageData): put the filter Resample To Image before it."
+        f"The input is {kind}, and StyleRF needs an image (vtkImageData): insert the filter Resample To Image."
     )
 
 
 def views_key(image: vtkImageData, values: Values) -> str:
-    """What the views of a volume depend on, as a hash: data, transfer function, shading, number and size."""
+    """Return a hash of everything that a volume's views depend on: data, transfer function, shading, number, size."""
     return digest(_digest_of(image, values), _drawing(values), transfer_function_of(values).to_dict())
 
 
 def _digest_of(image: vtkImageData, values: Values) -> str:
-    """A hash of the grid and of the array that is looked at."""
+    """Return a hash of the grid and of the displayed array."""
     direction = image.GetDirectionMatrix()
     turned = [direction.GetElement(i, j) for i in range(3) for j in range(3)]
     array = image.GetPointData().GetArray(values["Scalars"]) or image.GetCellData().GetArray(values["Scalars"])
@@ -67,33 +67,33 @@ def _digest_of(image: vtkImageData, values: Values) -> str:
 
 
 def _drawing(values: Values) -> list[Any]:
-    """How a volume is shown but for the transfer function, and how many views are drawn."""
+    """Return how the volume is displayed, except for the transfer function, and the options of its views."""
     return [values["Scalars"], chosen(options_in(ViewOptions, values)), asdict(shading_of(values))]
 
 
 def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
-    """What the views of a volume are made of, and when it is.
+    """Return what the views of a volume depend on, and the volume's time.
 
     Args:
         data: The volume.
-        values: The panel's.
-        asked: The time for which the volume was asked, None without one.
+        values: The panel's values.
+        asked: Time requested from the pipeline; None if there was none.
 
     Raises:
-        BadInput: no image, or no transfer function.
+        BadInput: The input is not an image, or there is no transfer function.
     """
     image, look = volume_of(data), digest(transfer_function_of(values).to_dict())
     settings = digest(_drawing(values), values["OpacityUnitDistance"])
-    # Another table that was chosen counts as a setting; another course of the same one as an edit.
+    # Choosing another table counts as a changed setting; changing the same table counts as an edit.
     table = f"{id(values['TransferFunction']):x}"
     return Moment(settings, look, _digest_of(image, values), asked, time_of(image), table)
 
 
 def transfer_function_of(values: Values) -> Any:
-    """The transfer function of the panel (:class:`svv.dvr.transfer_functions.TransferFunction`).
+    """Return the panel's transfer function (:class:`svv.dvr.transfer_functions.TransferFunction`).
 
     Raises:
-        BadInput: the panel has none.
+        BadInput: The panel has none.
     """
     from svv.dvr.transfer_functions import TransferFunction
 
@@ -101,24 +101,24 @@ def transfer_function_of(values: Values) -> Any:
     opacity = None if table is None else table.GetScalarOpacityFunction()
     if table is None or opacity is None:
         raise BadInput(
-            "There is no transfer function: show the volume in the active view with the representation Volume, then "
-            "run the macro 'StyleRF capture'."
+            "There is no transfer function: show the volume in the active view with the representation Volume, and "
+            "then run the macro 'StyleRF capture'."
         )
     return TransferFunction.from_vtk(table, opacity, values["OpacityUnitDistance"] or None, "the transfer function")
 
 
 def shading_of(values: Values) -> Any:
-    """The shading of the panel (:class:`svv.core.shading.Shading`)."""
+    """Return the panel's shading (:class:`svv.core.shading.Shading`)."""
     from svv.core.shading import Shading
 
     return Shading(bool(values["Shade"]), *(values[k] for k in ("Ambient", "Diffuse", "Specular", "SpecularPower")))
 
 
 def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
-    """Draw the training and the test views that the panel asks for.
+    """Draw the training and test views that the panel asks for.
 
     Raises:
-        BadInput: any reason of :func:`svv.dvr.views.make_views`.
+        BadInput: Any reason of :func:`svv.dvr.views.make_views`.
     """
     from svv.dvr.grids import as_volume
     from svv.dvr.views import make_views
@@ -128,7 +128,7 @@ def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple
         transfer_function_of(values),
         options_in(ViewOptions, values),
         shading=shading_of(values),
-        rescale=False,  # in ParaView the function is already where the user put it
+        rescale=False,  # in ParaView the user has already placed the function
         name=values["Scalars"] or "volume",
         progress=progress,
     )
@@ -138,13 +138,13 @@ def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple
 
 
 def training_moment(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
-    """What a scene is learned from, and when it is: as :func:`moment_of`, or the views that the data belongs to.
+    """Return what a scene is trained on, and its time: as :func:`moment_of`, or the views that the data belongs to.
 
-    Views change when their filter was asked to draw others, and are followed whatever the time is.
+    Views change only when their filter is asked to draw others; a change of views counts at any time.
     """
     views = key_of_views(data)
     if views is None:
-        moment = moment_of(data, {**values, "TestViews": 0}, asked)  # they are not learned
+        moment = moment_of(data, {**values, "TestViews": 0}, asked)  # test views do not affect training
     else:
         moment = Moment("views", "", digest("views", views))
     settings = digest(moment.settings, chosen(options_in(TrainOptions, values)))
@@ -152,10 +152,10 @@ def training_moment(data: vtkDataObject | None, values: Values, asked: float | N
 
 
 def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
-    """The scene in the user's file, None where it was trained from something else, or there is no file.
+    """Return the scene in the user's file; None if it was trained on something else or the file does not exist.
 
     Raises:
-        BadInput: the file is none of ours, or damaged.
+        BadInput: The file is not a scene file, or it is damaged.
     """
     from svv.fields.scene import Scene
     from svv.kernels.dispatch import device_named
@@ -167,12 +167,12 @@ def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
 
 
 def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Scene:
-    """A scene of a volume, or of the views that the input belongs to.
+    """Train a scene on a volume, or on the views that the input belongs to.
 
-    With a scene file, it is written there, and training that was stopped goes on.
+    If the panel names a scene file, the scene is written to it, and training that was stopped resumes.
 
     Raises:
-        BadInput: any reason of the engine's.
+        BadInput: Any reason of the engine.
         Cancelled: ``progress`` raised it.
     """
     from svv.io.atomic import check_writable
@@ -182,7 +182,7 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
     from svv.train.pipeline import train_scene
 
     options, views, now = options_in(TrainOptions, values), views_of(data), training_moment(data, values, None)
-    settings_of(options)  # what is wrong is said before views are drawn
+    settings_of(options)  # report errors before views are drawn
     device_named(options.device)
     file = Path(values["SceneFile"]) if values.get("SceneFile") else None
     if file is not None:
@@ -202,10 +202,10 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
 
 
 def style_key(values: Values) -> str:
-    """What a stylization depends on besides its scene, as a hash; of files their content counts, and their names.
+    """Return a hash of everything but the scene that a painting depends on; files count by content and name.
 
     Raises:
-        BadInput: a file is not there.
+        BadInput: A file does not exist.
     """
     from svv.options.making import DRAWN, PREFIX
 
@@ -215,7 +215,7 @@ def style_key(values: Values) -> str:
             files.append((name, ""))
             continue
         if not Path(name).is_file():
-            raise BadInput(f"There is no style picture {name}; choose another under Style Files.")
+            raise BadInput(f"There is no style picture {name}: choose another under Style Files.")
         files.append((Path(name).stem, digest_of_file(name)))
     masks = {f"Region{k}Mask": values.get(f"Region{k}Mask") or "" for k in range(REGIONS)}
     there = {row: digest_of_mask(name) for row, name in masks.items() if Path(name).is_file()}
@@ -228,23 +228,23 @@ def style_key(values: Values) -> str:
 
 
 def camera_for(scene: Scene, values: Values) -> Camera:
-    """The panel's camera; where it is all zeros, that of its frame of the orbit.
+    """Return the panel's camera; if it is all zeros, the camera of the panel's frame of the orbit.
 
     Raises:
-        BadInput: a camera that is none, or no such frame.
+        BadInput: The camera is invalid, or the orbit has no such frame.
     """
     width, height = size_of(values)
     if any(values["Camera"][:6]):
         return camera_of(values["Camera"], width, height)
     frame = values["Frame"]
     if not 0 <= frame < ORBIT:
-        raise BadInput(f"Frame must be 0 to {ORBIT - 1}, one of the orbit's, not {frame}.")
+        raise BadInput(f"Frame must be 0 to {ORBIT - 1}, the frames of the orbit, not {frame}.")
     (camera,) = scene.rig.orbit(ORBIT, width, [frame])
     return camera.resized(width, height)
 
 
 def size_of(values: Values) -> tuple[int, int]:
-    """Width and height of the image that the panel asks for, pixels."""
+    """Return width and height of the image that the panel asks for, in pixels."""
     width, height = (int(v) for v in values["ImageSize"])
     if not (1 <= width <= 16384 and 1 <= height <= 16384):
         raise BadInput(f"The image's size must be 1 to 16384 pixels along each side, not {width} x {height}.")
@@ -252,10 +252,10 @@ def size_of(values: Values) -> tuple[int, int]:
 
 
 def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> dict[str, Any]:
-    """RGBA (bytes), depth and regions of a scene from a camera.
+    """Render RGBA (uint8), depth and regions of a scene from a camera.
 
     Raises:
-        BadInput: the scene does not hold the network that the panel asks for, or the device is not there.
+        BadInput: The scene does not hold the network that the panel asks for, or the device is not available.
     """
     from svv.io.mask_pictures import region_map_overlay
     from svv.io.output import to_bytes

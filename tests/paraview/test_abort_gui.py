@@ -74,4 +74,4 @@ def test_abort_stops_a_training_where_the_version_can(gui: Callable, tmp_path: P
     assert abort_button(running.screenshot(tmp_path / "alive.png")) == button, "it did not go on working"
     # One click does not come through: ParaView filters the press out before the window hands it to the button.
     running.xdotool("mousemove", *button, "click", "--repeat", 2, "--delay", 80, 1)
-    assert running.wait() == "True Stopped; what was there before stays. Apply again to go on."
+    assert running.wait() == "True Stopped; the previous result is kept. Press Apply again to resume."

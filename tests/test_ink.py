@@ -218,7 +218,7 @@ def test_an_ink_is_named_as_a_style_is(tmp_path: Path) -> None:
     assert style_named("ink:stippling") == ("ink:stippling", Ink("stippling"))
     with pytest.raises(BadInput, match="no 'ink:scribble'; choose one of ink:stippling, ink:hatching, ink:cross-h"):
         style_named("ink:scribble")
-    with pytest.raises(BadInput, match="drawn without a picture, and here one is needed"):
+    with pytest.raises(BadInput, match="drawn without a picture, but a picture is needed here"):
         open_style("ink:hatching")
 
 

@@ -183,5 +183,5 @@ def test_what_cannot_be_is_one_sentence(
 def test_a_picture_is_asked_for_where_one_is_needed(tmp_path: Path) -> None:
     from svv.render.gallery import style_file
 
-    with pytest.raises(BadInput, match="here one is needed"):
+    with pytest.raises(BadInput, match="a picture is needed here"):
         style_file("ink:hatching", tmp_path)

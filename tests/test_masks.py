@@ -163,7 +163,7 @@ def test_a_point_in_a_large_picture_means_its_own_pixels(tmp_path: Path, monkeyp
         (["picture.png", "--regions", "1", "--out", "m"], "2 to 32"),
         (["picture.png", "--regions", "3", "--out", "m.png"], "as a folder"),
         (["picture.png", "--refine", "none.png", "--positive", "8,8", "--out", "m.png"], "no mask at"),
-        (["picture.png", "--refine", "other.png", "--positive", "8,8", "--out", "m.png"], "was made in a picture"),
+        (["picture.png", "--refine", "other.png", "--positive", "8,8", "--out", "m.png"], "was made for a picture"),
         (["picture.png", "--refine", "odd.png", "--positive", "8,8", "--out", "m.png"], "does not hold the points"),
         (["picture.png", "--positive", "8,8", "--with", "sam", "--out", "m.png"], "SAM"),
     ],

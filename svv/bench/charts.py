@@ -1,4 +1,4 @@
-"""What charts need beside the rest of the package."""
+"""Requirements of charts besides those of the package."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from svv.errors import BadInput
 
 
 def need_matplotlib() -> None:
-    """The base installation has none, since it stands inside ParaView.
+    """Check that matplotlib is installed; the base installation, made for use inside ParaView, does without it.
 
     Raises:
         BadInput: matplotlib is missing.

@@ -1,1 +1,1 @@
-"""Scenes and style pictures as images, movies and sheets of pictures."""
+"""Rendering of scenes and style pictures into images, movies and contact sheets."""

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 WHITE = (1.0, 1.0, 1.0)
 SHOWN_SIZE = 320
-"""Pixels of the pictures that show a painting while it is made."""
+"""Side in pixels of the pictures that show a painting in progress."""
 PREVIEW_SIZE = 96
-"""Pixels of the few small views that tell the range of depths before a movie of depths begins."""
+"""Side in pixels of the few views from which the range of depths is measured before a movie of depths begins."""
 
 
 def orbit(scene: Scene, n: int, width: int, height: int) -> list[Camera]:
-    """The cameras of the 181-view path (or ``n`` views of it) around a scene, at the distance of its training views."""
+    """Return ``n`` cameras of the 181-view path around a scene, at the distance of its training views."""
     return [camera.resized(width, height) for camera in scene.rig.orbit(n, width)]
 
 
@@ -51,16 +51,16 @@ def write_view(
     """Render one view into a file.
 
     Args:
-        path: A .vti, which holds colour, depth and regions always, or else a PNG.
-        scene: What to render.
-        camera: From where.
-        network: ``base``, ``pcn`` or ``styled``; without it the best that the scene has.
-        background: Colour in [0, 1] behind a PNG of colours; without it the PNG is transparent.
-        what: ``rgba``, ``depth`` (16 bits) or ``region`` (indexed), for PNG.
-        progress: Told while rendering.
+        path: A .vti, which always contains colour, depth and regions, or a PNG.
+        scene: Scene to render.
+        camera: Camera in world units.
+        network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
+        background: RGB in [0, 1] behind a PNG of colours; by default the PNG is transparent.
+        what: Content of a PNG: ``rgba``, ``depth`` (16 bits) or ``region`` (indexed).
+        progress: Called while rendering.
 
     Raises:
-        BadInput: a network that the scene does not have, or a file that cannot be written.
+        BadInput: The scene does not have that network, or the file cannot be written.
     """
     check_writable(path)
     view = scene.render(camera, network, None, progress)
@@ -75,16 +75,16 @@ def write_view(
 
 
 def previews_in(path: Path) -> Callable[[Scene], None]:
-    """What to give :func:`svv.train.pipeline.stylize_scene` as ``preview``: each overwrites a PNG, over white.
+    """Return a ``preview`` for :func:`svv.train.pipeline.stylize_scene` that overwrites a PNG, over white.
 
     Args:
-        path: The file, which is whole at any moment: a viewer that reloads it shows the painting come.
+        path: The file. It is complete at any time, so a viewer that reloads it shows the painting in progress.
 
     Raises:
-        BadInput: it is no .png, or cannot be written.
+        BadInput: The file is not a .png, or cannot be written.
     """
     if path.suffix.lower() != ".png":
-        raise BadInput(f"The preview {path} is a picture: name it .png.")
+        raise BadInput(f"The preview {path} is not a PNG: name it .png.")
     check_writable(path)
 
     def show(scene: Scene) -> None:
@@ -105,7 +105,7 @@ def write_frames(
     """Render views into ``folder/0000.png`` and so on; see :func:`write_view`.
 
     Returns:
-        The files.
+        The files, in the order of the cameras.
     """
     make_folder(folder)
     paths = [folder / f"{index:04d}.png" for index in range(len(cameras))]
@@ -126,7 +126,7 @@ def write_movie(
     fps: float = 30.0,
     progress: Progress = silent,
 ) -> None:
-    """Render views into a movie, over white where no background is given; see :func:`write_view`."""
+    """Render views into a movie, over white unless a background is given; see :func:`write_view`."""
     near_far = _depth_range(scene, cameras, network) if what == "depth" else (0.0, 1.0)
 
     def frames() -> Iterator[NDArray[np.uint8]]:
@@ -141,7 +141,7 @@ def write_movie(
 
 
 def region_colours(scene: Scene) -> NDArray[np.float32]:
-    """The colour in which each region is shown, its edited one where it has one, (regions, 3)."""
+    """Return the colour in which each region is shown, the edited one if it has one. (regions, 3)"""
     colours = [r.colour if r.edited_colour is None else r.edited_colour for r in scene.regions]
     return np.asarray(colours, dtype=np.float32).reshape(-1, 3)
 
@@ -155,7 +155,7 @@ def _shown(view: Rendering, scene: Scene, what: str, near_far: tuple[float, floa
 
 
 def _depth_range(scene: Scene, cameras: Sequence[Camera], network: str | None) -> tuple[float, float]:
-    """Nearest and farthest depth over a few small views, so that a movie's greys mean the same in all frames."""
+    """Measure the range of depths in a few small views, to give greys the same meaning in all frames of a movie."""
     some = cameras[:: max(1, len(cameras) // 5)]
     depths = [scene.render(camera.resized(PREVIEW_SIZE, PREVIEW_SIZE), network).depth for camera in some]
     seen = np.concatenate([depth[np.isfinite(depth)] for depth in depths])

@@ -16,24 +16,24 @@ from svv.render.pictures import Picture, sheet
 from svv.styles.gallery import gallery_name, gallery_picture
 
 COLUMNS, SIDE = 4, 180
-"""Pictures beside each other on the contact sheet, and how large."""
+"""Number of pictures in a row of the contact sheet, and their side in pixels."""
 
 
 def write_gallery(folder: Path, names: Sequence[str], size: int, seed: int = 0, progress: Progress = silent) -> Path:
     """Write style pictures of the gallery as ``NAME.png``, and ``gallery.png`` with all of them.
 
     Args:
-        folder: Made where it is missing.
-        names: Of :data:`svv.styles.gallery.GALLERY`.
+        folder: Folder of the pictures; created if missing.
+        names: Names from :data:`svv.styles.gallery.GALLERY`.
         size: Side in pixels, 16 to 1024.
-        seed: Of all of them.
-        progress: Called before each.
+        seed: Seed of all pictures.
+        progress: Called before each picture.
 
     Returns:
-        The contact sheet.
+        The file of the contact sheet.
 
     Raises:
-        BadInput: an unknown name, a size out of range, or a folder that cannot be written to.
+        BadInput: A name is unknown, the size is out of range, or the folder cannot be written to.
     """
     make_folder(folder)
     pictures = []
@@ -50,23 +50,23 @@ def write_gallery(folder: Path, names: Sequence[str], size: int, seed: int = 0, 
 
 
 def style_file(source: str, folder: Path) -> Path:
-    """The file of a style: the one named, or for ``gallery:NAME`` one that is written to a folder, if it is not there.
+    """Return the file of a style; for ``gallery:NAME`` one in ``folder``, written if it does not exist yet.
 
     Raises:
-        BadInput: an unknown name, or a folder that cannot be written to.
+        BadInput: The name is unknown, the style has no picture, or the folder cannot be written to.
     """
     if source.startswith(DRAWN):
-        raise BadInput(f"{source} is drawn without a picture, and here one is needed; svv stylize takes it.")
+        raise BadInput(f"{source} is drawn without a picture, but a picture is needed here; use it with svv stylize.")
     if not source.startswith(PREFIX):
         return Path(source)
     path = make_folder(folder) / f"{gallery_name(source.removeprefix(PREFIX))}.png"
-    if not path.is_file():  # else what was made of it would seem to be of another picture
+    if not path.is_file():  # rewriting it would make results based on it look outdated
         write_png(path, to_bytes(gallery_picture(path.stem)))
     return path
 
 
 def contact_sheet(pictures: Sequence[Picture], names: Sequence[str]) -> Picture:
-    """Square pictures in rows of four, each under its name, on white."""
+    """Arrange square pictures in rows of four on white, each under its name."""
     small = [np.asarray(Image.fromarray(p).resize((SIDE, SIDE), Image.Resampling.LANCZOS)) for p in pictures]
     columns = min(COLUMNS, len(small))
     rows = [

@@ -1,6 +1,6 @@
-"""Pictures beside pictures: contact sheets and the frames of comparison movies.
+"""Pictures next to each other: contact sheets and the frames of comparison movies.
 
-Where nothing else is said, images are (h, w, 3) uint8.
+Images are (h, w, 3) uint8 unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -23,13 +23,16 @@ INK = (60, 60, 60)
 def sheet(
     rows: Sequence[Sequence[Picture]], labels: Sequence[str], gap: int = 6, captions: Sequence[str] | None = None
 ) -> Picture:
-    """A white contact sheet: one row of equally large pictures under the other, labels over the columns.
+    """Draw a contact sheet: rows of pictures on white, with labels above the columns.
 
     Args:
-        rows: Pictures of one size; every row has as many as there are labels.
-        labels: One per column.
-        gap: Pixels between pictures.
-        captions: Smaller, under each label.
+        rows: Pictures of one size; every row has one per label.
+        labels: Labels, one per column.
+        gap: Space between pictures in pixels.
+        captions: Smaller text under each label, if any.
+
+    Returns:
+        The sheet.
     """
     height, width = rows[0][0].shape[:2]
     line = max(18, width // 11)
@@ -52,7 +55,7 @@ def sheet(
 
 
 def cropped(rows: Sequence[Sequence[Picture]], margin: int = 12) -> list[list[Picture]]:
-    """The same part of all pictures: what is not white in any of them, and a margin in pixels around it."""
+    """Crop all pictures alike, to the pixels that are not white in any of them and a margin in pixels around them."""
     seen = np.any([picture.min(axis=2) < 250 for row in rows for picture in row], axis=0)
     if not seen.any():
         return [list(row) for row in rows]
@@ -61,7 +64,7 @@ def cropped(rows: Sequence[Sequence[Picture]], margin: int = 12) -> list[list[Pi
 
 
 def error_picture(truth: Picture, shown: Picture, gain: float = 4.0) -> Picture:
-    """The largest difference of a pixel's channels, ``gain`` times, from white (none) to dark red."""
+    """Show the largest difference of each pixel's channels, times ``gain``, from white (none) to dark red."""
     difference = np.abs(truth.astype(np.float32) - shown.astype(np.float32)).max(axis=-1) / 255.0
     strength = np.clip(gain * difference, 0.0, 1.0)[..., None]
     colour = (1.0 - strength) * 255.0 + strength * np.array([150.0, 0.0, 20.0])
@@ -69,24 +72,24 @@ def error_picture(truth: Picture, shown: Picture, gain: float = 4.0) -> Picture:
 
 
 def hex_colour(colour: Sequence[float]) -> str:
-    """RGB in [0, 1] as '#rrggbb', as the command takes it."""
+    """Format RGB in [0, 1] as '#rrggbb', as in the command's options."""
     return "#" + to_bytes(colour).tobytes().hex()
 
 
 def over_white(image: NDArray[Any]) -> Picture:
-    """Straight-alpha RGBA (h, w, 4), values in [0, 1] or levels (uint8), over white."""
+    """Blend straight-alpha RGBA (h, w, 4), values in [0, 1] or levels (uint8), over white."""
     values = image.astype(np.float32) / 255.0 if image.dtype == np.uint8 else image
     return to_bytes(on_background(values))
 
 
 def read_png(path: Path) -> Picture:
-    """A PNG file as RGBA levels (h, w, 4)."""
+    """Read a PNG file as RGBA levels (h, w, 4)."""
     with Image.open(path) as image:
         return np.asarray(image.convert("RGBA"))
 
 
 def fitted(image: NDArray[np.float32], across: int, down: int | None = None) -> Picture:
-    """RGB in [0, 1] (h, w, 3) of any shape in the middle of a white picture, a square unless ``down`` is given."""
+    """Fit RGB in [0, 1] (h, w, 3) into the middle of a white picture, a square unless ``down`` is given."""
     down = across if down is None else down
     scale = min(across / image.shape[1], down / image.shape[0])
     height, width = (max(1, round(scale * n)) for n in image.shape[:2])
@@ -97,14 +100,14 @@ def fitted(image: NDArray[np.float32], across: int, down: int | None = None) -> 
 
 
 def shrunk(image: Picture, width: int, height: int) -> Picture:
-    """RGBA levels at a smaller size; averaged premultiplied, so that the colours of empty pixels do not bleed in."""
+    """Shrink RGBA levels; they are averaged premultiplied to keep the colours of empty pixels from bleeding in."""
     with Image.fromarray(image) as picture:
         small = picture.convert("RGBa").resize((width, height), Image.Resampling.BOX)
         return np.asarray(small.convert("RGBA"))
 
 
 def _font(label: str, width: int, head: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """The largest font in which the label fits over its column."""
+    """Return the largest font in which the label fits its column."""
     size = int(head * 0.66)
     while size > 8 and ImageDraw.Draw(Image.new("L", (1, 1))).textlength(label, _sized(size)) > 0.96 * width:
         size -= 1

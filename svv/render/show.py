@@ -1,4 +1,4 @@
-"""A scene in a window of its own: PyVista's, whose picture is the scene's own rendering and follows the mouse."""
+"""A scene in a PyVista window whose picture is rendered by svv and follows the mouse."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from svv.fields.scene import Rendering, Scene
 
 DRAGGING_SECONDS = 0.1
-"""Time that a picture may take while the mouse moves: ten a second look like movement."""
+"""Rendering time aimed at per picture while the mouse moves: ten pictures per second look like movement."""
 
 SMALLEST = 0.2
-"""Size of the smallest picture while the mouse moves, as a part of the window's."""
+"""Smallest size of pictures while the mouse moves, as a fraction of the window's."""
 
 MOVING = 1.0
-"""Frames per second that VTK's interactors ask for while they move, at least; at rest they ask for a ten-thousandth."""
+"""Lowest frame rate that VTK's interactors request while they move, in 1/s; at rest they request a ten-thousandth."""
 
 
 def show(
@@ -41,24 +41,24 @@ def show(
     off_screen: bool = False,
     screenshot: str | Path | None = None,
 ) -> Image.Image | None:
-    """Show a scene in a window, and turn it with the mouse: small while it moves, sharp when it comes to rest.
+    """Show a scene in a window and turn it with the mouse; its picture is coarser while the mouse moves.
 
-    In a notebook, the picture itself stands below the cell instead of a window.
+    In a notebook, the picture is shown below the cell instead.
 
     Args:
-        scene: What to show.
-        camera: From where at first; by default from the front, at the distance of the training views.
-        network: ``base``, ``pcn`` or ``styled``; by default the last that the scene holds.
+        scene: Scene to show.
+        camera: Initial camera; by default in front, at the distance of the training views.
+        network: ``base``, ``pcn`` or ``styled``; by default the last one that the scene has.
         background: RGB in [0, 1].
-        size: Width and height of the window or picture, pixels.
-        off_screen: Open no window, and return the picture.
+        size: Width and height of the window or picture, in pixels.
+        off_screen: Whether to return the picture without opening a window.
         screenshot: A PNG file for the picture; from a window, the last one before it is closed.
 
     Returns:
-        The picture, RGB, off-screen and in a notebook; else None, when the window has been closed.
+        The picture, RGB, off-screen and in a notebook; otherwise None, once the window has been closed.
 
     Raises:
-        BadInput: PyVista is missing, this is ParaView, there is no display, the scene does not hold that network, or
+        BadInput: PyVista is missing, this is ParaView, there is no display, the scene does not have that network, or
             the file cannot be written.
     """
     first = camera.resized(*size) if camera is not None else orbit(scene, 181, *size)[90]
@@ -67,7 +67,7 @@ def show(
     else:
         pyvista = _pyvista()
         if not off_screen and not pyvista.system_supports_plotting():
-            raise BadInput("There is no display for a window; give off_screen=True for the picture alone.")
+            raise BadInput("There is no display for a window; give off_screen=True to get only the picture.")
         plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size))
         follower = SceneFollower(plotter, scene, first, network, background)
         plotter.show(title=f"svv {network or scene.networks[-1]}")
@@ -78,10 +78,10 @@ def show(
 
 
 def image_data(rendering: Rendering) -> Any:
-    """One image of a scene as a ``pyvista.ImageData``, which is a ``vtkImageData``: what ``svv render`` writes as .vti.
+    """Convert an image of a scene to a ``pyvista.ImageData``, the ``vtkImageData`` that ``svv render`` writes as .vti.
 
     Returns:
-        One slice, a pixel wide spacing, row 0 at the bottom: point arrays ``RGBA`` uint8 (straight alpha, the active
+        One slice with a spacing of 1 and row 0 at the bottom: point arrays ``RGBA`` uint8 (straight alpha, the active
         scalars), ``Depth`` float32 (world units, NaN where empty) and ``Region`` int16 (-1 where empty).
 
     Raises:
@@ -101,15 +101,15 @@ def image_data(rendering: Rendering) -> Any:
 
 
 class SceneFollower:
-    """Keeps a plotter's background what a scene looks like from the plotter's camera.
+    """Updater of a plotter's background with renderings of a scene from the plotter's camera.
 
-    Nothing but the size of pictures depends on time: at rest they are as large as the window.
+    Only the size of pictures depends on rendering times: at rest they are as large as the window.
 
     Args:
-        plotter: A ``pyvista.Plotter``. Meshes that are added to it stand before the picture.
-        scene: What to show.
-        camera: From where at first.
-        network: Of the scene; by default its last.
+        plotter: A ``pyvista.Plotter``. Meshes that are added to it appear in front of the picture.
+        scene: Scene to show.
+        camera: Initial camera.
+        network: Network of the scene; by default its last.
         background: RGB in [0, 1].
     """
 
@@ -118,20 +118,20 @@ class SceneFollower:
     ) -> None:
         self.plotter, self.scene, self.network, self.background = plotter, scene, network, background
         self.part = 0.5
-        """Size of the next picture while the mouse moves, as a part of the window's."""
+        """Size of the next picture while the mouse moves, as a fraction of the window's."""
         self.seen: Camera | None = None
-        """The camera of the last picture."""
+        """Camera of the last picture."""
         self.picture = np.zeros((1, 1, 3), np.uint8)
         self._texture: Any = None
-        # Without a thing in it, a renderer has no bounds, by which VTK moves nearer and sets the camera back.
+        # An empty renderer has no bounds, which VTK needs to zoom and to reset the camera.
         low, high = scene.occupancy.box.bounds
         plotter.add_mesh(_pyvista().Box(np.stack([low, high], 1).ravel()), opacity=0.0, pickable=False)
         self._place(camera)
-        self.update()  # here, as VTK's observers cannot raise
+        self.update()  # called here because VTK's observers cannot raise
         plotter.renderer.AddObserver("StartEvent", lambda *_: self.update())
 
     def update(self) -> None:
-        """Make the picture that belongs to the camera as it stands, unless it is that already."""
+        """Render a picture for the current camera unless the last one is for the same camera."""
         moving = self.plotter.render_window.GetDesiredUpdateRate() >= MOVING
         part = self.part if moving else 1.0
         camera = self.camera(part)
@@ -149,14 +149,14 @@ class SceneFollower:
         renderer.TexturedBackgroundOn()
 
     def camera(self, part: float = 1.0) -> Camera:
-        """The plotter's camera as a scene knows it, its image ``part`` as large as the window."""
+        """Convert the plotter's camera, with an image ``part`` times the size of the window."""
         seen = self.plotter.camera
         width, height = (max(1, round(part * pixels)) for pixels in self.plotter.render_window.GetSize())
         fov_x = 2.0 * np.arctan(np.tan(0.5 * np.radians(seen.view_angle)) * width / height)
         return Camera(look_at(seen.position, seen.focal_point, seen.up), float(fov_x), width, height)
 
     def _place(self, camera: Camera) -> None:
-        """Let the plotter look from a camera of a scene, and turn about the scene's middle."""
+        """Place the plotter's camera at a camera of a scene, to turn about the scene's middle."""
         seen, matrix = self.plotter.camera, camera.camera_to_world
         ahead = (self.scene.occupancy.box.bounds.mean(0) - camera.position) @ -matrix[:3, 2]
         seen.position = camera.position
@@ -167,7 +167,7 @@ class SceneFollower:
 
 
 def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequence[float]) -> Any:
-    """(H, W, 3) uint8."""
+    """Render the scene over the background. (H, W, 3) uint8"""
     return to_bytes(on_background(scene.render(camera, network).rgba, background))
 
 
@@ -178,7 +178,7 @@ def _same(one: Camera, other: Camera) -> bool:
 
 def _pyvista() -> ModuleType:
     if "paraview" in sys.modules:
-        raise BadInput("ParaView shows a scene by itself: open its file, or add the filter StyleRF Render.")
+        raise BadInput("In ParaView, open the scene's file or add the filter StyleRF Render to show the scene.")
     try:
         import pyvista
     except ImportError as error:
@@ -187,7 +187,7 @@ def _pyvista() -> ModuleType:
 
 
 def _in_notebook() -> bool:
-    """Whether this is IPython's kernel, whose results stand below the cell."""
+    """Return whether this is IPython's kernel, whose results appear below the cell."""
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
     return type(shell).__name__ == "ZMQInteractiveShell"

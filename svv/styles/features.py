@@ -1,7 +1,7 @@
-"""Features for style matching, each a map of a quarter of the picture's resolution.
+"""Features for style matching, as maps at a quarter of the picture's resolution.
 
-Two kinds: VGG-16 up to conv3, whose weights are fetched once, and patches in a cosine basis, weighed by frequency,
-which need no weights.
+There are two kinds: VGG-16 up to conv3, whose weights are fetched once, and patches in a cosine basis weighted by
+frequency, which do not need weights.
 """
 
 from __future__ import annotations
@@ -20,26 +20,25 @@ from svv.styles.weight_files import VGG16_LAYERS
 
 VGG16_WIDTHS = ((64, 64), (128, 128), (256, 256, 256))
 STRIDE = 4
-"""Pixels of the picture to a cell of the feature map."""
+"""Pixels of the picture per cell of the feature map, along each axis."""
 
 
 class PatchFeatures(nn.Module):
-    """Patches of the picture in a cosine basis: features that need no training.
+    """Patches of the picture in a cosine basis, as features that do not need training.
 
-    Natural pictures and paintings have amplitudes that fall about as one over the frequency, so in the cosine distance
-    of raw patches the flat part is all that counts. Here each coefficient is multiplied by its frequency, and strokes
-    and dots weigh as much as the colour they are painted in; all three channels alike, or faint hues would turn
-    gaudy.
+    In natural pictures and paintings amplitudes fall roughly as 1 / frequency, so the flat part dominates the cosine
+    distance of raw patches. Multiplying each coefficient by its frequency gives strokes and dots the same weight as the
+    colour they are painted in. All three channels are treated alike; otherwise faint hues would become gaudy.
 
     Args:
-        side: Pixels of a patch's side, even and at least 4.
+        side: Side of a patch in pixels, even and at least 4.
     """
 
     kernels: Tensor
     title = "cosine patches"
-    """What reports call it."""
+    """Name of the features in reports."""
     note = ""
-    """What the user should know: that something better is not at hand."""
+    """Notice for the user that better features are not available; empty if there is nothing to say."""
 
     def __init__(self, side: int = 8) -> None:
         super().__init__()
@@ -53,9 +52,9 @@ class PatchFeatures(nn.Module):
         self.margin, self.channels = (side - STRIDE) // 2, 3 * side * side
 
     def forward(self, image: Tensor) -> Tensor:
-        """Features of pictures: (n, 3, h, w) in [0, 1] -> (n, 3 side^2, h // 4, w // 4)."""
+        """Return features of pictures: (n, 3, h, w) in [0, 1] -> (n, 3 side^2, h // 4, w // 4)."""
         padded = F.pad(image, (self.margin,) * 4, mode="reflect")
-        # Each channel as a picture of its own: many times faster on a CPU than a convolution in groups.
+        # Each channel is treated as a separate picture: many times faster on a CPU than a grouped convolution.
         found = F.conv2d(padded.flatten(0, 1)[:, None], self.kernels, stride=STRIDE)
         return found.unflatten(0, (len(image), 3)).flatten(1, 2)
 
@@ -83,13 +82,13 @@ class VggFeatures(nn.Module):
         self.channels = sum(VGG16_WIDTHS[2])
 
     def forward(self, image: Tensor) -> Tensor:
-        """Features of pictures.
+        """Return features of pictures.
 
         Args:
-            image: (n, 3, h, w) sRGB in [0, 1], h and w at least 12.
+            image: Pictures in sRGB, in [0, 1]; h and w at least 12. (n, 3, h, w)
 
         Returns:
-            (n, channels, h // 4, w // 4), >= 0.
+            Features, >= 0. (n, channels, h // 4, w // 4)
         """
         x = ((image - self.mean) / self.deviation).contiguous(memory_format=torch.channels_last)
         maps: list[Tensor] = []
@@ -103,25 +102,25 @@ class VggFeatures(nn.Module):
 
 
 FeatureNetwork = PatchFeatures | VggFeatures
-"""What styles are matched with."""
+"""A network whose features are matched to those of styles."""
 
 
 def load_features(name: str = "auto", progress: Progress = silent) -> FeatureNetwork:
-    """A frozen feature network.
+    """Load a feature network with frozen weights.
 
     Args:
-        name: ``"embedded"``: those that need no weights (:class:`PatchFeatures`).
+        name: ``"embedded"``: features without weights (:class:`PatchFeatures`).
             ``"vgg16"``: VGG-16 with ImageNet weights, from this machine or fetched (:mod:`svv.styles.weights`).
-            ``"auto"``: the same where it is on this machine or can be fetched without much ado
-            (:func:`svv.styles.weights.first_use`), else the embedded features, whose ``note`` says how to get better.
-            Else the path of a file of VGG-16 weights (.pth or .safetensors).
-        progress: Told about a download.
+            ``"auto"``: VGG-16 if it is on this machine or a small download away
+            (:func:`svv.styles.weights.first_use`), otherwise the embedded features, whose ``note`` says how to get it.
+            Any other text: the path of a file of VGG-16 weights (.pth or .safetensors).
+        progress: Called during a download.
 
     Returns:
         The network, without gradients for its weights: (n, 3, h, w) in [0, 1] -> (n, channels, h // 4, w // 4).
 
     Raises:
-        BadInput: The weights cannot be had, or the file does not hold them.
+        BadInput: The weights cannot be obtained, or the file does not contain them.
     """
     if name == "embedded":
         return PatchFeatures()
@@ -140,10 +139,10 @@ def load_features(name: str = "auto", progress: Progress = silent) -> FeatureNet
 
 
 def read_features(path: Path) -> VggFeatures:
-    """VGG-16 with the weights of a file (``features.N.weight``, as torchvision names them).
+    """Load VGG-16 with the weights in a file (``features.N.weight``, torchvision's names).
 
     Raises:
-        BadInput: The file is missing, unreadable or holds something else.
+        BadInput: The file is missing, unreadable or contains something else.
     """
     if not path.is_file():
         raise BadInput(f"There is no file of feature weights at {path}: give a path, 'embedded' or 'vgg16'.")
@@ -154,13 +153,13 @@ def read_features(path: Path) -> VggFeatures:
             state = torch.load(path, map_location="cpu", weights_only=True)
     except (SafetensorError, RuntimeError, ValueError, EOFError, OSError, KeyError) as error:
         raise BadInput(f"{path} is not a file of feature weights (.pth or .safetensors): {error}.") from error
-    except Exception as error:  # torch.load raises pickle's errors for anything that is not a state dict
+    except Exception as error:  # torch.load raises pickle's errors for anything but a state dict
         raise BadInput(f"{path} is not a file of feature weights that can be read safely.") from error
     return _network(state, path.name)
 
 
 def _network(state: dict[str, Tensor], title: str) -> VggFeatures:
-    # Of torchvision's layers 0..30, the convolutions up to conv3_3 are these.
+    # The convolutions up to conv3_3 among torchvision's layers 0 to 30.
     rows = [(b, i) for b, block in enumerate(VGG16_WIDTHS) for i in range(len(block))]
     wanted = {
         (f"features.{n}.{kind}", f"blocks.{b}.{i}.{kind}")
@@ -173,5 +172,5 @@ def _network(state: dict[str, Tensor], title: str) -> VggFeatures:
     try:
         network.load_state_dict({here: state[there].float() for there, here in wanted})
     except RuntimeError as error:
-        raise BadInput(f"The weights in {title} have other shapes than the network they are for.") from error
+        raise BadInput(f"The weights in {title} do not have the shapes of VGG-16's layers.") from error
     return network

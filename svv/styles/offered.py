@@ -1,6 +1,6 @@
-"""What is offered without a picture of the user's own: the gallery's painters and the inks, by name.
+"""Styles that do not need a picture from the user: the gallery's painters and the inks, by name.
 
-Commands and panels list these before anything is painted, so nothing heavy is imported here.
+Commands and panels list these before anything is painted, so this module imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Painter:
-    """A function that paints a picture from a random generator and a side in pixels; imported when it is called."""
+    """A function that paints a picture from a random generator and a side in pixels; imported on the first call."""
 
     module: str
     function: str
 
     def __call__(self, generator: Any, side: int) -> Any:
-        """The picture: (side, side, 3) float32, sRGB in [0, 1]."""
+        """Paint the picture: (side, side, 3) float32, sRGB in [0, 1]."""
         return getattr(import_module(f"svv.styles.{self.module}"), self.function)(generator, side)
 
 
@@ -42,25 +42,25 @@ GALLERY: dict[str, tuple[Painter, str]] = {
     "oil": (Painter("textures", "brush_strokes"), "brush strokes in eddies, night blue, ochre and vermilion"),
     "pointillism": (Painter("textures", "stippling"), "dots of unmixed colour on warm paper"),
 }
-"""Name -> what paints it, and what it looks like."""
+"""Name -> painter of the picture, and a description of it."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Lines of one direction in an ink drawing."""
+    """One set of parallel lines in an ink drawing."""
 
     across: float
-    """Angle against the direction in which the surface bends least, radians."""
+    """Angle from the direction in which the surface bends least, in radians."""
     apart: float
-    """Distance between their middles, in units of the stroke size."""
+    """Distance between the centres of neighbouring lines, in units of the stroke size."""
     tone: float
-    """Tone from which on they are drawn, in [0, 1]; the lighter part of the surface has none of them."""
+    """Darkness from which the lines are drawn, in [0, 1]; lighter parts of the surface have none of them."""
     thin: float
-    """Width at that tone, in units."""
+    """Width of the lines at that tone, in units of the stroke size."""
     thick: float
-    """Width in the darkest places, in units."""
+    """Width of the lines in the darkest places, in units of the stroke size."""
     between: bool = False
-    """Whether they lie between the lines of the layer before, with which they then share the direction."""
+    """Whether the lines lie between those of the previous layer and share their direction."""
 
 
 INKS: dict[str, tuple[Layer, ...]] = {
@@ -73,4 +73,4 @@ INKS: dict[str, tuple[Layer, ...]] = {
         Layer(1.15, 5.0, 0.68, 1.2, 2.2, True),
     ),
 }
-"""Name -> layers of lines; an ink without any is dots."""
+"""Name -> layers of lines; an ink without layers consists of dots."""

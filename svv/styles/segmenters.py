@@ -1,8 +1,8 @@
-"""What finds parts of a style picture: scikit-image's superpixels, or SAM where it is installed; one interface.
+"""Segmenters, which find parts of a style picture, behind one interface: scikit-image's superpixels, or SAM.
 
-:class:`Superpixels` is the default and needs nothing more. :class:`SegmentAnything` (Kirillov et al. 2023) is what the
-paper uses; neither its package nor its weights come with this one, and it is experimental: tests show how its package
-is called and how its answers are used, with a stand-in for the model, never what the model itself finds.
+:class:`Superpixels` is the default and needs nothing else. :class:`SegmentAnything` (Kirillov et al. 2023), used by the
+paper, must be installed separately, package and weights, and is experimental: the tests use a stand-in for the model.
+They check how its package is called and how its results are used, not the results of the model itself.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from svv.errors import BadInput
 
 SEGMENTERS = ("scikit-image", "sam")
 SAM_WEIGHTS = {"vit_h": "sam_vit_h_4b8939.pth", "vit_l": "sam_vit_l_0b3195.pth", "vit_b": "sam_vit_b_01ec64.pth"}
-"""Model -> the name under which its authors give its weights away; the best is looked for first."""
+"""Model -> file name of its weights as its authors publish them; the best model is looked for first."""
 SAM_VARIABLE = "SVV_SAM_WEIGHTS"
 MOST_REGIONS = 32
 
 
 class Segmenter(Protocol):
-    """Finds parts of pictures (h, w, 3), sRGB in [0, 1]; places are (x, y) in pixels."""
+    """Finds parts of pictures (h, w, 3), sRGB in [0, 1]; points are (x, y) in pixels."""
 
     name: str
 
     def regions(self, picture: NDArray[np.floating], count: int) -> Labels:
-        """The picture in at most ``count`` regions, numbered by size from 0. (h, w)"""
+        """Divide the picture into at most ``count`` regions, numbered by size, the largest 0. (h, w)"""
 
     def select(
         self, picture: NDArray[np.floating], positive: Points, negative: Points, start: Mask | None = None
     ) -> Mask:
-        """What the points ask for, going on from a mask if there is one. (h, w)"""
+        """Select the part that the points ask for, starting from a mask if one is given. (h, w)"""
 
 
 class Superpixels:
-    """Superpixels joined by colour and texture; points by a random walker over them (:mod:`svv.core.segmentation`)."""
+    """Superpixels, joined by colour and texture or selected by a random walker (:mod:`svv.core.segmentation`)."""
 
     name = "scikit-image"
 
@@ -60,10 +60,10 @@ class SegmentAnything:
     """Segment Anything, with its authors' package and weights.
 
     Args:
-        weights: Where the weights are; by default where ``SVV_SAM_WEIGHTS`` says, or in torch's cache.
+        weights: File of the weights; by default the one named by ``SVV_SAM_WEIGHTS``, or one in torch's cache.
 
     Raises:
-        BadInput: the package or the weights are not there.
+        BadInput: The package or the weights are missing.
     """
 
     name = "sam"
@@ -77,13 +77,13 @@ class SegmentAnything:
         file = weights or sam_weights()
         kinds = [kind for kind in SAM_WEIGHTS if kind in file.name]
         if not file.is_file() or not kinds:
-            raise BadInput(f"{file} is no file of SAM's weights: their names say {', '.join(SAM_WEIGHTS)}.")
+            raise BadInput(f"{file} is not a file of SAM's weights: its name must contain {' or '.join(SAM_WEIGHTS)}.")
         self._package: Any = import_module("segment_anything")
         device = "cuda" if torch.cuda.is_available() else "cpu"
         self._model = self._package.sam_model_registry[kinds[0]](checkpoint=str(file)).to(device)
 
     def regions(self, picture: NDArray[np.floating], count: int) -> Labels:
-        """The ``count - 1`` largest masks, smaller ones over larger, and what none of them covers as the last."""
+        """Return the ``count - 1`` largest masks, smaller ones over larger, and the part that no mask covers."""
         masks = self._package.SamAutomaticMaskGenerator(self._model).generate(_levels(picture))
         masks = sorted((np.asarray(m["segmentation"], bool) for m in masks), key=lambda m: -int(m.sum()))
         labels = np.zeros(picture.shape[:2], np.int64)
@@ -103,7 +103,7 @@ class SegmentAnything:
             point_coords=np.array([*positive, *negative], np.float32).reshape(-1, 2),
             point_labels=np.array([1] * len(positive) + [0] * len(negative)),
             mask_input=None if start is None else _low_resolution(start),
-            # One point may mean a part or the whole: SAM then offers three masks, and says which it trusts most.
+            # One point can mean a part or the whole: SAM then returns three masks with a score for each.
             multimask_output=len(positive) + len(negative) == 1 and start is None,
         )
         return np.asarray(masks[int(np.argmax(scores))], bool)
@@ -114,7 +114,7 @@ def _levels(picture: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 
 def _low_resolution(mask: Mask) -> NDArray[np.float32]:
-    """A mask as SAM's decoder takes it: logits on 256 x 256, the long side filled, the rest outside. (1, 256, 256)"""
+    """Convert a mask to the input of SAM's decoder: logits whose long side fills 256 pixels, padded. (1, 256, 256)"""
     from skimage.transform import resize
 
     factor = 256 / max(mask.shape)
@@ -125,10 +125,10 @@ def _low_resolution(mask: Mask) -> NDArray[np.float32]:
 
 
 def sam_weights() -> Path:
-    """The file of SAM's weights: where ``SVV_SAM_WEIGHTS`` says, else the best model in torch's cache.
+    """Return the file of SAM's weights: the one named by ``SVV_SAM_WEIGHTS``, or the best model in torch's cache.
 
     Raises:
-        BadInput: there is none.
+        BadInput: There is no such file.
     """
     named = os.environ.get(SAM_VARIABLE)
     if named:
@@ -138,16 +138,16 @@ def sam_weights() -> Path:
         if (folder / file).is_file():
             return folder / file
     raise BadInput(
-        f"SAM's weights are not there: put one of {', '.join(SAM_WEIGHTS.values())} into {folder}, say with "
-        f"{SAM_VARIABLE} where one is, or use scikit-image."
+        f"SAM's weights are missing: put one of {', '.join(SAM_WEIGHTS.values())} into {folder}, set {SAM_VARIABLE} "
+        "to the path of such a file, or use scikit-image."
     )
 
 
 def segmenter(name: str = "scikit-image") -> Segmenter:
-    """What finds parts of pictures, by name: ``scikit-image`` or ``sam``.
+    """Return a segmenter by its name, ``scikit-image`` or ``sam``.
 
     Raises:
-        BadInput: another name, or SAM where it is not installed.
+        BadInput: There is no such segmenter, or SAM is not installed.
     """
     if name == "scikit-image":
         return Superpixels()
@@ -157,22 +157,22 @@ def segmenter(name: str = "scikit-image") -> Segmenter:
 
 
 def style_regions(picture: NDArray[np.floating], count: int, by: Segmenter | None = None) -> Labels:
-    """A picture in regions by likeness of colour and texture, or by SAM.
+    """Divide a picture into regions of similar colour and texture, or with SAM.
 
     Args:
-        picture: (h, w, 3) sRGB in [0, 1].
-        count: 2 to 32.
-        by: What finds them.
+        picture: Picture in sRGB, in [0, 1]. (h, w, 3)
+        count: Maximum number of regions, 2 to 32.
+        by: The segmenter; by default superpixels.
 
     Returns:
-        Region of each pixel, numbered by size, the largest 0; as many as asked for, or fewer. (h, w)
+        Region of each pixel, numbered by size, the largest 0; at most ``count`` regions. (h, w)
 
     Raises:
-        BadInput: a count out of range, or a picture in which nothing can be told apart.
+        BadInput: The count is out of range, or no regions can be distinguished in the picture.
     """
     if not 2 <= count <= MOST_REGIONS:
         raise BadInput(f"A picture can be cut into 2 to {MOST_REGIONS} regions, not {count}.")
     labels = (by or Superpixels()).regions(picture, count)
     if labels.max() == 0:
-        raise BadInput("No regions can be told apart in this picture: use it whole, or set points.")
+        raise BadInput("No regions can be distinguished in this picture: use it whole, or set points.")
     return labels

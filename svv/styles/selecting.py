@@ -1,4 +1,4 @@
-"""Parts of style pictures chosen, shown and saved: what ``svv style-mask`` and ParaView's panel call."""
+"""Selection, display and saving of parts of style pictures, for ``svv style-mask`` and ParaView's panel."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ def write_regions(
 
     Args:
         source: A file or ``gallery:NAME``.
-        count: 2 to 32 regions.
-        folder: Made where it is missing; gets ``region-0.png`` (the largest) and on, and ``overlay.png``.
-        by: Of :data:`svv.styles.segmenters.SEGMENTERS`.
-        progress: Called now and then.
+        count: Maximum number of regions, 2 to 32.
+        folder: Folder for ``overlay.png``, ``region-0.png`` (the largest) and so on; created if missing.
+        by: Name of the segmenter, of :data:`svv.styles.segmenters.SEGMENTERS`.
+        progress: Called from time to time.
 
     Returns:
         The overlay and the masks.
 
     Raises:
-        BadInput: a picture that cannot be used, a count out of range, SAM where it is not installed, or a folder that
-            cannot be written to.
+        BadInput: The picture cannot be used, the count is out of range, SAM is not installed, or the folder cannot be
+            written to.
     """
     if folder.suffix.lower() == ".png":
         raise BadInput("Regions are several masks: give --out as a folder.")
@@ -59,7 +59,7 @@ def write_regions(
     for number in range(int(labels.max()) + 1):
         path = folder / f"region-{number}.png"
         write_mask(path, labels == number)
-        # As one that began as something else: its few points will not say all of it.
+        # Marked as grown: points added later do not describe the whole region.
         write_selection(path, Selection(source_size(source, picture.shape), segmenter=by, grown=True))
         paths.append(path)
     progress(1.0, "")
@@ -77,31 +77,31 @@ def write_selected(
 ) -> float:
     """Select a part of a style picture by points; write the mask, its points, and a picture that shows both.
 
-    Refined, a mask that was made of points alone is made again of all of them: in what order they came does not
-    matter. Any other (a region, a drawing) is grown and cut around the points.
+    When a mask made only from points is refined, it is computed again from all points, so their order does not matter.
+    Any other mask (a region, a drawing) is grown and cut around the points.
 
     Args:
         source: A file or ``gallery:NAME``.
-        positive: Places that are wanted, (x, y) in pixels of the picture.
-        negative: Places that are not.
-        refine: A mask to go on from, with the points kept beside it, if any.
-        out: The mask, a .png; its points and overlay go beside it.
-        by: Of :data:`svv.styles.segmenters.SEGMENTERS`.
-        progress: Called now and then.
+        positive: Points inside the wanted part, (x, y) in pixels of the picture.
+        negative: Points outside it.
+        refine: A mask to start from; points saved next to it are used as well.
+        out: The mask, a .png; its points and overlay are written next to it.
+        by: Name of the segmenter, of :data:`svv.styles.segmenters.SEGMENTERS`.
+        progress: Called from time to time.
 
     Returns:
-        The share of the picture that is selected, over 0 to 1.
+        The fraction of the picture that is selected, in (0, 1].
 
     Raises:
-        BadInput: no points, points outside of the picture or that contradict each other, a picture or mask that cannot
-            be used, SAM where it is not installed, or a file that cannot be written.
+        BadInput: No points are given, points lie outside the picture or contradict each other, the picture or mask
+            cannot be used, SAM is not installed, or a file cannot be written.
     """
     if out.suffix.lower() != ".png":
-        raise BadInput(f"Cannot tell how to write {out}: name the mask .png, or ask for --regions.")
+        raise BadInput(f"{out} is not a PNG: name the mask .png, or ask for several masks with --regions N.")
     if not positive and not negative:
         raise BadInput("Say what to select: --positive x,y for a place in it, or --regions N.")
     if refine is None and not positive:
-        raise BadInput("Only what is not wanted is given: set at least one --positive point, too.")
+        raise BadInput("All points are negative: set at least one --positive point as well.")
     for path in (out, overlay_file(out)):
         check_writable(path)
     _, picture = open_style(source, progress)
@@ -122,22 +122,25 @@ def selected(
     by: str = "scikit-image",
     progress: Progress = silent,
 ) -> tuple[Mask, Selection]:
-    """The part of a style picture that points and a mask ask for, and all its points; nothing is written.
+    """Select a part of a style picture by points and a mask, without writing files.
 
     Args:
         source: A file or ``gallery:NAME``.
-        picture: What it shows, (h, w, 3) as :func:`svv.styles.gallery.open_style` has it.
-        positive: Places that are wanted, (x, y) in pixels of the file.
-        negative: Places that are not.
-        refine: A mask to go on from, as of :func:`write_selected`; without new points it is taken as it is.
-        by: Of :data:`svv.styles.segmenters.SEGMENTERS`.
-        progress: Called now and then.
+        picture: The picture of the source as :func:`svv.styles.gallery.open_style` returns it. (h, w, 3)
+        positive: Points inside the wanted part, (x, y) in pixels of the file.
+        negative: Points outside it.
+        refine: A mask to start from, as in :func:`write_selected`; without new points it is returned unchanged.
+        by: Name of the segmenter, of :data:`svv.styles.segmenters.SEGMENTERS`.
+        progress: Called from time to time.
+
+    Returns:
+        The mask and all its points.
 
     Raises:
-        BadInput: as :func:`write_selected`.
+        BadInput: See :func:`write_selected`.
     """
     if refine is None and not positive:
-        raise BadInput("Only what is not wanted is given: set at least one positive point, too.")
+        raise BadInput("All points are negative: set at least one positive point as well.")
     finder = segmenter(by)
     size = source_size(source, picture.shape)
     known, start = Selection(size, segmenter=by), None
@@ -146,8 +149,8 @@ def selected(
         known = read_selection(refine) or Selection(size, segmenter=by, grown=True)
         if known.size != size:
             raise BadInput(
-                f"The mask {refine} was made in a picture of {known.size[0]} x {known.size[1]} pixels, and this one "
-                f"has {size[0]} x {size[1]}: name the picture it belongs to."
+                f"The mask {refine} was made for a picture of {known.size[0]} x {known.size[1]} pixels, but this one "
+                f"has {size[0]} x {size[1]}: name the picture that the mask belongs to."
             )
         if not positive and not negative:
             return mask, known
@@ -156,12 +159,12 @@ def selected(
     progress(0.3, "superpixels")
     mask = finder.select(picture, *chosen.scaled(picture.shape), start=start)
     if not mask.any():
-        raise BadInput("Nothing is left of the selection: take a negative point back, or add a positive one.")
+        raise BadInput("The selection is empty: remove a negative point, or add a positive one.")
     return mask, chosen
 
 
 def source_size(source: str, shape: Sequence[int]) -> tuple[int, int]:
-    """Width and height in which places in a picture are given: the file's own."""
+    """Return the size that points in a picture refer to, that of its file: width and height in pixels."""
     if source.startswith(PREFIX):
         return int(shape[1]), int(shape[0])
     return picture_size(source)

@@ -1,8 +1,8 @@
-"""What pictures of the gallery are painted with: noise of a spectrum, ramps of colours, and dabs of paint.
+"""Tools that paint the gallery's pictures: noise with a given spectrum, colour ramps, and dabs of paint.
 
-The bristles and the thickness of a dab are shaded at the end. Two pictures painted so are here as well.
+Bristles and the thickness of dabs are shaded at the end. Two pictures painted with dabs are here as well.
 
-Letters: n is the size of a (square) picture in pixels, rng the random generator.
+Letters: n is the side of a (square) picture in pixels, rng the random generator.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Floats = NDArray[np.float32]
 
 
 def spectrum_noise(rng: Generator, n: int, exponent: float, stretch: float = 1.0) -> Floats:
-    """Noise (n, n) whose amplitude falls as frequency^-exponent; mean 0, deviation 1; periodic."""
+    """Return noise (n, n) whose amplitude falls as frequency^-exponent; mean 0, standard deviation 1; periodic."""
     f = np.fft.fftfreq(n)
     angle = rng.uniform(0, np.pi)
     u = (f * np.cos(angle) + f[:, None] * np.sin(angle)) * stretch
@@ -32,20 +32,20 @@ def spectrum_noise(rng: Generator, n: int, exponent: float, stretch: float = 1.0
 
 
 def smooth(rng: Generator, n: int, sigma: float) -> Floats:
-    """Gaussian-blurred noise (n, n), mean 0, deviation 1; ``sigma`` in pixels; periodic."""
+    """Return Gaussian-blurred noise (n, n), mean 0, standard deviation 1; ``sigma`` in pixels; periodic."""
     noise = gaussian_filter(rng.normal(size=(n, n)), sigma, mode="wrap")
     return ((noise - noise.mean()) / noise.std()).astype(np.float32)
 
 
 def rank(field_: NDArray[Any]) -> Floats:
-    """The field with its values spread evenly over [0, 1]."""
+    """Return the field with its values spread evenly over [0, 1]."""
     order = np.empty(field_.size, np.float32)
     order[np.argsort(field_, axis=None)] = np.linspace(0, 1, field_.size, dtype=np.float32)
     return order.reshape(field_.shape)
 
 
 def ramp(colours: Floats, t: NDArray[Any]) -> Floats:
-    """Colours along a palette (k, 3), interpolated linearly at t in [0, 1]; (..., 3)."""
+    """Return colours of a palette (k, 3), interpolated linearly at t in [0, 1]; (..., 3)."""
     x = np.clip(t, 0, 1) * (len(colours) - 1)
     i = np.minimum(x.astype(int), len(colours) - 2)
     w = (x - i)[..., None]
@@ -53,30 +53,30 @@ def ramp(colours: Floats, t: NDArray[Any]) -> Floats:
 
 
 class Dab(NamedTuple):
-    """Where a brush touches the canvas, in pixels: an ellipse, or, when long, a bent stroke."""
+    """Shape of one touch of the brush, in pixels: an ellipse, or a bent stroke if it is long."""
 
     y: float
     x: float
     angle: float
-    """Of its length, radians from the x-axis."""
+    """Angle of its long axis from the x-axis, in radians."""
     length: float
     """Half its length."""
     width: float
     """Half its width."""
     bend: float = 0.0
-    """Its sagitta as a part of the length."""
+    """Its sagitta, as a fraction of ``length``."""
 
 
 @dataclass
 class Canvas:
-    """A picture in work: its colours and, for the light at the end, how thick the paint lies."""
+    """A picture in progress: its colours and the thickness of the paint, which is lit at the end."""
 
     colours: Floats
-    """(n, n, 3) in [0, 1]."""
+    """Colours, in [0, 1]. (n, n, 3)"""
     thickness: Floats = field(init=False)
-    """(n, n), about 1 under a dab."""
+    """Thickness of the paint, about 1 under a dab. (n, n)"""
     tooth: Floats | None = None
-    """How much of a dab each place takes, (n, n) in [0, 1]: rough paper lets only its heights be painted. None: all."""
+    """Fraction of a dab that each pixel takes up, as on rough paper, in [0, 1]; None takes up all of it. (n, n)"""
 
     def __post_init__(self) -> None:
         self.thickness = np.zeros(self.colours.shape[:2], np.float32)
@@ -96,14 +96,14 @@ class Canvas:
         dy, dx = np.arange(y0, y1, dtype=np.float32)[:, None] - y, np.arange(x0, x1, dtype=np.float32) - x
         along = (dx * np.cos(angle) + dy * np.sin(angle)) / length
         across = (dy * np.cos(angle) - dx * np.sin(angle) - bend * length * along**2) / width
-        # |along|^4: blunt ends, as a flat brush leaves them, once the dab is longer than wide.
+        # |along|^4: the blunt ends of a flat brush, if the dab is longer than wide.
         power = 2 if length < 1.5 * width else 4
         edge = (1 - np.abs(along) ** power - across**2) * min(width, length) / 2
         alpha = np.clip(edge + 0.5, 0, 1)
         streaks = np.sin(across * rng.uniform(3, 5) + rng.uniform(0, 6)) + np.sin(
             across * rng.uniform(6, 11) + rng.uniform(0, 6) + along
         )
-        if bristles > 0.05:  # a dry brush leaves gaps towards the end of its way
+        if bristles > 0.05:  # a dry brush leaves gaps towards the end of a stroke
             alpha = alpha * np.clip(1.6 - bristles * (1 + streaks) * np.maximum(along, 0) * 1.5, 0.15, 1)
         here = (slice(y0, y1), slice(x0, x1))
         if self.tooth is not None:
@@ -115,33 +115,33 @@ class Canvas:
         self.thickness[here] += alpha[..., 0] * (body - self.thickness[here])
 
     def lit(self, strength: float) -> Floats:
-        """The picture with light falling on its relief from the upper left."""
+        """Return the picture with light falling on its relief from the upper left."""
         relief = gaussian_filter(self.thickness, 0.6)
         dy, dx = np.gradient(relief)
         return np.clip(self.colours * (1 + strength * (dx + dy))[..., None], 0, 1).astype(np.float32)
 
 
 def style_picture(name: str, size: int = 512, seed: int = 0) -> Floats:
-    """A picture painted by this module.
+    """Paint one of this module's pictures.
 
     Args:
         name: ``"brush strokes"`` or ``"stippling"``.
         size: Side in pixels; strokes scale with it.
-        seed: Another seed is another painting in the same manner.
+        seed: Seed of the random generator; each gives another painting in the same manner.
 
     Returns:
-        (size, size, 3) float32 sRGB in [0, 1].
+        The picture, float32 sRGB in [0, 1]. (size, size, 3)
     """
     return STYLE_PICTURES[name](np.random.default_rng(seed), size)
 
 
 def from_hex(*codes: str) -> Floats:
-    """Colours 'rrggbb' as sRGB in [0, 1]. (N, 3)"""
+    """Convert colours 'rrggbb' to sRGB in [0, 1]. (N, 3)"""
     return np.array([[int(code[i : i + 2], 16) / 255 for i in (0, 2, 4)] for code in codes], np.float32)
 
 
 def _whirls(rng: Generator, n: int, count: int) -> tuple[Floats, Floats]:
-    """Angles (n, n) of a wind that eddies around ``count`` centres, and its stream function, spread over [0, 1]."""
+    """Return angles (n, n) of a wind with ``count`` eddies, and its stream function, spread evenly over [0, 1]."""
     y, x = np.mgrid[:n, :n].astype(np.float32) / n
     stream = 0.9 * y + 0.12 * smooth(rng, n, 0.12 * n)
     for k in range(count):
@@ -152,7 +152,7 @@ def _whirls(rng: Generator, n: int, count: int) -> tuple[Floats, Floats]:
 
 
 def brush_strokes(rng: Generator, n: int) -> Floats:
-    """Oil paint laid thickly along a wind with eddies: night blues, turquoise, ochre and vermilion."""
+    """Paint thick oil strokes along a wind with eddies: night blues, turquoise, ochre and vermilion."""
     colours = from_hex("14213d", "1d3f8a", "2a6fb8", "3fa7b5", "a9d5c2", "f4e3a1", "f2b134", "e4572e", "8c1c2b")
     angles, stream = _whirls(rng, n, 3)
     tone = rank(stream + 0.12 * smooth(rng, n, 0.04 * n))
@@ -163,7 +163,7 @@ def brush_strokes(rng: Generator, n: int) -> Floats:
             iy, ix = int(y), int(x)
             colour = ramp(colours, np.array(tone[iy, ix] + wander * rng.normal()))
             colour = np.clip(colour * rng.uniform(0.85, 1.18) + rng.normal(0, 0.03, 3), 0, 1)
-            # The stroke follows the wind's own curvature: how far the angle turns from its middle to its end.
+            # The stroke bends with the wind, by the angle that the wind turns from its middle to its end.
             ahead = angles[
                 int(np.clip(y + length * np.sin(angles[iy, ix]), 0, n - 1)),
                 int(np.clip(x + length * np.cos(angles[iy, ix]), 0, n - 1)),
@@ -176,7 +176,7 @@ def brush_strokes(rng: Generator, n: int) -> Floats:
 
 
 def stippling(rng: Generator, n: int) -> Floats:
-    """Dots of unmixed colour on warm paper, lights against darks: orange, yellow, green, violet and ultramarine."""
+    """Paint dots of unmixed colour on warm paper, lights against darks: orange, yellow, green, violet, ultramarine."""
     colours = from_hex("2b2d8f", "5b3fa8", "c23b6e", "f0653a", "f9b233", "f6e27f", "7fb84f", "1f8a83", "2455a4")
     paper = from_hex("f3e7cf")[0]
     tone, depth = rank(smooth(rng, n, 0.10 * n)), rank(smooth(rng, n, 0.07 * n))

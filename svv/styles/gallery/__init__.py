@@ -1,6 +1,6 @@
-"""The gallery: style pictures of our own, painted by this package when they are first asked for, and then kept.
+"""The gallery: style pictures that this package paints when they are first asked for, and then caches.
 
-Everything in it is generated from a seed and belongs to the project. Where a style picture is asked for,
+All of them are generated from a seed and belong to the project. Wherever a style picture is expected,
 ``gallery:NAME`` names one of these instead of a file.
 """
 
@@ -22,13 +22,17 @@ from svv.styles.offered import GALLERY
 
 SIZE = 512
 LARGEST = 1024
-"""Side in pixels up to which pictures are painted; styles are never used larger."""
+"""Largest side in pixels of a painted picture; styles are never used larger."""
 VERSION = 1
-"""To be raised with any change of a painter: kept pictures of older ones are then painted anew."""
+"""To be raised with any change of a painter; cached pictures of older versions are then painted again."""
 
 
 def gallery_name(text: str) -> str:
-    """The name of a picture of the gallery, written with any case, spaces or underscores; BadInput for any other."""
+    """Normalize a gallery picture's name, written in any case and with spaces or underscores.
+
+    Raises:
+        BadInput: The gallery has no such picture.
+    """
     name = text.strip().lower().replace("_", "-").replace(" ", "-")
     if name not in GALLERY:
         raise BadInput(f"There is no '{text}' in the gallery; choose one of {', '.join(GALLERY)}.")
@@ -36,19 +40,19 @@ def gallery_name(text: str) -> str:
 
 
 def gallery_picture(name: str, size: int = SIZE, seed: int = 0, progress: Progress = silent) -> NDArray[np.float32]:
-    """A style picture of the gallery: from the user's cache, or painted (1 to 10 s at 512 pixels) and put there.
+    """Return a style picture of the gallery, from the user's cache or painted (1 to 10 s at 512 pixels) and cached.
 
     Args:
         name: One of :data:`GALLERY`; spaces and underscores count as hyphens.
         size: Side in pixels, 16 to 1024; strokes scale with it.
-        seed: Another seed is another picture in the same manner.
-        progress: Called before it is painted.
+        seed: Seed of the random generator; each gives another picture in the same manner.
+        progress: Called before the picture is painted.
 
     Returns:
-        (size, size, 3) float32 sRGB in [0, 1], of 8-bit levels, the same whether it was kept or not.
+        The picture, float32 sRGB in [0, 1] in 8-bit levels, the same whether it was cached or not. (size, size, 3)
 
     Raises:
-        BadInput: an unknown name, a size out of range, or a negative seed.
+        BadInput: The name is unknown, the size is out of range, or the seed is negative.
     """
     name = gallery_name(name)
     if not SMALLEST <= size <= LARGEST:
@@ -59,20 +63,20 @@ def gallery_picture(name: str, size: int = SIZE, seed: int = 0, progress: Progre
     if kept.is_file():
         try:
             found = read_style(kept)
-        except BadInput:  # damaged by whatever: it is painted again
+        except BadInput:  # damaged: it is painted again
             found = None
         if found is not None and found.shape == (size, size, 3):
             return found
     progress(0.0, f"painting {name}")
     levels = to_bytes(_painted(name, size, seed))
-    with suppress(BadInput, OSError):  # in a home that is full or cannot be written to it is painted anew each time
+    with suppress(BadInput, OSError):  # without a writable home with space left, it is painted every time
         kept.parent.mkdir(parents=True, exist_ok=True)
         write_png(kept, levels)
     return levels.astype(np.float32) / np.float32(255)
 
 
 def _painted(name: str, size: int, seed: int) -> NDArray[np.float32]:
-    # The media draw some of their steps at whole numbers of pixels: below this side there are none.
+    # Some steps of the painters take a whole number of pixels, which would be zero below this side.
     side = max(size, 128)
     picture = GALLERY[name][0](np.random.default_rng(seed), side)
     if side == size:
@@ -83,17 +87,18 @@ def _painted(name: str, size: int, seed: int) -> NDArray[np.float32]:
 
 
 def open_style(source: str | Path, progress: Progress = silent) -> tuple[str, NDArray[np.float32]]:
-    """A style picture and what to call it, from ``gallery:NAME`` or a file (:func:`svv.io.images.read_style`).
+    """Return the name and content of a style picture: ``gallery:NAME`` or a file (:func:`svv.io.images.read_style`).
 
     Raises:
-        BadInput: as :func:`gallery_picture` and :func:`svv.io.images.read_style`, or an ink, which has no picture.
+        BadInput: See :func:`gallery_picture` and :func:`svv.io.images.read_style`; or it is an ink, which has no
+            picture.
     """
     text = str(source)
     if text.startswith(DRAWN):
-        raise BadInput(f"{text} is drawn without a picture, and here one is needed: name a file or {PREFIX}NAME.")
+        raise BadInput(f"{text} is drawn without a picture, but a picture is needed here: name a file or {PREFIX}NAME.")
     if text.startswith(PREFIX):
         name = gallery_name(text.removeprefix(PREFIX))
         return name, gallery_picture(name, progress=progress)
     if text in GALLERY and not Path(text).exists():
-        raise BadInput(f"There is no style picture at {text}; for the one of the gallery write {PREFIX}{text}.")
+        raise BadInput(f"There is no style picture at {text}; for the one in the gallery, write {PREFIX}{text}.")
     return Path(text).stem, read_style(text)

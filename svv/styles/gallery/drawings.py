@@ -15,19 +15,22 @@ from svv.styles.textures import Canvas, Dab, Floats, from_hex, rank, smooth, spe
 
 
 def paper_grain(rng: Generator, n: int, size: float) -> Floats:
-    """How high a paper's surface stands, (n, n), evenly over [0, 1]; ``size`` of its grains in pixels."""
+    """Return the height of a paper's surface (n, n), spread evenly over [0, 1]; ``size`` of its grains in pixels."""
     return rank(smooth(rng, n, size) + 0.4 * spectrum_noise(rng, n, 0.5))
 
 
 def streamed(noise: Floats, angle: Floats, length: float) -> Floats:
-    """Noise smeared along a direction field, evenly over [0, 1] (line integral convolution, Cabral and Leedom 1993).
+    """Smear noise along a direction field (line integral convolution, Cabral and Leedom 1993).
 
     Args:
-        noise: (n, n).
-        angle: Radians, (n, n).
-        length: Of the smear to either side, pixels.
+        noise: The noise to smear. (n, n)
+        angle: Direction in radians. (n, n)
+        length: Length of the smear to either side, in pixels.
+
+    Returns:
+        The smeared noise, spread evenly over [0, 1]. (n, n)
     """
-    # Long smears advance by about the width of what is smeared: 24 steps are as good as one for each pixel.
+    # Long smears advance by about the width of the noise's features: 24 steps are as good as one per pixel.
     stride, last = max(1.0, length / 24), len(noise) - 1
     step_y, step_x = stride * np.sin(angle), stride * np.cos(angle)
     total = noise.copy()
@@ -41,12 +44,12 @@ def streamed(noise: Floats, angle: Floats, length: float) -> Floats:
 
 
 def mixed(paper: NDArray[Any], ink: NDArray[Any], cover: NDArray[Any]) -> Floats:
-    """Ink over paper where it covers: colours (..., 3), cover (n, n) in [0, 1]."""
+    """Blend ink over paper: colours (..., 3), cover (n, n) in [0, 1]."""
     return (paper + (ink - paper) * np.clip(cover, 0, 1)[..., None]).astype(np.float32)
 
 
 def discs(n: int, y: NDArray[Any], x: NDArray[Any], radius: NDArray[Any]) -> Floats:
-    """Cover (n, n) of round dots with soft rims of a pixel; all in pixels."""
+    """Return the cover (n, n) of round dots with soft rims of a pixel; positions and radii in pixels."""
     cover = np.zeros((n, n), np.float32)
     reach = int(np.ceil(radius.max())) + 1
     dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1]
@@ -60,7 +63,7 @@ def discs(n: int, y: NDArray[Any], x: NDArray[Any], radius: NDArray[Any]) -> Flo
 
 
 def stipple(rng: Generator, n: int) -> Floats:
-    """Dots of a pen, close where it is dark: ultramarine on white (weighted Voronoi stippling, Secord 2002)."""
+    """Draw pen dots, denser in the dark: ultramarine on white (weighted Voronoi stippling, Secord 2002)."""
     subject = still_life(rng, n)
     dark = np.clip(1.04 - subject.tone, 0.0, 1) ** 1.7 + 0.012
     count = 9000
@@ -80,7 +83,7 @@ def stipple(rng: Generator, n: int) -> Floats:
 
 
 def cross_hatching(rng: Generator, n: int) -> Floats:
-    """Pen lines in four directions, one over the other as it darkens: sepia on tan paper, heightened with white."""
+    """Draw pen lines, in up to four directions in the dark: sepia on tan paper, heightened with white."""
     m = 2 * n  # drawn twice as large: lines are thinner than a pixel
     subject = still_life(rng, m)
     y, x = np.mgrid[:m, :m].astype(np.float32)
@@ -89,7 +92,7 @@ def cross_hatching(rng: Generator, n: int) -> Floats:
     layers = ((-0.75, 0.82, 7.0), (0.7, 0.56, 6.6), (0.02, 0.36, 6.2), (1.5, 0.2, 5.6))
     for turn, below, pitch in layers:
         bend = 5 * unit * smooth(rng, m, 0.09 * m) + 0.5 * unit * smooth(rng, m, 4 * unit)
-        # The lines lean with the form, so that they seem to lie on it.
+        # The lines bend, as if they lay on the form.
         across = (x * np.sin(turn) - y * np.cos(turn) + bend) / (pitch * unit)
         wanted = below - subject.tone + 0.05 * smooth(rng, m, 9 * unit)
         width = np.clip(0.55 + 2.4 * wanted, 0, 1.35) * (wanted > 0)
@@ -107,7 +110,7 @@ def cross_hatching(rng: Generator, n: int) -> Floats:
 
 
 def charcoal(rng: Generator, n: int) -> Floats:
-    """Black chalk rubbed into rough paper, drawn over in broad strokes, lights lifted out with a rubber."""
+    """Rub black chalk into rough paper, draw over it in broad strokes, and lift out lights with an eraser."""
     subject = hills(rng, n, 5, steep=0.16, fall=0.9)
     unit = n / 512
     grain = paper_grain(rng, n, 1.0 * unit)
@@ -127,7 +130,7 @@ def charcoal(rng: Generator, n: int) -> Floats:
 
 
 def pastel(rng: Generator, n: int) -> Floats:
-    """Soft chalks on a rough dark paper that shows between the strokes: rose, lilac, peach and a little turquoise."""
+    """Draw with soft chalks on rough dark paper that shows between strokes: rose, lilac, peach, a little turquoise."""
     subject = hills(rng, n, 5, steep=0.09)
     unit = n / 512
     grain = paper_grain(rng, n, 1.1 * unit)
@@ -159,7 +162,7 @@ def pastel(rng: Generator, n: int) -> Floats:
 
 
 def _leaf(rng: Generator, n: int, y: float, x: float, angle: float, length: float, wide: float) -> Floats:
-    """One pressed and lifted stroke of the brush, pointed at its end: its cover (n, n)."""
+    """Return the cover (n, n) of one brush stroke, pressed and lifted, with a pointed end."""
     gy, gx = np.mgrid[:n, :n].astype(np.float32)
     u = ((gx - x) * np.cos(angle) + (gy - y) * np.sin(angle)) / length
     v = (gy - y) * np.cos(angle) - (gx - x) * np.sin(angle) - rng.normal(0, 0.06) * length * u**2
@@ -168,7 +171,7 @@ def _leaf(rng: Generator, n: int, y: float, x: float, angle: float, length: floa
 
 
 def ink_wash(rng: Generator, n: int) -> Floats:
-    """Sumi-e: mountains in mist and a bamboo, in washes of one ink; the painter's red seal."""
+    """Paint a sumi-e: mountains in mist and bamboo, in washes of one ink, with the painter's red seal."""
     unit = n / 512
     y, x = np.mgrid[:n, :n].astype(np.float32) / n
     fibres = paper_grain(rng, n, 1.2 * unit)

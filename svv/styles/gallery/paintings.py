@@ -12,17 +12,17 @@ from svv.styles.textures import Canvas, Dab, Floats, from_hex, ramp, rank, smoot
 
 
 def watercolour(rng: Generator, n: int) -> Floats:
-    """Glazes of clear colour on white paper: rims where they dried, pigment in the grain, blooms and bleeding."""
+    """Paint transparent glazes on white paper: dried rims, pigment in the grain, blooms and bleeding."""
     unit = n / 512
     subject = hills(rng, n, 5, steep=0.11, fall=1.2)
     grain = paper_grain(rng, n, 1.3 * unit)
     light = np.ones((n, n, 3), np.float32) * from_hex("fdfbf5")[0]
-    # What a glaze lets through; dark where much of it lies (Kubelka and Munk's limit of thin layers: Beer's law).
+    # Transmittance of a glaze of unit thickness; it darkens by Beer's law (Kubelka and Munk's limit of thin layers).
     glazes = from_hex("7fb6dd", "f6c445", "a9b7d9", "7aa6b8", "6fae8f", "5f9a4f", "3f6f4a")
     accents = from_hex("e79ab0", "f08a4b", "c99ac4", "8fa0cf", "b8c46a", "c9a545", "6a5a78")
 
     def glaze(mask: Floats, colour: Floats, strength: Floats) -> None:
-        """Lay one wash: ``mask`` about 0 to 1 with a soft rim, ``strength`` its thickness."""
+        """Lay one wash of thickness ``strength``; ``mask`` goes from about 0 to 1 over a soft rim."""
         inside = distance_transform_edt(mask > 0.5) / unit
         rim = 0.55 * np.exp(-inside / 1.6) + 0.2 * np.exp(-inside / 7.0)
         thick = (mask > 0.5) * strength * (1 + rim)
@@ -47,7 +47,7 @@ def watercolour(rng: Generator, n: int) -> Floats:
             wet = rank(smooth(rng, n, 0.07 * n)) if accent else 1.0
             strength = (0.46 + 0.07 * number) * fade * flow * (np.clip(wet * 2.4 - 1.1, 0, 1) if accent else 1.0)
             glaze(mask, accents[number] if accent else glazes[number], strength)
-    for cy, cx in rng.uniform(0.1, 0.9, (7, 2)) * n:  # blooms: water ran back and pushed the pigment outwards
+    for cy, cx in rng.uniform(0.1, 0.9, (7, 2)) * n:  # blooms: returning water pushed the pigment outwards
         y, x = np.mgrid[:n, :n]
         ragged = np.hypot(y - cy, x - cx) + 5 * unit * smooth(rng, n, 4 * unit) + 8 * unit * smooth(rng, n, 14 * unit)
         radius = rng.uniform(18, 44) * unit
@@ -59,7 +59,7 @@ def watercolour(rng: Generator, n: int) -> Floats:
 
 
 def impasto(rng: Generator, n: int) -> Floats:
-    """Oil paint as thick as it holds, every stroke in relief: sunflower yellows on green and turquoise."""
+    """Paint thick oil with every stroke in relief: sunflower yellows on green and turquoise."""
     unit = n / 512
     subject = flowers(rng, n, 8)
     sets = ("1d6e73 2f9a94 7cc7b4", "1f4d2b 3d7a35 86a93c", "3a1d10 6b3414 a35a1c",

@@ -16,13 +16,13 @@ from svv.styles.textures import Floats, from_hex, rank, smooth
 
 
 def woodcut(rng: Generator, n: int) -> Floats:
-    """A black block whose lights were cut with a gouge along the form, over flat blocks of red and indigo."""
+    """Print a black block, its lights cut with a gouge along the form, over flat blocks of red and indigo."""
     m = 2 * n
     unit = m / 512
     subject = sea(rng, m)
     cuts = streamed(smooth(rng, m, 1.7 * unit), subject.angle, 34 * unit)
     sky = subject.part == 0
-    # Long gouges: how much stays black follows the tone, but never all or nothing in the waves.
+    # Long gouges: the amount of black follows the tone, but the waves are never entirely black or white.
     tone = np.where(sky, 0.8 + 0.1 * subject.tone, np.clip(0.2 + 0.95 * subject.tone, 0.2, 0.8))
     tone = np.where(subject.part == 4, 1.0, np.where(subject.part == 1, 1.0, tone))
     tone = np.where(subject.part == 2, 1.0, tone)
@@ -33,7 +33,7 @@ def woodcut(rng: Generator, n: int) -> Floats:
     rim = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y)) + 0.0015 * smooth(rng, m, 3 * unit)
     black = np.where(rim < 0.022, 1.0, black)
     margin = rim < 0.008
-    grain = rank(gaussian_filter(rng.normal(size=(m, m)), (0.7 * unit, 30 * unit)))  # the plank's own
+    grain = rank(gaussian_filter(rng.normal(size=(m, m)), (0.7 * unit, 30 * unit)))  # of the plank
     red, blue = (subject.part == 1).astype(float), (subject.part == 3) * 1.0
     paper = from_hex("f3d78f")[0] * (0.96 + 0.04 * paper_grain(rng, m, unit)[..., None])
     print_ = mixed(paper, from_hex("d8391e")[0], shift(red, (1.5 * unit, -1 * unit), order=1) * (0.86 + 0.14 * grain))
@@ -44,7 +44,7 @@ def woodcut(rng: Generator, n: int) -> Floats:
 
 
 def screen_print(rng: Generator, n: int) -> Floats:
-    """Flat, loud inks with dots for the shades, each a little out of register: pink, cyan, yellow and black."""
+    """Print flat, loud inks with dots for shades, slightly out of register: pink, cyan, yellow and black."""
     m = 2 * n
     unit = m / 512
     subject = flowers(rng, m, 6)
@@ -61,7 +61,7 @@ def screen_print(rng: Generator, n: int) -> Floats:
     for number, colour in enumerate(flat):
         off = rng.uniform(-2.2, 2.2, 2) * unit
         block = shift((subject.part == number).astype(np.float32), off, order=1)
-        if number == 1:  # leaves: yellow with cyan dots makes their green
+        if number == 1:  # leaves: cyan dots on yellow make green
             print_ = mixed(print_, from_hex("b5d334")[0], block)
         else:
             print_ = mixed(print_, colour, block)
@@ -78,7 +78,7 @@ def screen_print(rng: Generator, n: int) -> Floats:
 
 
 def mosaic(rng: Generator, n: int) -> Floats:
-    """Small stones set along the forms, gold, lapis and terracotta in pale mortar (Hausner 2001)."""
+    """Set small stones along the forms, gold, lapis and terracotta, in pale mortar (Hausner 2001)."""
     subject = hills(rng, n, 4, steep=0.1, fall=1.3)
     side = n / 512 * 12.5
     y, x = np.mgrid[:n, :n].astype(np.float32)
@@ -102,7 +102,7 @@ def mosaic(rng: Generator, n: int) -> Floats:
         return np.cos(angle[iy, ix]), np.sin(angle[iy, ix])
 
     def owners() -> tuple[Floats, Floats, Floats]:
-        """Nearest and second distance in the stones' own square frames, and whose the nearest is."""
+        """Return distances to the nearest and second stone in the stones' square frames, and the nearest stone."""
         c, s = frames()
         index = cKDTree(at).query(places, k=6)[1]
         dy, dx = (places[:, None] - at[index]).transpose(2, 0, 1)

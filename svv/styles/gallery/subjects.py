@@ -1,7 +1,7 @@
-"""What the gallery's pictures show: hills, the sea, a still life, flowers; each as tones, parts and directions.
+"""Subjects of the gallery's pictures: hills, the sea, a still life, flowers; each as tones, parts and directions.
 
-A subject knows nothing of paint. It says how light each place is, which part of the motif it belongs to, and which way
-a hand would draw there; the media in :mod:`svv.styles.gallery.drawings`, ``prints`` and ``paintings`` do the rest.
+A subject is independent of the medium. It gives the lightness of each pixel, the part of the motif it belongs to, and
+the direction of strokes; :mod:`svv.styles.gallery.drawings`, ``prints`` and ``paintings`` do the rest.
 
 Letters: n is the side of the picture in pixels, rng the random generator; y runs down, x to the right.
 """
@@ -19,18 +19,18 @@ from svv.styles.textures import Floats, smooth
 
 @dataclass(frozen=True)
 class Subject:
-    """A motif, before any paint."""
+    """A motif before it is painted."""
 
     tone: Floats
-    """How light each place is, 0 to 1. (n, n)"""
+    """Lightness of each pixel, 0 to 1. (n, n)"""
     part: NDArray[np.int64]
-    """Which part of the motif it belongs to, from 0; parts of one number look alike. (n, n)"""
+    """Number of the part of the motif that each pixel belongs to, from 0; equal numbers look alike. (n, n)"""
     angle: Floats
-    """Direction of a stroke that follows the form, radians, from x towards y. (n, n)"""
+    """Direction of a stroke that follows the form, in radians from x towards y. (n, n)"""
 
     @property
     def outline(self) -> NDArray[np.bool_]:
-        """Places beside another part. (n, n)"""
+        """Pixels on the border to another part. (n, n)"""
         p = self.part
         edge = np.zeros(p.shape, bool)
         edge[1:] |= p[1:] != p[:-1]
@@ -44,7 +44,7 @@ def _grid(n: int) -> tuple[Floats, Floats]:
 
 
 def _line(rng: Generator, n: int, waves: int, fall: float) -> Floats:
-    """A random line (n,) of so many waves, their amplitude falling as frequency^-fall; between about -1 and 1."""
+    """Return a random line (n,), a sum of waves whose amplitude falls as frequency^-fall; in [-1, 1]."""
     x = np.arange(n) / n
     k = np.arange(1, waves + 1)
     sines = np.sin(2 * np.pi * k[:, None] * x * rng.uniform(0.7, 1.1) + rng.uniform(0, 6.3, (waves, 1)))
@@ -53,7 +53,7 @@ def _line(rng: Generator, n: int, waves: int, fall: float) -> Floats:
 
 
 def hills(rng: Generator, n: int, ridges: int = 5, steep: float = 0.1, fall: float = 1.1) -> Subject:
-    """Ridge behind ridge under a low sun. Parts: 0 sky, 1 sun, then the ridges from the farthest."""
+    """Return ridges behind each other under a low sun. Parts: 0 sky, 1 sun, then the ridges from the farthest."""
     y, x = _grid(n)
     tone, part = 0.62 + 0.5 * y, np.zeros((n, n), np.int64)
     angle = 0.15 * smooth(rng, n, 0.15 * n)
@@ -73,7 +73,7 @@ def hills(rng: Generator, n: int, ridges: int = 5, steep: float = 0.1, fall: flo
 
 
 def sea(rng: Generator, n: int, waves: int = 7) -> Subject:
-    """Waves with curling crests under a round sun. Parts: 0 sky, 1 sun, 2 clouds, then waves, dark and foam in turn."""
+    """Return waves with curling crests under a round sun. Parts: 0 sky, 1 sun, 2 clouds, 3 dark water, 4 foam."""
     y, x = _grid(n)
     tone, part = 0.75 + 0.3 * y, np.zeros((n, n), np.int64)
     angle = np.zeros((n, n), np.float32)
@@ -101,7 +101,7 @@ def sea(rng: Generator, n: int, waves: int = 7) -> Subject:
 
 
 def still_life(rng: Generator, n: int) -> Subject:
-    """A bottle and fruit on a table, light from the upper left. Parts: 0 wall, 1 table, 2 bottle, 3 to 6 the fruit."""
+    """Return a bottle and fruit on a table, lit from the upper left. Parts: 0 wall, 1 table, 2 bottle, 3 to 6 fruit."""
     y, x = _grid(n)
     tone = np.clip(0.72 - 0.38 * np.hypot(x - 0.2, y - 0.25) + 0.03 * smooth(rng, n, 0.1 * n), 0, 1)
     part, angle = np.zeros((n, n), np.int64), np.full((n, n), -0.9, np.float32)
@@ -124,7 +124,7 @@ def still_life(rng: Generator, n: int) -> Subject:
         inside = dx**2 + dy**2 < 1
         z = np.sqrt(np.clip(1 - dx**2 - dy**2, 0, 1))
         light = np.clip(-0.5 * dx - 0.58 * dy + 0.64 * z, 0, 1)
-        back = 0.16 * np.clip(dx + dy - 0.6, 0, 1)  # what the table throws back
+        back = 0.16 * np.clip(dx + dy - 0.6, 0, 1)  # light reflected by the table
         ball = 0.08 + 0.78 * light**0.9 + 0.5 * light**24 + back
         tone[inside], part[inside] = ball[inside], number
         angle[inside] = (np.arctan2(dy + 0.58, dx + 0.5) + np.pi / 2)[inside]
@@ -132,7 +132,7 @@ def still_life(rng: Generator, n: int) -> Subject:
 
 
 def flowers(rng: Generator, n: int, count: int = 9) -> Subject:
-    """Round blossoms over leaves. Parts: 0 ground, 1 leaves, 2 hearts, 3 and on: petals of three kinds."""
+    """Return round blossoms over leaves. Parts: 0 ground, 1 leaves, 2 centres, 3 to 5 petals of three kinds."""
     y, x = _grid(n)
     tone = np.clip(0.35 + 0.1 * smooth(rng, n, 0.07 * n), 0, 1)
     part = np.zeros((n, n), np.int64)

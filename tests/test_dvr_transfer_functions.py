@@ -178,7 +178,7 @@ def test_bad_functions_are_refused(case: str) -> None:
 
 @pytest.mark.parametrize("data", [None, [], 3, {"x": 1}, [[1]], "text"])
 def test_what_is_no_function_is_refused(data: object) -> None:
-    with pytest.raises(BadInput, match="no transfer function"):
+    with pytest.raises(BadInput, match="not a transfer function"):
         TransferFunction.from_dict(data)
 
 

@@ -276,7 +276,7 @@ POLYDATA = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 1 flo
 BAD = {
     "missing": (lambda folder: folder / "no.vti", "There is no volume"),
     "empty": (save("v.vti", b""), "is empty"),
-    "unknown": (save("v.xyz", b"abc"), "no kind that is known"),
+    "unknown": (save("v.xyz", b"abc"), "not have a supported format"),
     **{f"junk{s}": (save(f"v{s}", JUNK), "damaged") for s in (".vti", ".vtk", ".mha", ".mhd", ".nrrd", ".slc", ".npy")},
     **{f"junk{s}": (save(f"v{s}", JUNK), "damaged") for s in (".nii", ".nii.gz", ".tif")},
     "junk in gzip": (save("v.nii.gz", gzip.compress(JUNK)), "damaged"),

@@ -1,4 +1,4 @@
-"""Classification of a volume by its transfer function, for the training to begin with.
+"""Classification of a volume by its transfer function, as a starting point for training.
 
 The optical model is that of Max (1995): absorption and emission along a ray, opacity by Beer's law.
 
@@ -27,38 +27,38 @@ from svv.dvr.stage import Stage
 Array = NDArray[np.float64]
 
 MOST_CELLS = 256
-"""Cells along the longest side at most."""
+"""Maximum number of cells along the longest side."""
 
 CELLS_A_VOXEL = 2
-"""Cells a voxel at least, as far as ``MOST_CELLS`` allows: between two voxels a transfer function may do a lot."""
+"""Minimum number of cells per voxel, within ``MOST_CELLS``: transfer functions can vary much between two voxels."""
 
 AVERAGING_WIDTH = 1.0
-"""Of the averaging, in cells: found by comparing rays dimmed by it with the ray caster's alpha."""
+"""Width of the averaging in cells, found by comparing transmittances along rays with the ray caster's alpha."""
 
 COLOUR_SPREAD = 0.2
-"""Root mean square distance in RGB to their mean up to which the colours of one range count as one: offsets of the
-palette express it."""
+"""Largest root mean square RGB distance of the colours in one range to their mean; the palette's offsets can express
+that much."""
 
 MOST_RANGES = 8
-"""Ranges of a transfer function that are told apart at most."""
+"""Maximum number of ranges into which a transfer function is divided."""
 
 COUNTED_VOXELS = 4_000_000
-"""Voxels whose values are counted at most."""
+"""Maximum number of voxels whose values are counted."""
 
 
 def classified(stage: Stage) -> ClassifiedVolume:
-    """What the transfer function makes of a volume on its stage.
+    """Classify a volume on its stage by the transfer function.
 
-    A ray that runs the opacity unit distance u through a value of opacity a keeps 1 - a of its light, so the extinction
-    is -ln(1 - a) / u, whatever the sample distance of the ray caster is. Values are interpolated trilinearly first and
-    classified then, as ray casters do.
+    A ray that passes the opacity unit distance u through a value of opacity a keeps 1 - a of its light, so the
+    extinction is -ln(1 - a) / u, regardless of the sample distance of the ray caster. Values are first interpolated
+    trilinearly and then classified, as ray casters do.
 
     Args:
         stage: A volume with its transfer function and unit distance.
 
     Returns:
-        Extinction and ranges over the visible box of the world, with ``CELLS_A_VOXEL`` cells a voxel but not more than
-        ``MOST_CELLS`` along the longest side.
+        Extinction and ranges over the visible box in world space, with ``CELLS_A_VOXEL`` cells per voxel but no more
+        than ``MOST_CELLS`` along the longest side.
     """
     box = Box.of_bounds(*stage.bounds)
     voxels = float((stage.visible_size / np.array(stage.image.GetSpacing()) * stage.scale).max())
@@ -67,7 +67,7 @@ def classified(stage: Stage) -> ClassifiedVolume:
         cells //= 2
     shape = grid_shape(box, cells) + 1
     turn = stage.scale * stage.rotation.T
-    to_stage = vtkMatrix4x4()  # from a vertex' number
+    to_stage = vtkMatrix4x4()  # from the indices of a vertex
     for i in range(3):
         for j in range(3):
             to_stage.SetElement(i, j, turn[i, j] * box.size / cells)
@@ -97,7 +97,7 @@ def classified(stage: Stage) -> ClassifiedVolume:
 
 
 def _extinction(stage: Stage, box: Box) -> tuple[Array, Array]:
-    """Values that miss no extremum of the function, ascending, and their extinction in 1 / box unit. (K,), (K,)"""
+    """Ascending values that miss no extremum of the function, and their extinction in 1 / box unit. (K,), (K,)"""
     image = to_array(stage.image)
     low, high = float(image.min()), float(image.max())
     known = np.unique(np.concatenate([stage.tf.samples(low, high), np.linspace(low, high, 4097)]))
@@ -106,17 +106,17 @@ def _extinction(stage: Stage, box: Box) -> tuple[Array, Array]:
 
 
 def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[int]:
-    """Where each range begins among the known values; together they hold all values.
+    """Return the index among the known values at which each range begins; together the ranges contain all values.
 
-    A range is an interval in which something is visible. One whose colours differ too much is cut where its parts are
-    most alike inside, and while there are too many, the two neighbours that are most alike are joined: both by the
-    variance of the colours (K, 3) within the ranges (Ward 1963), with the values' weights (K,).
+    A range is an interval in which something is visible. A range whose colours differ too much is split so that its
+    parts are as uniform as possible, and while there are too many ranges, the two most similar neighbours are joined.
+    Both criteria are the variance of the colours (K, 3) within the ranges (Ward 1963), weighted by ``weight`` (K,).
     """
     seen = np.flatnonzero(sigma > 0)
     parts = np.split(seen, 1 + np.flatnonzero(np.diff(seen) > 1))
 
     def scatter(part: NDArray[np.intp]) -> float:
-        """Sum of weighted squared distances to the mean colour."""
+        """Return the sum of the weighted squared distances to the mean colour."""
         w, c = weight[part], colour[part]
         return float(w @ np.square(c - np.average(c, axis=0, weights=w)).sum(axis=1))
 
@@ -134,45 +134,45 @@ def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[in
         more = [scatter(np.concatenate(both)) - scatter(both[0]) - scatter(both[1]) for both in pairwise(parts)]
         join = int(np.argmin(more))
         parts[join : join + 2] = [np.concatenate(parts[join : join + 2])]
-    # What lies between two ranges goes to the nearer one.
+    # Values between two ranges belong to the nearer one.
     middles = [0.5 * (known[one[-1]] + known[other[0]]) for one, other in pairwise(parts)]
     return [0, *np.searchsorted(known, middles).tolist()]
 
 
 def _weights(stage: Stage, known: Array, sigma: Array) -> Array:
-    """How much the known values weigh: how often they occur, times their extinction. (K,)"""
+    """Return the weights of the known values: their frequencies times their extinction. (K,)"""
     values = to_array(stage.image).ravel()
     values = values[:: max(1, len(values) // COUNTED_VOXELS)]
     nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)
     counts = np.bincount(nearest, minlength=len(known)) / len(values)
-    # Between the values of voxels there are all others; as if each occurred at least once in a while. No value that is
-    # visible may weigh nothing.
+    # Interpolation produces all values between those of voxels, so each gets a small minimum frequency. The weight of a
+    # visible value must not be 0.
     return np.asarray((counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0), np.float64)
 
 
 def _averaged(
     values: NDArray[np.float32], known: Array, sigma: Array, starts: list[int]
 ) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
-    """Logarithms of the mean extinction around each vertex, and the range that most of it is of.
+    """Return the logarithm of the mean extinction around each vertex, and the range that contributes most to it.
 
-    Where the values run across a range of the function between two vertices, its extinction there would be missed or
-    met by chance. So it is averaged over the values within a cell around the vertex, by its integral over the values
-    (as in pre-integrated classification, Engel et al. 2001).
+    Where the values cross a range of the function between two vertices, sampling the extinction at the vertices would
+    miss it or hit it by chance. It is therefore averaged over the values within a cell around the vertex, by means of
+    its integral over the values (as in pre-integrated classification, Engel et al. 2001).
 
     Args:
-        values: (Z, Y, X), NaN outside of the volume, where there is no extinction.
+        values: Values at the vertices, NaN outside the volume, where the extinction is 0. (Z, Y, X)
         known: Ascending values. (K,)
-        sigma: Their extinction, 1 / box unit. (K,)
-        starts: Where each range begins among them.
+        sigma: Extinction of the known values, 1 / box unit. (K,)
+        starts: Index of the first known value of each range.
 
     Returns:
-        Exponents and owners, (X, Y, Z) each.
+        Natural logarithms of the extinction, and range numbers. (X, Y, Z) each.
     """
     low, high = known[0], known[-1]
     integral = _integral(known, sigma)
     borders = known[starts[1:]]
-    least = 1e-4 * (high - low)  # half the values' spread at least, for differences of the integral to be exact
-    # Values below the first and above the last known one are not met, but a volume may have a single one.
+    least = 1e-4 * (high - low)  # minimum half width, so that differences of the integral are accurate
+    # No values lie below the first or above the last known one, but a volume may have a single value.
     lit = np.concatenate([[False], sigma[:1] > 0, (sigma[1:] > 0) | (sigma[:-1] > 0), sigma[-1:] > 0, [False]])
     edges = np.concatenate([[-np.inf], known, [np.inf]])[lit[1:] != lit[:-1]]
     exponent = np.full(values.shape[::-1], EMPTY_LOG_EXTINCTION, np.float16)
@@ -186,13 +186,13 @@ def _averaged(
             squared += np.square(np.nan_to_num(np.gradient(layer, axis=axis)))
         half = np.maximum(0.5 * AVERAGING_WIDTH * np.sqrt(squared), least)
         start, stop = np.clip(layer - half, low, high), np.clip(layer + half, low, high)
-        own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN counts as the last
+        own = np.minimum(np.searchsorted(borders, layer, side="right"), len(borders))  # NaN gets the last range
         passed = np.searchsorted(edges, start)
         shown = np.nonzero((passed % 2 == 1) | (passed != np.searchsorted(edges, stop)))
         start, stop = start[shown], stop[shown]
         inside = np.interp(stop, known, integral) - np.interp(start, known, integral)
         spread = stop - start
-        here = np.interp(layer[shown], known, sigma)  # of a volume of one value, which has no spread
+        here = np.interp(layer[shown], known, sigma)  # for a volume of a single value, whose spread is 0
         found = np.where(spread > 0, inside / np.where(spread > 0, spread, 1.0), here)
         exponent[:, :, k].T[shown] = np.log(np.clip(found, np.exp(EMPTY_LOG_EXTINCTION), np.exp(OPAQUE_LOG_EXTINCTION)))
         across = np.searchsorted(borders, start) < np.searchsorted(borders, stop)
@@ -200,7 +200,7 @@ def _averaged(
         own[chosen] = _heaviest(start[across], stop[across], own[chosen], known, sigma, starts)
         owner[:, :, k] = own.T
 
-    with ThreadPoolExecutor(processors()) as threads:  # numpy works without the interpreter's lock
+    with ThreadPoolExecutor(processors()) as threads:  # NumPy releases the interpreter's lock
         list(threads.map(average, range(len(values))))
     return exponent, owner
 
@@ -208,7 +208,7 @@ def _averaged(
 def _heaviest(
     start: Array, stop: Array, own: NDArray[np.intp], known: Array, sigma: Array, starts: list[int]
 ) -> NDArray[np.intp]:
-    """The range that most of the extinction from value to value is of; ``own`` where there is none. (V,)"""
+    """Return the range that contributes most extinction between two values; ``own`` if there is none. (V,)"""
     parts = np.empty((len(starts), len(start)))
     numbers = np.arange(len(known))
     for i, (a, b) in enumerate(pairwise([*starts, len(known)])):
@@ -218,5 +218,5 @@ def _heaviest(
 
 
 def _integral(known: Array, sigma: Array) -> Array:
-    """Integral of the extinction over the values, from the first one on. (K,)"""
+    """Return the integral of the extinction over the values, starting at the first one. (K,)"""
     return np.concatenate([[0.0], np.cumsum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(known))])

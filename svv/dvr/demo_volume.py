@@ -1,8 +1,8 @@
-"""The demo's own volume: a ring, field lines and a shell, stirred by a turbulent flow.
+"""The demo's volume: a ring, field lines and a shell, stirred by a turbulent flow.
 
-A passive scalar is carried along by a random flow that has no divergence and a Kolmogorov spectrum (energy ~
-k^(-5/3)), the way smoke is carried by wind. Before the stirring it is a torus (values near 1) threaded by the field
-lines of a dipole (near 0.6) inside a sphere (near 0.3). Nothing is read from anywhere, so no licence hangs on it.
+A passive scalar is advected by a random divergence-free flow with a Kolmogorov spectrum (energy ~ k^(-5/3)), as smoke
+is by wind. Before the stirring, it is a torus (values near 1) threaded by the field lines of a dipole (near 0.6)
+inside a sphere (near 0.3). The volume is generated from scratch, so no licence applies to it.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from svv.errors import BadInput
 Array = NDArray[np.float64]
 
 COARSE = 48
-"""Grid on which the flow is traced back; it is smooth, so its paths need no more."""
+"""Points along each axis of the grid on which the flow is traced back; it suffices because the flow is smooth."""
 
 STEPS = 12
-"""Steps of the tracing."""
+"""Number of steps in which the flow is traced back."""
 
 SLAB = 8
-"""Layers of voxels that are computed together."""
+"""Number of layers of voxels that are computed together."""
 
 LINES = 7
-"""Field lines."""
+"""Number of field lines."""
 
 
 def demo_volume(resolution: int = 128, seed: int = 7, levels: int | None = None) -> vtkImageData:
-    """The volume, values in [0, 1], in the cube [-1, 1]^3: the same field at every resolution.
+    """Return the volume, with values in [0, 1], in the cube [-1, 1]^3: the same field at every resolution.
 
     Args:
         resolution: Voxels along each axis, >= 16.
-        seed: Of the flow.
-        levels: 255 for whole numbers 0 to 255 of one byte each, as a scanner would give; by default float32.
+        seed: Seed of the flow.
+        levels: 255 for whole numbers from 0 to 255, one byte each, as from a scanner; by default float32 values.
 
     Raises:
-        BadInput: A resolution below 16.
+        BadInput: The resolution is below 16.
     """
     if resolution < 16:
         raise BadInput(f"The demo's volume needs at least 16 voxels along each axis, not {resolution}.")
@@ -60,12 +60,12 @@ def demo_volume(resolution: int = 128, seed: int = 7, levels: int | None = None)
 
 
 def demo_transfer_function(shell: float = 0.08, lines: float = 0.6, ring: float = 0.95) -> TransferFunction:
-    """Three visible ranges of distinct hues: a translucent blue shell, crimson field lines, a golden ring.
+    """Return three visible ranges of distinct hues: a translucent blue shell, crimson field lines, a golden ring.
 
     Args:
         shell: The shell's largest opacity, in [0, 1].
-        lines: The field lines'.
-        ring: The ring's.
+        lines: The field lines' largest opacity, in [0, 1].
+        ring: The ring's largest opacity, in [0, 1].
     """
     return TransferFunction(
         colours=(
@@ -83,13 +83,13 @@ def demo_transfer_function(shell: float = 0.08, lines: float = 0.6, ring: float 
 
 
 def _grid() -> Array:
-    """Points (3: z, y, x; n, n, n) of the coarse grid in [-1, 1]^3."""
+    """Return the points of the coarse grid in [-1, 1]^3. (3: z, y, x; n, n, n)"""
     axis = np.linspace(-1.0, 1.0, COARSE)
     return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"))
 
 
 def _noise(rng: np.random.Generator, slope: float) -> Array:
-    """A random periodic field (n, n, n) of mean 0 and variance 1 with amplitudes ~ k^-slope, k up to n / 4."""
+    """Return a random periodic field of mean 0 and variance 1 with amplitudes ~ k^-slope, k up to n / 4. (n, n, n)"""
     waves = np.fft.fftfreq(COARSE, 1 / COARSE)
     k = np.sqrt(sum(w * w for w in np.meshgrid(waves, waves, waves, indexing="ij")))
     spectrum = np.fft.fftn(rng.standard_normal((COARSE,) * 3))
@@ -99,7 +99,10 @@ def _noise(rng: np.random.Generator, slope: float) -> Array:
 
 
 def _flow(rng: np.random.Generator) -> Array:
-    """A divergence-free velocity (3: z, y, x; n, n, n) of variance 1: E(k) ~ k^(-5/3), so amplitudes ~ k^(-11/6)."""
+    """Return a divergence-free velocity (3: z, y, x; n, n, n) of variance 1.
+
+    E(k) ~ k^(-5/3), so the amplitudes are ~ k^(-11/6).
+    """
     waves = np.fft.fftfreq(COARSE, 1 / COARSE)
     k = np.stack(np.meshgrid(waves, waves, waves, indexing="ij"))
     spectrum = np.stack([np.fft.fftn(_noise(rng, 11 / 6)) for _ in range(3)])
@@ -109,19 +112,19 @@ def _flow(rng: np.random.Generator) -> Array:
 
 
 def _carried_back(flow: Array) -> Array:
-    """Where the fluid at each grid point was before it was stirred, (3, n, n, n)."""
+    """Return where the fluid at each grid point was before it was stirred. (3: z, y, x; n, n, n)"""
     point = _grid()
     for _ in range(STEPS):
         index = (point + 1.0) * 0.5 * COARSE
         speed = np.stack([map_coordinates(axis, index, order=1, mode="grid-wrap") for axis in flow])
         _, y, x = point
-        turn = 1.6 * np.exp(-3.0 * (x * x + y * y))  # a whirl about z, faster inside
+        turn = 1.6 * np.exp(-3.0 * (x * x + y * y))  # a vortex about z, faster near the axis
         point = point - 0.09 / STEPS * speed - turn / STEPS * np.stack([0 * x, x, -y])
     return point
 
 
 def _scalar(point: Array, patches: Array) -> Array:
-    """Concentration before the stirring, at points (3: z, y, x; ...)."""
+    """Return the concentration before the stirring at points (3: z, y, x; ...)."""
     z, y, x = point
     across = np.maximum(np.hypot(x, y), 1e-3)
     radius = np.sqrt(across**2 + z * z)
@@ -131,7 +134,7 @@ def _scalar(point: Array, patches: Array) -> Array:
     steepness = np.hypot(3 * radius * z / across**2, 3 * radius / across - 2 * radius**3 / across**3)
     turn = np.mod(np.arctan2(y, x) * LINES / (2 * np.pi), 1.0) - 0.5
     line = np.hypot((number - 0.74) / steepness, turn * 2 * np.pi / LINES * across)
-    line = np.hypot(line, np.maximum(radius - 0.72, 0.0))  # none leaves the shell
+    line = np.hypot(line, np.maximum(radius - 0.72, 0.0))  # the lines stay inside the shell
     shell = radius - 0.8
     parts = (
         _tube(ring, 0.12),
@@ -142,5 +145,5 @@ def _scalar(point: Array, patches: Array) -> Array:
 
 
 def _tube(distance: Array, width: float) -> Array:
-    """1 at distance 0, steep at ``width``: lower values, which are other ranges, make only a thin skin."""
+    """Return a profile that is 1 at distance 0 and steep at ``width``, so other ranges appear only as a thin skin."""
     return np.exp(-np.log(2.0) * (distance / width) ** 4)

@@ -1,6 +1,6 @@
-"""Regular grids: a ``vtkImageData`` with one scalar per point, its NumPy array and its place in the world.
+"""Regular grids: a ``vtkImageData`` with one scalar per point, its NumPy array and its position in the world.
 
-World coordinates are origin + direction matrix * spacing * index. NumPy arrays of a volume are indexed [z, y, x].
+World coordinates are origin + direction matrix * spacing * index. NumPy arrays of volumes are indexed [z, y, x].
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from svv.errors import BadInput
 Triple = Sequence[float]
 
 ORTHOGONAL_TOLERANCE = 1e-3
-"""Largest cosine between two axes of a grid that still count as perpendicular."""
+"""Largest cosine of the angle between two axes of a grid that still count as perpendicular."""
 
 
 def as_volume(image: vtkImageData, array: str | None = None, name: str = "The volume") -> vtkImageData:
     """Check an image and reduce it to one single-component point scalar array.
 
-    Cell scalars become point scalars at the cells' centres, which keeps every value as it is (averaging to the
-    corners would blur thin features away); the bounds shrink by half a cell on each side.
+    Cell scalars become point scalars at the cells' centres, which keeps every value unchanged (averaging at the
+    corners would blur thin features); the bounds shrink by half a cell on each side.
 
     Args:
         image: Any image; it is not changed.
-        array: Name of the array; without it the active scalars, or the first array with one component.
-        name: What the image is called in messages.
+        array: Name of the array; by default the active scalars, or the first array with one component.
+        name: Name of the image in messages.
 
     Returns:
         A new image (sharing the array's memory where the type allows it).
 
     Raises:
-        BadInput: No scalars, several components, NaN or infinities, fewer than two points along an axis, a
-            spacing that is not positive, or a direction matrix whose axes are not perpendicular.
+        BadInput: There are no scalars, or they have several components, NaN or infinities; there are fewer than two
+            points along an axis; the spacing is not positive; or the axes are not perpendicular.
     """
     scalars, on_cells = _pick(image, array, name)
     dims = np.array(image.GetDimensions()) - (1 if on_cells else 0)
     if dims.min() < 2:
         size = " x ".join(str(max(d, 0)) for d in dims)
-        raise BadInput(f"{name} is no volume but {size} voxels; at least 2 along each axis are needed.")
+        raise BadInput(f"{name} has {size} voxels; a volume needs at least 2 along each axis.")
     matrix = index_to_world(image)
     _check_geometry(matrix, name)
     result = vtkImageData()
@@ -63,16 +63,16 @@ def from_array(
     origin: Triple = (0.0, 0.0, 0.0),
     name: str = "scalars",
 ) -> vtkImageData:
-    """An image from an array indexed [z, y, x].
+    """Return an image made from an array indexed [z, y, x].
 
     Args:
-        values: (nz, ny, nx), any integer, float or boolean type.
-        spacing: World units (x, y, z).
+        values: Array of any integer, float or boolean type. (nz, ny, nx)
+        spacing: Distances between voxels (x, y, z), world units.
         origin: World position of the first voxel (x, y, z).
-        name: Of the scalar array.
+        name: Name of the scalar array.
 
     Raises:
-        BadInput: Not three axes, or a type that is no number.
+        BadInput: The array does not have three axes, or its type is not numeric.
     """
     if values.ndim != 3:
         raise BadInput(f"A volume needs three axes, but the array's shape is {values.shape}.")
@@ -85,12 +85,12 @@ def from_array(
 
 
 def to_array(image: vtkImageData) -> NDArray[Any]:
-    """The scalars as an array (nz, ny, nx) that shares the image's memory."""
+    """Return the scalars as an array (nz, ny, nx) that shares the image's memory."""
     return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
 
 
 def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
-    """(4, 4) matrix from voxel indices, counted from the first voxel, to world coordinates."""
+    """Return the matrix from voxel indices, counted from the first voxel, to world coordinates. (4, 4)"""
     direction = image.GetDirectionMatrix()
     axes = np.array([[direction.GetElement(i, j) for j in range(3)] for i in range(3)])
     matrix = np.eye(4)
@@ -100,7 +100,7 @@ def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
 
 
 def set_geometry(image: vtkImageData, axes: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
-    """Set spacing, direction and origin from the steps (3, 3: one column per index axis) between voxels."""
+    """Set spacing, direction and origin from the steps between voxels (3, 3: one column per index axis)."""
     spacing = np.linalg.norm(axes, axis=0)
     image.SetSpacing(*spacing)
     image.SetDirectionMatrix(*(axes / np.where(spacing > 0, spacing, 1)).ravel())
@@ -108,7 +108,7 @@ def set_geometry(image: vtkImageData, axes: NDArray[np.float64], origin: NDArray
 
 
 def _pick(image: vtkImageData, array: str | None, name: str) -> tuple[vtkDataArray, bool]:
-    """The scalar array to show, and whether it lies on cells."""
+    """Return the scalar array to show, and whether it belongs to the cells."""
     points, cells = image.GetPointData(), image.GetCellData()
     if array is not None:
         for data, on_cells in ((points, False), (cells, True)):
@@ -122,7 +122,7 @@ def _pick(image: vtkImageData, array: str | None, name: str) -> tuple[vtkDataArr
                 return candidate, on_cells
     for data in (points, cells):
         if data.GetNumberOfArrays() and data.GetArray(0):
-            return data.GetArray(0), data is cells  # refused later, with the number of its components
+            return data.GetArray(0), data is cells  # rejected later, with the number of its components
     raise BadInput(f"{name} has no scalars; a volume needs one number per voxel.")
 
 
@@ -138,7 +138,7 @@ def _plain(scalars: vtkDataArray, name: str) -> NDArray[Any]:
             f"{name}: the array '{scalars.GetName()}' has {components} components per voxel; a volume needs one, "
             "so extract a component or the magnitude first."
         )
-    if scalars.GetClassName() == "vtkBitArray":  # packed, which NumPy cannot look at
+    if scalars.GetClassName() == "vtkBitArray":  # packed bits, which NumPy cannot view
         bytes_ = vtkUnsignedCharArray()
         bytes_.DeepCopy(scalars)
         scalars = bytes_
@@ -151,7 +151,7 @@ def _plain(scalars: vtkDataArray, name: str) -> NDArray[Any]:
 
 
 def _native(values: NDArray[Any], name: str) -> NDArray[Any]:
-    """The values in a type that VTK knows: native byte order, no half floats, no booleans."""
+    """Return the values in a type that VTK knows: native byte order, no half floats, no booleans."""
     if values.dtype.kind not in "buif":
         raise BadInput(f"{name} holds values of type {values.dtype}; a volume needs integers or real numbers.")
     kind = {"b1": "u1", "f2": "f4", "f16": "f8"}.get(values.dtype.str[1:], values.dtype.str[1:])

@@ -1,4 +1,4 @@
-"""A transfer function for a volume that comes without one, from its histogram."""
+"""A default transfer function for a volume, from its histogram."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from svv.errors import BadInput
 
 
 def default_transfer_function(image: vtkImageData) -> TransferFunction:
-    """Two visible ranges for a volume that comes without a transfer function.
+    """Return a transfer function with two visible ranges of a volume's histogram.
 
     The histogram is cut into three classes (Otsu 1979: the cuts that leave the least variance within the classes).
-    The most frequent class is background; of the others the one nearer to it gets a translucent bump, the farther
-    one a nearly opaque one.
+    The most frequent class is the background; of the other two, the class nearer to it gets a translucent bump and the
+    farther one a nearly opaque bump.
 
     Raises:
         BadInput: All voxels have the same value.
@@ -39,7 +39,7 @@ def default_transfer_function(image: vtkImageData) -> TransferFunction:
         hue = HUES[0] if i == far else HUES[1]
         left, right = cuts[i] + 0.02 * width, cuts[i + 1] - 0.02 * width
         rise, fall = cuts[i] + 0.3 * width, cuts[i + 1] - 0.3 * width
-        # A class at the end of the range stays visible up to it: the extreme values are its core, not a border.
+        # A class at the end of the range stays visible up to that end: the extreme values are its core, not a border.
         opacities += [(left, peak * (i == 0), 0.5, 0.0), (rise, peak, 0.5, 0.0)]
         opacities += [(fall, peak, 0.5, 0.0), (right, peak * (i == 2), 0.5, 0.0)]
         colours += [(left, *hue), (right, *hue)]
@@ -47,7 +47,7 @@ def default_transfer_function(image: vtkImageData) -> TransferFunction:
 
 
 def _otsu(counts: NDArray[np.int64]) -> tuple[int, int]:
-    """The bins after which to cut a histogram into the three classes that differ most."""
+    """Return the two bins after which to cut a histogram into the three classes that differ most."""
     weight = np.concatenate([[0.0], np.cumsum(counts, dtype=np.float64)])
     moment = np.concatenate([[0.0], np.cumsum(counts * np.arange(len(counts), dtype=np.float64))])
 
@@ -58,5 +58,5 @@ def _otsu(counts: NDArray[np.int64]) -> tuple[int, int]:
     first, second = np.triu_indices(len(counts) - 1, k=1)
     zero, last = np.zeros_like(first), np.full_like(first, len(counts))
     score = between(zero, first + 1) + between(first + 1, second + 1) + between(second + 1, last)
-    best = score >= score.max() * (1 - 1e-9)  # all cuts through one empty stretch are equal: the middle one is meant
+    best = score >= score.max() * (1 - 1e-9)  # all cuts within an empty stretch are equal: take the middle one
     return int(first[best].mean()), int(second[best].mean())

@@ -1,11 +1,11 @@
-"""The two ray casters of VTK, each behind ``render``: a camera in, straight-alpha pixels out.
+"""VTK's two ray casters, each with a method ``render`` that takes a camera and returns straight-alpha pixels.
 
-CPU: ``vtkFixedPointVolumeRayCastMapper`` computes a premultiplied RGBA image of 15 bits a channel in memory and then
-lets OpenGL draw it. We take the image from memory. That needs no OpenGL at all (so no display, EGL or OSMesa), and its
-alpha is the ray caster's own, 128 times finer than what can be read back from an 8-bit window.
+CPU: ``vtkFixedPointVolumeRayCastMapper`` computes a premultiplied RGBA image of 15 bits per channel in memory and then
+has OpenGL draw it. We take the image from memory, which requires no OpenGL at all (so no display, EGL or OSMesa). Its
+alpha comes directly from the ray caster and is 128 times finer than one read back from an 8-bit window.
 
-GPU: ``vtkGPUVolumeRayCastMapper`` draws into an off-screen window, whose alpha channel VTK fills wrongly in places for
-translucent volumes. So each view is drawn twice, on black and on white: alpha = 1 - (white - black).
+GPU: ``vtkGPUVolumeRayCastMapper`` draws into an off-screen window, whose alpha channel is wrong in places for
+translucent volumes. Each view is therefore drawn twice, on black and on white: alpha = 1 - (white - black).
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import vtkmodules.vtkRenderingOpenGL2 as opengl  # also registers what a renderer is made of
-import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401  # and what the mappers are made of
+import vtkmodules.vtkRenderingOpenGL2 as opengl  # also registers the implementation of renderers
+import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401  # and that of the mappers
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -40,22 +40,22 @@ from svv.errors import BadInput
 Pixels = NDArray[np.uint8]
 
 FULL = 32767
-"""1.0 in the CPU ray caster's 15-bit numbers."""
+"""The value 1.0 in the CPU ray caster's 15-bit numbers."""
 
 NEARLY_OPAQUE = FULL - 255
-"""The CPU ray caster ends a ray whose remaining transmittance is below 255/32767; it counts as opaque."""
+"""Alpha from which a pixel counts as opaque: the CPU ray caster ends rays at a transmittance below 255/32767."""
 
 BLOCK = 4
-"""Cells along a block, and"""
+"""Cells along each side of a block; rays that miss all visible blocks are skipped."""
 
 TILE = 8
-"""pixels along a tile, by which rays that meet nothing are told from the others."""
+"""Pixels along each side of a tile, for which rays are skipped together."""
 
 SOFTWARE_GL = ("llvmpipe", "softpipe", "swiftshader", "software rasterizer", "swrast")
 
 NO_WINDOW = (
-    "No off-screen OpenGL context can be made for the GPU ray caster: install libegl1 libosmesa6 (Debian's names) or "
-    "choose the CPU ray caster (--mapper cpu), which needs none."
+    "The GPU ray caster needs an off-screen OpenGL context, which cannot be created: install libegl1 libosmesa6 "
+    "(Debian's names) or choose the CPU ray caster (--mapper cpu)."
 )
 
 
@@ -63,8 +63,8 @@ class CpuMapper:
     """VTK's fixed-point ray caster, without a window.
 
     Args:
-        stage: What to render.
-        shading: How.
+        stage: Stage with the volume to render.
+        shading: Shading of the volume.
         step: Sample distance, stage units.
     """
 
@@ -80,17 +80,17 @@ class CpuMapper:
         mapper.SetNumberOfThreads(processors())
         self._mapper, self._volume = mapper, _volume(mapper, stage, shading)
         self.set_step(step)
-        # This kind of window never makes a context of its own; the ray caster only asks it for its size.
+        # This kind of window never creates an OpenGL context; the ray caster only asks for its size.
         self._window = opengl.vtkGenericOpenGLRenderWindow()
         self._renderer = _renderer(self._window, self._volume)
         self._blocks, self._radius = _visible_blocks(stage)
 
     def render(self, camera: Camera) -> Pixels:
-        """(height, width, 4) uint8, straight alpha; colour 0 where alpha is 0."""
+        """Render a view with straight alpha; its colour is 0 where alpha is 0. (height, width, 4) uint8"""
         self._window.SetSize(camera.width, camera.height)
         _place(self._renderer, self._stage, camera)
         pixels: Pixels = np.zeros((camera.height, camera.width, 4), np.uint8)
-        # The steps of vtkFixedPointVolumeRayCastMapper::Render, but for the last one, which draws with OpenGL.
+        # The steps of vtkFixedPointVolumeRayCastMapper::Render, except the last one, which draws with OpenGL.
         self._mapper.PerImageInitialization(self._renderer, self._volume, 0, [0.0] * 3, [0.0] * 3, [0] * 6)
         self._mapper.PerVolumeInitialization(self._renderer, self._volume)
         self._mapper.PerSubVolumeInitialization(self._renderer, self._volume, 0)
@@ -108,10 +108,10 @@ class CpuMapper:
         return pixels
 
     def _skip_empty_rays(self, cast: Any, camera: Camera, used: tuple[slice, slice]) -> None:
-        """Cast no ray that passes all visible cells by, and none farther than behind the last of them.
+        """Skip rays that miss all visible cells, and end the others behind the last visible cell.
 
-        The ray caster ends rays at the depth buffer of the geometry around the volume; ours holds, for each tile, the
-        depth behind its last visible cell.
+        The ray caster ends rays at the depth buffer of surrounding geometry; our buffer contains the depth behind the
+        last visible cell of each tile.
         """
         position, direction, up = self._stage.pose(camera)
         offset = self._blocks - position
@@ -126,10 +126,10 @@ class CpuMapper:
         inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
         last = np.zeros(shape)
         np.maximum.at(last, (row[inside], column[inside]), depth[inside] + 2.0 * self._radius)
-        reach = self._radius * camera.focal / (depth.min() - self._radius) + 1.0  # pixels, of any block
+        reach = self._radius * camera.focal / (depth.min() - self._radius) + 1.0  # radius of any block in pixels
         last = maximum_filter(last, 2 * int(np.ceil(reach / TILE)) + 1)
         near, far = self._renderer.GetActiveCamera().GetClippingRange()
-        ends = np.zeros(shape, np.float32)  # 0: the ray ends where it begins
+        ends = np.zeros(shape, np.float32)  # 0: the ray ends where it starts
         ends[last > near] = np.minimum(far * (1.0 - near / last[last > near]) / (far - near), 1.0)
         depths = np.repeat(np.repeat(ends, TILE, axis=0), TILE, axis=1)[used]
         cast.SetUseZBuffer(1)
@@ -139,24 +139,24 @@ class CpuMapper:
         _memory(cast.GetZBuffer(), ctypes.c_float, depths.size)[:] = depths.ravel()
 
     def set_step(self, step: float) -> None:
-        """Another sample distance, stage units."""
+        """Set the sample distance, stage units."""
         self._mapper.SetSampleDistance(step)
         self._mapper.SetInteractiveSampleDistance(step)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there are no resources to release."""
 
 
 class GpuMapper:
     """VTK's OpenGL ray caster in an off-screen window.
 
     Args:
-        stage: What to render.
-        shading: How.
+        stage: Stage with the volume to render.
+        shading: Shading of the volume.
         step: Sample distance, stage units.
 
     Raises:
-        BadInput: No off-screen OpenGL context can be made.
+        BadInput: No off-screen OpenGL context can be created.
     """
 
     name = "gpu"
@@ -174,11 +174,11 @@ class GpuMapper:
         self._renderer = _renderer(self._window, _volume(mapper, stage, shading))
 
     def render(self, camera: Camera) -> Pixels:
-        """(height, width, 4) uint8, straight alpha; colour 0 where alpha is 0."""
+        """Render a view with straight alpha; its colour is 0 where alpha is 0. (height, width, 4) uint8"""
         self._window.SetSize(camera.width, camera.height)
         _place(self._renderer, self._stage, camera)
         black, white = (self._draw(level, camera) for level in (0.0, 1.0))
-        # Each channel is rounded on its own; the mean of the three differences is the best estimate of alpha.
+        # Each channel is rounded separately; the mean of the three differences is the best estimate of alpha.
         alpha = np.clip(1.0 - (white - black).mean(axis=-1, keepdims=True) / 255.0, 0.0, 1.0)
         alpha = np.where((black == 0).all(-1, keepdims=True) & (alpha < 1 / 255), 0.0, alpha)
         colour = black / np.maximum(alpha, 1 / 255)
@@ -199,20 +199,20 @@ class GpuMapper:
         return vtk_to_numpy(read).reshape(camera.height, camera.width, 3).astype(np.float32)
 
     def set_step(self, step: float) -> None:
-        """Another sample distance, stage units."""
+        """Set the sample distance, stage units."""
         self._mapper.SetSampleDistance(step)
 
     def close(self) -> None:
-        """Give the OpenGL context back."""
+        """Release the OpenGL context."""
         self._renderer.RemoveAllViewProps()
         self._window.Finalize()
 
 
 def choose_mapper(mapper: str) -> type[CpuMapper] | type[GpuMapper]:
-    """The ray caster for ``auto``, ``gpu`` or ``cpu``; auto is the GPU where OpenGL runs on hardware.
+    """Return the ray caster for ``auto``, ``gpu`` or ``cpu``; auto is the GPU if OpenGL runs on hardware.
 
     Raises:
-        BadInput: Another word.
+        BadInput: ``mapper`` is another word.
     """
     if mapper not in ("auto", "gpu", "cpu"):
         raise BadInput(f"The mapper must be auto, gpu or cpu, not '{mapper}'.")
@@ -221,7 +221,7 @@ def choose_mapper(mapper: str) -> type[CpuMapper] | type[GpuMapper]:
 
 @cache
 def hardware_opengl() -> bool:
-    """Whether an off-screen window here is drawn by a graphics card. Loads OpenGL only where a card may be."""
+    """Return whether a GPU draws off-screen windows here; loads OpenGL only if there may be one."""
     if sys.platform == "linux" and not any(map(os.path.exists, ("/dev/dri", "/dev/nvidiactl", "/dev/kfd"))):
         return False
     try:
@@ -234,16 +234,16 @@ def hardware_opengl() -> bool:
 
 
 def off_screen_window() -> Any:
-    """An off-screen render window with a live OpenGL context.
+    """Return an off-screen render window with a working OpenGL context.
 
     Raises:
-        BadInput: None can be made; says what to install.
+        BadInput: No context can be created; the message says what to install.
     """
     window = None
     if sys.platform != "linux" or os.environ.get("DISPLAY"):
         window = vtkRenderWindow()
     elif hasattr(opengl, "vtkEGLRenderWindow") and ctypes.util.find_library("EGL"):
-        window = opengl.vtkEGLRenderWindow()  # asked for by name, since the default tries X first and complains
+        window = opengl.vtkEGLRenderWindow()  # requested by name, because the default tries X first and reports errors
     elif hasattr(opengl, "vtkOSOpenGLRenderWindow") and ctypes.util.find_library("OSMesa"):
         window = opengl.vtkOSOpenGLRenderWindow()
     if window is None:
@@ -260,7 +260,7 @@ def off_screen_window() -> Any:
 
 @contextmanager
 def all_threads() -> Iterator[None]:
-    """ParaView allows VTK's older kind of threads but one, on which the ray caster takes twice as long on two cores."""
+    """Lift ParaView's limit of one thread in ``vtkMultiThreader``; on two cores, it doubles the ray caster's time."""
     limit = vtkMultiThreader.GetGlobalMaximumNumberOfThreads()
     vtkMultiThreader.SetGlobalMaximumNumberOfThreads(0)  # no limit
     try:
@@ -270,20 +270,20 @@ def all_threads() -> Iterator[None]:
 
 
 def processors() -> int:
-    """CPUs that this process may use."""
+    """Return the number of CPUs that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _memory(pointer: object, kind: Any, count: int) -> NDArray[Any]:
-    """The memory behind a pointer that VTK hands to Python as ``_<address>_p_void``."""
+    """Return an array of the memory at a pointer that VTK passes to Python as ``_<address>_p_void``."""
     address = re.match(r"_([0-9a-f]+)_p_", str(pointer))
     if address is None:
-        raise RuntimeError(f"VTK hands its memory out in a way that is not known here: {pointer!r}")
+        raise RuntimeError(f"VTK returned a pointer in an unknown form: {pointer!r}")
     return np.ctypeslib.as_array((kind * count).from_address(int(address.group(1), 16)))
 
 
 def _visible_blocks(stage: Stage) -> tuple[NDArray[np.float64], float]:
-    """Centres (n, 3) of the blocks of cells that show something, and the radius of a block, stage units."""
+    """Return the centres (n, 3) of the blocks with visible cells, and the radius of a block, stage units."""
     seen = visible_cells(to_array(stage.image), stage.tf)
     padded = np.pad(seen, [(0, -size % BLOCK) for size in seen.shape])
     z, y, x = (size // BLOCK for size in padded.shape)
@@ -293,7 +293,7 @@ def _visible_blocks(stage: Stage) -> tuple[NDArray[np.float64], float]:
 
 
 def _straight(cast: NDArray[np.uint16]) -> Pixels:
-    """Premultiplied 15-bit pixels to straight 8-bit ones."""
+    """Convert premultiplied 15-bit pixels to straight-alpha 8-bit pixels."""
     pixels: Pixels = np.zeros(cast.shape, np.uint8)
     shown = cast[..., 3] > 0
     numbers = cast[shown].astype(np.float32)  # (pixels, 4)
@@ -329,7 +329,7 @@ def _renderer(window: Any, volume: vtkVolume) -> vtkRenderer:
     renderer.AddVolume(volume)
     light = vtkLight()
     light.SetLightTypeToHeadlight()
-    light.SetAmbientColor(1.0, 1.0, 1.0)  # by default black, and with it the CPU ray caster's ambient part
+    light.SetAmbientColor(1.0, 1.0, 1.0)  # black by default, which would remove the ambient term of the CPU ray caster
     renderer.AddLight(light)
     window.AddRenderer(renderer)
     return renderer

@@ -1,6 +1,6 @@
-"""Formats beyond ours, by PyVista's list of VTK's readers: in the standalone installation, never inside ParaView.
+"""Further file formats, by way of PyVista's list of VTK readers: in the standalone installation, never inside ParaView.
 
-PyVista stands on the VTK from PyPI, and a second VTK beside ParaView's own ends the process.
+PyVista depends on the VTK from PyPI, and loading a second VTK next to ParaView's own ends the process.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from svv.dvr.vtk_readers import vtk_messages
 
 
 def reader_of(path: Path) -> Any | None:
-    """VTK's reader of a file or of a folder of DICOM slices, as PyVista chooses it.
+    """Return the VTK reader that PyVista chooses for a file or a folder of DICOM slices.
 
     Returns:
-        A ``vtkAlgorithm`` whose file name is still to be set; None for a kind that PyVista reads without VTK or does
-        not know, without PyVista, and inside ParaView.
+        A ``vtkAlgorithm`` whose file name is not yet set; None for formats that PyVista does not know or reads without
+        VTK, if PyVista is not installed, and inside ParaView.
     """
     if "paraview" in sys.modules or find_spec("pyvista") is None:
         return None
@@ -32,6 +32,6 @@ def reader_of(path: Path) -> Any | None:
     try:
         with vtk_messages():
             reader = pyvista.get_reader(str(path), force_ext=suffix).reader
-    except (ValueError, ImportError):  # unknown to it, or served by a package that is not installed
+    except (ValueError, ImportError):  # unknown to PyVista, or needs a package that is not installed
         return None
     return reader if isinstance(reader, vtkAlgorithm) else None

@@ -1,7 +1,7 @@
-"""The stage on which a volume is rendered: cropped to what is visible, centred and scaled to the size of one.
+"""The stage on which a volume is rendered: cropped to its visible part, centred and scaled to unit size.
 
-VTK's volume mappers lose accuracy with spacings of 1e-9 or 1e6, and the CPU ray caster knows nothing of direction
-matrices. So the volume is put on the stage without them, and cameras are moved from the world onto the stage.
+VTK's volume mappers lose accuracy with spacings of 1e-9 or 1e6, and the CPU ray caster ignores direction matrices. The
+volume is therefore placed on the stage without either, and cameras are transformed from the world to the stage.
 """
 
 from __future__ import annotations
@@ -21,37 +21,38 @@ from svv.errors import BadInput
 Array = NDArray[np.float64]
 
 MARGIN = 1
-"""Voxels kept around the visible cells: their gradients reach one voxel further."""
+"""Number of voxels kept around the visible cells, whose gradients reach one voxel further."""
 
 
 SLAB = 16
-"""Layers of cells that are looked at together."""
+"""Number of layers of cells that are examined together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A volume ready to be rendered, and its place in the world.
+    """A volume ready to be rendered, and its position in the world.
 
     stage coordinates = scale * rotation^T (world coordinates - centre)
     """
 
     image: vtkImageData
-    """Cropped, centred at 0, its longest side 1, right-handed and without a direction matrix."""
+    """The volume: cropped, centred at 0, with a longest side of 1, right-handed, without a direction matrix."""
     tf: TransferFunction
-    """For the values of ``image``."""
+    """Transfer function for the values of ``image``."""
     unit_distance: float
     """Opacity unit distance, stage units."""
     rotation: Array
-    """(3, 3), columns: the stage's axes in the world."""
+    """Axes of the stage in the world, as columns. (3, 3)"""
     centre: Array
-    """(3,), the stage's origin in the world: the middle of what is visible."""
+    """Origin of the stage in the world: the centre of the visible part. (3,)"""
     scale: float
     """Stage units per world unit."""
     visible_size: Array
-    """(3,), world lengths of the visible box along the volume's own axes."""
+    """Side lengths of the visible box along the volume's own axes, world units. (3,)"""
     gain: float
+    """Factor in: value in ``image`` = ``gain`` * value of the volume + ``offset``."""
     offset: float
-    """value in ``image`` = ``gain`` * value of the volume + ``offset``"""
+    """Summand in the same equation."""
 
     @property
     def voxel(self) -> float:
@@ -61,23 +62,23 @@ class Stage:
 
     @property
     def bounds(self) -> Array:
-        """(2, 3): world axis-aligned bounds of the visible box, lower and upper corner."""
+        """Axis-aligned world bounds of the visible box: lower and upper corner. (2, 3)"""
         half = 0.5 * np.abs(self.rotation) @ self.visible_size
         return np.stack([self.centre - half, self.centre + half])
 
     def pose(self, camera: Camera) -> tuple[Array, Array, Array]:
-        """Position, view direction and view-up of a camera on the stage, (3,) each."""
+        """Return the position, view direction and view-up of a camera on the stage. (3,) each"""
         turned = self.rotation.T @ camera.camera_to_world[:3, :3]
         return self.scale * self.rotation.T @ (camera.position - self.centre), -turned[:, 2], turned[:, 1]
 
 
 def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
-    """Crop a volume to its visible cells and bring it to the size of one.
+    """Crop a volume to its visible cells and scale it to unit size.
 
     Args:
-        image: One-component point scalars (see ``as_volume``).
-        tf: For the image's values (see ``TransferFunction.fitted``); without an opacity unit distance it gets
-            ParaView's.
+        image: Volume with one-component point scalars (see ``as_volume``).
+        tf: Transfer function for the image's values (see ``TransferFunction.fitted``). If it has no opacity unit
+            distance, ParaView's default is used.
 
     Raises:
         BadInput: No cell holds a value with an opacity above 0.
@@ -105,9 +106,9 @@ def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
 
 
 def visible_cells(values: NDArray[Any], tf: TransferFunction) -> NDArray[np.bool_]:
-    """Which cells (z, y, x; one less than voxels along each axis) can show something.
+    """Return which cells can show something (z, y, x; one fewer than voxels along each axis).
 
-    A cell is visible if its interpolated values meet a value with an opacity above 0.
+    A cell is visible if its range of interpolated values includes a value with an opacity above 0.
     """
     ranges = tf.visible_ranges(float(values.min()), float(values.max()))
     seen = np.zeros([size - 1 for size in values.shape], dtype=bool)  # (cells z, y, x)
@@ -124,7 +125,7 @@ def visible_cells(values: NDArray[Any], tf: TransferFunction) -> NDArray[np.bool
 
 
 def _visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The smallest box of voxels (first, last index along x, y, z) that holds every visible cell."""
+    """Return the smallest box of voxels that contains every visible cell: first and last index along x, y, z."""
     first, last = np.zeros(3, np.intp), np.zeros(3, np.intp)
     for axis in range(3):
         found = np.flatnonzero(seen.any(axis=tuple(a for a in range(3) if a != 2 - axis)))
@@ -135,10 +136,10 @@ def _visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray
 
 
 def _small_type(values: NDArray[Any]) -> tuple[NDArray[Any], float, float]:
-    """Values in a type that both mappers take, and (gain, offset) of the map to them.
+    """Return the values in a type that both mappers accept, and the gain and offset of the mapping.
 
-    8 and 16 bits stay as they are. Wider types are mapped to float32 in [0, 1], since the mappers overflow where
-    values are huge, tiny or 64 bits wide.
+    8-bit and 16-bit values stay unchanged. Wider types are mapped to float32 in [0, 1], because the mappers overflow
+    for values that are huge, tiny or 64 bits wide.
     """
     if values.dtype.itemsize <= 2:
         return values, 1.0, 0.0

@@ -1,7 +1,7 @@
-"""Transfer functions: which colour and which opacity a scalar value gets.
+"""Transfer functions, which map scalar values to colours and opacities.
 
-Opacities are those of a slab of one *opacity unit distance*: a ray that runs a distance d through a value of
-opacity a keeps the share (1 - a) ** (d / unit) of the light behind it.
+An opacity applies to a slab as thick as one *opacity unit distance*: a ray that passes a distance d through a value of
+opacity a keeps the fraction (1 - a) ** (d / unit) of the light behind it.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step")
 """Spaces in which colours are interpolated between two points (ParaView's names)."""
 
 OPAQUE = 0.99
-"""A function that is nowhere below this opacity shows nothing but the volume's box."""
+"""A function that is nowhere below this opacity shows only the volume's box."""
 
 HUES = ((0.15, 0.45, 0.95), (1.0, 0.55, 0.15), (0.25, 0.8, 0.4), (0.9, 0.2, 0.5))
-"""Colours for ranges that come without one, in this order."""
+"""Colours for ranges that are given without one, in this order."""
 
 Points = tuple[tuple[float, ...], ...]
-"""Points of four numbers: a value and what it gets."""
+"""Points of a function, four numbers each, the first of which is the value."""
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,17 @@ class TransferFunction:
     """Colour and opacity as functions of the scalar value.
 
     Args:
-        colours: (value, red, green, blue) in ascending order of values, colours in [0, 1]. Two points of one value
-            make a jump.
+        colours: (value, red, green, blue) in ascending order of values, colours in [0, 1]. Two points with the same
+            value make a jump.
         opacities: (value, opacity, midpoint, sharpness), ascending, all but the value in [0, 1]; midpoint and
-            sharpness shape the way to the next point as in VTK (0.5 and 0: straight).
-        unit_distance: Opacity unit distance in world units; None: ParaView's default (see ``unit_distance_for``).
-        name: For people.
-        space: One of ``COLOUR_SPACES``; HSV does not wrap round, as in ParaView.
+            sharpness shape the curve to the next point as in VTK (0.5 and 0: a straight line).
+        unit_distance: Opacity unit distance in world units; None for ParaView's default (see ``unit_distance_for``).
+        name: Name in messages.
+        space: One of ``COLOUR_SPACES``; HSV does not wrap around, as in ParaView.
 
     Raises:
-        BadInput: No points, values that are not finite or not ascending, numbers outside [0, 1], an unknown space.
+        BadInput: There are no points, values are not finite or not ascending, numbers are outside [0, 1], or the
+            colour space is unknown.
     """
 
     colours: Points
@@ -63,14 +64,14 @@ class TransferFunction:
             except (TypeError, ValueError):
                 points = np.empty(0)
             if points.ndim != 2 or points.shape[1] != 4 or not np.isfinite(points).all():
-                raise BadInput(f"'{self.name}' needs {kind} that are a list of points of four finite numbers each.")
+                raise BadInput(f"'{self.name}' needs {kind} as a list of points of four finite numbers each.")
             if (np.diff(points[:, 0]) < 0).any():
                 raise BadInput(f"The {kind} of '{self.name}' must be in ascending order of their values.")
             if points[:, 1:].min() < 0 or points[:, 1:].max() > 1:
                 raise BadInput(f"The {kind} of '{self.name}' must lie between 0 and 1.")
             object.__setattr__(self, kind, tuple(tuple(float(x) for x in point) for point in points))
         if self.space not in COLOUR_SPACES:
-            raise BadInput(f"'{self.name}' has the colour space {self.space}; known are {', '.join(COLOUR_SPACES)}.")
+            raise BadInput(f"'{self.name}' has the colour space {self.space}; use one of {', '.join(COLOUR_SPACES)}.")
         if self.unit_distance is not None and not (np.isfinite(self.unit_distance) and self.unit_distance > 0):
             raise BadInput(f"The opacity unit distance must be a positive number, not {self.unit_distance}.")
 
@@ -81,25 +82,24 @@ class TransferFunction:
         return min(values), max(values)
 
     def mapped(self, scale: float, offset: float) -> TransferFunction:
-        """The same function of scale * value + offset (scale > 0)."""
+        """Return the same function for values mapped to scale * value + offset (scale > 0)."""
         colours = tuple((scale * v + offset, *rest) for v, *rest in self.colours)
         opacities = tuple((scale * v + offset, *rest) for v, *rest in self.opacities)
         return replace(self, colours=colours, opacities=opacities)
 
     def fitted(self, low: float, high: float, rescale: bool | None = None) -> TransferFunction:
-        """The function for data in [low, high].
+        """Return the function for data in [low, high].
 
         ParaView's presets often run from 0 to 1 and are stretched over the data when they are applied.
 
         Args:
             low: Smallest value of the data.
             high: Largest value of the data.
-            rescale: True stretches the points over the data's range, False leaves them. None stretches only a
-                function that runs from exactly 0 to 1 over data that is not in [-0.5, 1.5] or spans less than a
-                tenth of that.
+            rescale: True stretches the points over the data's range, False leaves them. None stretches only a function
+                that runs from exactly 0 to 1, and only if the data is not in [-0.5, 1.5] or spans less than 0.1.
 
         Raises:
-            BadInput: The function lies outside the data's range, or is transparent or opaque all over it.
+            BadInput: The function lies outside the data's range, or is transparent or opaque throughout it.
         """
         start, stop = self.range
         if rescale is None:
@@ -125,13 +125,13 @@ class TransferFunction:
             raise BadInput(f"'{self.name}' is opaque everywhere in the data's range ({data}): only a box would show.")
 
     def samples(self, low: float, high: float) -> NDArray[np.float64]:
-        """Values in [low, high] that miss no extremum: an even spread, the points, and both sides of each."""
+        """Return values in [low, high] that miss no extremum: evenly spaced, the points, and both sides of each."""
         values = np.array([point[0] for point in self.opacities])
         near = np.concatenate([values, np.nextafter(values, -np.inf), np.nextafter(values, np.inf)])
         return np.unique(np.clip(np.concatenate([np.linspace(low, high, 1025), near]), low, high))
 
     def visible_ranges(self, low: float, high: float) -> list[tuple[float, float]]:
-        """Intervals of values in [low, high] with an opacity above 0, in ascending order."""
+        """Return the intervals of values in [low, high] with an opacity above 0, in ascending order."""
         samples = self.samples(low, high)
         seen = np.pad(self.opacity_at(samples) > 0, 1)
         starts, stops = np.flatnonzero(seen[1:] & ~seen[:-1]), np.flatnonzero(seen[:-1] & ~seen[1:]) - 1
@@ -142,19 +142,19 @@ class TransferFunction:
         ]
 
     def opacity_at(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Opacity per unit distance of these values, as VTK interpolates it."""
+        """Return the opacities per unit distance of these values, as VTK interpolates them."""
         function = self.to_vtk()[1]
         values = np.asarray(values, dtype=np.float64)
         return np.array([function.GetValue(float(v)) for v in values.ravel()]).reshape(values.shape)
 
     def colour_at(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Colours (..., 3) of these values, as VTK interpolates them."""
+        """Return the colours (..., 3) of these values, as VTK interpolates them."""
         function = self.to_vtk()[0]
         values = np.asarray(values, dtype=np.float64)
         return np.array([function.GetColor(float(v)) for v in values.ravel()]).reshape(*values.shape, 3)
 
     def to_vtk(self) -> tuple[vtkColorTransferFunction, vtkPiecewiseFunction]:
-        """VTK's colour transfer function and scalar opacity function."""
+        """Return VTK's colour transfer function and scalar opacity function."""
         colour, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
         {
             "RGB": colour.SetColorSpaceToRGB,
@@ -164,7 +164,7 @@ class TransferFunction:
             "Lab/CIEDE2000": colour.SetColorSpaceToLabCIEDE2000,
             "Step": colour.SetColorSpaceToStep,
         }[self.space]()
-        colour.SetHSVWrap(0)  # VTK would take the short way round: ParaView's blue-to-red rainbow has green in it
+        colour.SetHSVWrap(0)  # wrapping takes the shorter way, but ParaView's blue-to-red rainbow includes green
         colour.AllowDuplicateScalarsOn()
         opacity.AllowDuplicateScalarsOn()
         for value, *rgb in self.colours:
@@ -174,7 +174,7 @@ class TransferFunction:
         return colour, opacity
 
     def to_dict(self) -> dict[str, Any]:
-        """A ParaView preset (JSON); the unit distance under ParaView's property name."""
+        """Return a ParaView preset (JSON), with the unit distance under ParaView's property name."""
         preset: dict[str, Any] = {
             "Name": self.name,
             "ColorSpace": self.space,
@@ -187,18 +187,20 @@ class TransferFunction:
 
     @classmethod
     def from_dict(cls, data: object, name: str = "transfer function") -> TransferFunction:
-        """From a ParaView preset (an object, or a list whose first object is taken) or a list of bumps.
+        """Make a function from a ParaView preset (an object, or a list whose first object is used) or from bumps.
 
         A preset without ``Points`` gets ParaView's default opacity, a ramp from 0 to 1. An object ``{"bumps":
         [...]}`` holds the arguments of ``from_bumps``.
 
         Raises:
-            BadInput: Neither of them, or any reason of the class.
+            BadInput: ``data`` is neither of these, or does not fit the class.
         """
         if isinstance(data, list) and data:
             data = data[0]
         if not isinstance(data, Mapping) or not ("RGBPoints" in data or "bumps" in data):
-            raise BadInput(f"{name} is no transfer function: it has neither RGBPoints (ParaView's preset) nor bumps.")
+            raise BadInput(
+                f"{name} is not a transfer function: it has neither RGBPoints (ParaView's preset) nor bumps."
+            )
         name = str(data.get("Name", name))
         unit = data.get("ScalarOpacityUnitDistance")
         if unit is not None and not isinstance(unit, (int, float)):
@@ -222,16 +224,16 @@ class TransferFunction:
         unit_distance: float | None = None,
         name: str = "transfer function",
     ) -> TransferFunction:
-        """From VTK's functions, such as those that ParaView edits; the inverse of ``to_vtk``.
+        """Make a function from VTK's functions, such as those edited in ParaView; the inverse of ``to_vtk``.
 
         Args:
-            colour: Its colours on a logarithmic scale are sampled, for ours are linear in the values.
+            colour: Colours; a logarithmic scale is sampled, because ours is linear in the values.
             opacity: Opacity per unit distance.
-            unit_distance: World units, see the class.
-            name: For people.
+            unit_distance: Opacity unit distance in world units, see the class.
+            name: Name in messages.
 
         Raises:
-            BadInput: One of them has no points, or any reason of the class.
+            BadInput: One of the functions has no points or does not fit the class.
         """
         if not colour.GetSize() or not opacity.GetSize():
             raise BadInput(f"'{name}' has no points; edit it in the colour map editor.")
@@ -241,7 +243,7 @@ class TransferFunction:
             colours.append(tuple(node[:4]))
         known = colour.GetColorSpace() < len(COLOUR_SPACES) and not colour.GetScale()
         space = COLOUR_SPACES[colour.GetColorSpace()] if known else "RGB"
-        if not known:  # on a logarithmic scale, or in a space that newer versions have
+        if not known:  # a logarithmic scale, or a colour space of newer versions
             values = np.unique([*(v for v, *_ in colours), *np.linspace(*colour.GetRange(), 256)])
             colours = [(float(v), *colour.GetColor(v)) for v in values]
         for i in range(opacity.GetSize()):
@@ -251,10 +253,10 @@ class TransferFunction:
 
     @classmethod
     def read(cls, path: str | Path) -> TransferFunction:
-        """From a JSON file, see ``from_dict``.
+        """Read a function from a JSON file, see ``from_dict``.
 
         Raises:
-            BadInput: No such file, no JSON, or any reason of ``from_dict``.
+            BadInput: The file does not exist, is not JSON, or is rejected by ``from_dict``.
         """
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -268,18 +270,18 @@ class TransferFunction:
     def from_bumps(
         cls, bumps: Iterable[Mapping[str, Any]], name: str = "bumps", unit_distance: float | None = None
     ) -> TransferFunction:
-        """One visible range per bump: a triangle of opacity, and one colour.
+        """Make a function of one visible range per bump, a triangle of opacity in one colour.
 
-        Where bumps overlap, the larger opacity holds. Colours change half way between two centres.
+        Where bumps overlap, the larger opacity applies. Colours change halfway between two centres.
 
         Args:
-            bumps: Each with ``centre``, ``width`` (full, at its foot) and ``opacity`` (at the centre, in (0, 1]),
-                and ``colour`` (red, green, blue in [0, 1]; without it one of ``HUES``).
-            name: For people.
-            unit_distance: World units, see the class.
+            bumps: Mappings with ``centre``, ``width`` (full, at the base), ``opacity`` (at the centre, in (0, 1]) and
+                ``colour`` (red, green, blue in [0, 1]; by default one of ``HUES``).
+            name: Name in messages.
+            unit_distance: Opacity unit distance in world units, see the class.
 
         Raises:
-            BadInput: No bump, one without a number that it needs, or any reason of the class.
+            BadInput: There is no bump, a bump lacks a number, or the function does not fit the class.
         """
         try:
             shapes = sorted(
@@ -289,12 +291,12 @@ class TransferFunction:
         except (KeyError, TypeError, ValueError, AttributeError):
             raise BadInput(f"Each bump of '{name}' needs the numbers centre, width and opacity.") from None
         if not shapes or min(half for _, half, _, _ in shapes) <= 0:
-            raise BadInput(f"'{name}' needs at least one bump, and each a width above 0.")
+            raise BadInput(f"'{name}' needs at least one bump, and each bump a width above 0.")
         feet = [(c + side * half) for c, half, _, _ in shapes for side in (-1, 0, 1)]
         between = [0.5 * (a + b) for a, b in pairwise(sorted(feet))]
         values = np.unique(feet + between)
         height = np.max([h * np.clip(1 - np.abs(values - c) / half, 0, None) for c, half, h, _ in shapes], axis=0)
-        height = height.round(12)  # a foot is at 0, whatever the last digit of its value
+        height = height.round(12)  # exactly 0 at the foot of a bump, despite rounding errors
         opacities = tuple((float(v), float(o), 0.5, 0.0) for v, o in zip(values, height))
         hues = [colour or HUES[i % len(HUES)] for i, (*_, colour) in enumerate(shapes)]
         centres = [c for c, *_ in shapes]
@@ -304,16 +306,16 @@ class TransferFunction:
 
 
 def _quadruples(numbers: object, key: str, name: str) -> Points:
-    """Flat list, as in a preset, to points of four numbers."""
+    """Convert a flat list, as in a preset, to points of four numbers."""
     if not isinstance(numbers, Sequence) or not numbers or len(numbers) % 4:
         raise BadInput(f"{key} of '{name}' must be a list of numbers, four for each point.")
     return tuple(tuple(numbers[i : i + 4]) for i in range(0, len(numbers), 4))
 
 
 def unit_distance_for(image: vtkImageData) -> float:
-    """ParaView's default opacity unit distance: diagonal of the bounds / cube root of the number of cells.
+    """Return ParaView's default opacity unit distance: diagonal of the bounds / cube root of the number of cells.
 
-    World units; sqrt(3) voxels for a cube-shaped volume (vtkSMBoundsDomain, mode approximate_cell_length).
+    It is in world units; sqrt(3) voxels for a cube-shaped volume (vtkSMBoundsDomain, mode approximate_cell_length).
     """
     cells = np.array(image.GetDimensions()) - 1
     return float(np.linalg.norm(cells * np.array(image.GetSpacing())) / np.cbrt(cells.prod(dtype=np.float64)))

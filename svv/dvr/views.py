@@ -28,25 +28,26 @@ from svv.io.viewset import ViewSet
 from svv.options.making import ViewOptions
 
 STEP = {"cpu": 0.5, "gpu": 0.25}
-"""Finest default sample distance in voxels (half a voxel is VTK's own). The GPU's finer one is to be had for nothing
-there, and its ray caster, which does not interpolate shading between voxels, shows more grain."""
+"""Finest default sample distance in voxels (VTK's own is half a voxel). It is finer on the GPU, where that costs
+nothing and the ray caster, which does not interpolate shading between voxels, is grainier."""
 
 COARSER = {"cpu": (1.0, 0.75, 0.625), "gpu": ()}
-"""Sample distances in voxels that are tried first: the first that is good enough is taken, see ``default_step``."""
+"""Sample distances in voxels that are tried first; the first that is good enough is used (see ``default_step``)."""
 
 GOOD_ENOUGH = 50.0
-"""PSNR in dB of a good sample distance's pictures against an eighth of a voxel's: an error of 0.8 of 255 levels."""
+"""PSNR in dB that a sample distance must reach against an eighth of a voxel: an error of 0.8 of 255 levels."""
 
 MAX_SAMPLES = 3000
-"""Samples along the longest ray; a spacing that is tiny along one axis would ask for more."""
+"""Maximum number of samples along a ray; it limits the effect of a tiny spacing along one axis."""
 
 FRAMING = 4.0311 / (0.516 * np.sqrt(3.0))
 """Camera distance / half the diagonal of the visible box, as in the views published with StyleRF-VolVis."""
 
 FOV = np.pi / 6
+"""Horizontal angle of view in radians to which ``FRAMING`` applies."""
 
 ORBIT = 181
-"""Views of the test path, see ``orbit_cameras``."""
+"""Number of views on the test path, see ``orbit_cameras``."""
 
 
 def render_views(
@@ -58,23 +59,23 @@ def render_views(
     step: float | None = None,
     progress: Progress = silent,
 ) -> NDArray[np.uint8]:
-    """Render a volume from some cameras of one image size.
+    """Render a volume from cameras of the same image size.
 
     Args:
-        image: One-component point scalars (see ``as_volume``), any spacing, origin and direction matrix.
+        image: Volume with one-component point scalars (see ``as_volume``), any spacing, origin and direction matrix.
         tf: Transfer function for the image's values.
-        cameras: World units of the image.
+        cameras: Cameras in the world units of the image.
         mapper: ``auto``, ``gpu`` or ``cpu``.
-        shading: By default a headlight with ParaView's coefficients.
-        step: Sample distance in voxels (see ``Stage.voxel``), by default ``default_step``; it is the same in all views.
-        progress: Told after each view.
+        shading: Shading of the volume; by default a headlight with ParaView's coefficients.
+        step: Sample distance in voxels (see ``Stage.voxel``), the same in all views; by default ``default_step``.
+        progress: Called after each view.
 
     Returns:
         (n, height, width, 4) uint8, straight alpha.
 
     Raises:
-        BadInput: A transfer function that shows nothing or only a box, cameras of different sizes, an unknown mapper,
-            or no OpenGL where ``gpu`` is asked for.
+        BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or
+            it is ``gpu`` and OpenGL is not available.
     """
     tf.fitted(*_range(image), rescale=False)
     return _render(set_stage(image, tf), cameras, mapper, shading or Shading(), step, progress)[0]
@@ -91,25 +92,26 @@ def make_views(
     progress: Progress = silent,
     **changes: Any,
 ) -> tuple[ViewSet, ViewSet | None]:
-    """The views that a scene is trained on, and those that it is tested on.
+    """Render the views of a volume that a scene is trained on and those that it is tested on.
 
     Args:
-        volume: A file (see ``read_volume``) or an image; a ``pyvista.ImageData`` is one.
+        volume: A file (see ``read_volume``) or an image, which may be a ``pyvista.ImageData``.
         tf: A transfer function, or its JSON file; by default two ranges of the histogram.
-        options: How many, how large, and how they are drawn. Training views lie on a sphere around the volume (see
+        options: Number, size and rendering of the views. Training views lie on a sphere around the volume (see
             ``geodesic_directions``), test views on the path of 181 (see ``orbit_cameras``), first and last included.
-        shading: By default a headlight with ParaView's coefficients.
+        shading: Shading of the volume; by default a headlight with ParaView's coefficients.
         rescale: Whether to stretch the function over the data's range (see ``TransferFunction.fitted``).
-        name: Of the volume, for the record; by default its file name.
-        progress: Called often; stops the work when it raises.
+        name: Name of the volume, for the record; by default its file name.
+        progress: Called often; the work stops when it raises.
         changes: Fields of the options by name, such as ``size=400``.
 
     Returns:
-        The training and the test views (None where ``test`` is 0). ``meta`` says how to make them again; the training
-        views also carry the classified volume.
+        The training views and the test views (None if ``test`` is 0). ``meta`` records how they were made; the training
+        views also contain the classified volume.
 
     Raises:
-        BadInput: Any reason of ``read_volume``, ``TransferFunction`` and ``render_views``, or an option out of range.
+        BadInput: An option is out of range, or ``read_volume``, ``TransferFunction`` or ``render_views`` rejects an
+            argument.
     """
     asked = replace(options, **changes)
     _check_options(asked)
@@ -128,7 +130,7 @@ def make_views(
     if asked.frame == "whole":
         matrix, last = index_to_world(image), np.array(image.GetDimensions()) - 1
         centre, half = matrix[:3, 3] + 0.5 * matrix[:3, :3] @ last, 0.5 * last * image.GetSpacing()
-    # Narrower angles stand farther off, so that the volume takes the same part of the image.
+    # Narrower angles of view are farther away, so the volume fills the same part of the image.
     radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
     x, y, z = (float(v) for v in centre)
     rig, numbers = CameraRig((x, y, z), radius, fov), unseen_numbers(asked.test)
@@ -160,26 +162,27 @@ def make_views(
 
 
 def unseen_numbers(test: int) -> list[int]:
-    """Which views of the path of 181 are the ``test`` views: spread over it, first and last included."""
+    """Return the numbers of the test views on the path of 181: spread over it, first and last included."""
     return [int(i) for i in np.rint(np.linspace(0, ORBIT - 1, test))] if test > 1 else [ORBIT // 2] * test
 
 
 def open_caster(
     stage: Stage, mapper: str, shading: Shading, step: float | None = None
 ) -> tuple[CpuMapper | GpuMapper, float]:
-    """A ray caster to draw one view after another with; close it at the end.
+    """Open a ray caster that renders one view after another; close it at the end.
 
     Args:
-        stage: What to render.
+        stage: Stage with the volume to render.
         mapper: ``auto``, ``gpu`` or ``cpu``.
-        shading: How it is lit.
+        shading: Shading of the volume.
         step: Sample distance in voxels, by default ``default_step``.
 
     Returns:
         The caster, and its sample distance in stage units.
 
     Raises:
-        BadInput: Another mapper, a step that is no positive number, or no OpenGL where ``gpu`` is asked for.
+        BadInput: The mapper is unknown, the step is not a positive number, or the mapper is ``gpu`` and OpenGL is not
+            available.
     """
     make_caster = choose_mapper(mapper)
     if not (step is None or (np.isfinite(step) and step > 0)):
@@ -194,10 +197,10 @@ def open_caster(
 
 
 def default_step(caster: CpuMapper | GpuMapper, stage: Stage) -> float:
-    """The sample distance in voxels that a volume needs with its transfer function.
+    """Return the sample distance in voxels that a volume needs with its transfer function.
 
-    It is the longest of ``COARSER`` whose three small pictures differ from those with an eighth of a voxel by no more
-    than ``GOOD_ENOUGH``, or else ``STEP``. Leaves the caster with another sample distance.
+    It is the longest of ``COARSER`` whose three small test pictures reach ``GOOD_ENOUGH`` against those with an eighth
+    of a voxel, or ``STEP`` if none does. The sample distance of the caster is changed.
     """
     radius = FRAMING * 0.5 * float(np.linalg.norm(stage.visible_size))
     cameras = sphere_cameras(3, stage.centre, radius, FOV, 128)
@@ -221,19 +224,19 @@ def _check_options(asked: ViewOptions) -> None:
     if asked.size < 1:
         raise BadInput(f"The views' size must be at least one pixel, not {asked.size}.")
     if not 0 <= asked.test <= ORBIT:
-        raise BadInput(f"There can be 0 to {ORBIT} test views, not {asked.test}.")
+        raise BadInput(f"Give 0 to {ORBIT} test views, not {asked.test}.")
     if not 0 < asked.fov < 180:
         raise BadInput(f"The angle of view must lie between 0 and 180 degrees, not {asked.fov}.")
     if asked.frame not in ("visible", "whole"):
-        raise BadInput(f"What fills the images must be 'visible' or 'whole', not '{asked.frame}'.")
+        raise BadInput(f"The frame of the views must be 'visible' or 'whole', not '{asked.frame}'.")
 
 
 def _render(
     stage: Stage, cameras: Sequence[Camera], mapper: str, shading: Shading, step: float | None, progress: Progress
 ) -> tuple[NDArray[np.uint8], str, float]:
-    """Images, name of the mapper, and sample distance in stage units."""
+    """Return the images, the name of the mapper, and the sample distance in stage units."""
     if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
-        raise BadInput("Views need at least one camera, and all cameras one image size.")
+        raise BadInput("Rendering needs at least one camera, and one image size for all cameras.")
     caster, distance = open_caster(stage, mapper, shading, step)
     try:
         first = cameras[0]

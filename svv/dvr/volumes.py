@@ -1,4 +1,4 @@
-"""Reading volumes: any kind of file that holds a regular grid of numbers becomes a ``vtkImageData``."""
+"""Reading of volumes: files of many formats that contain a regular grid of numbers become a ``vtkImageData``."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ RAW_TYPES = {
     "uchar": "uint8", "char": "int8", "ushort": "uint16", "short": "int16", "uint": "uint32", "int": "int32",
     "float": "float32", "double": "float64", "half": "float16",
 }  # fmt: skip
-"""Names of C types that raw files carry in their names, beside NumPy's own."""
+"""C types that may occur in the names of raw files, besides NumPy's own type names."""
 
 TIFFFILE_DECODES = (1, 8, 32773, 32946)
-"""TIFF compressions that tifffile decodes by itself: none, deflate, PackBits, the old number of deflate."""
+"""TIFF compressions that tifffile decodes by itself: none, deflate, PackBits, and the old number of deflate."""
 
 
 def read_volume(
@@ -45,20 +45,20 @@ def read_volume(
     """Read a volume from a file, or from a folder of TIFF or DICOM slices.
 
     Args:
-        path: A file of one of the kinds in ``SUPPORTED``; outside ParaView, with PyVista installed, also of any kind
-            that PyVista has a reader for (.vtr, .pvti, .dcm ...).
-        dims: Points along x, y, z; for raw files only. Taken from the name where it says so
+        path: A file of one of the formats in ``SUPPORTED``; outside ParaView, with PyVista installed, also of any
+            format for which PyVista has a reader (.vtr, .pvti, .dcm ...).
+        dims: Number of points along x, y, z, for raw files only; by default taken from the file name
             (``foo_128x128x256_uint16.raw``).
-        dtype: NumPy type of a raw file, ``>u2`` for big-endian shorts; also taken from the name.
-        spacing: Overrides the file's spacing (x, y, z), world units.
-        origin: Overrides the file's origin (x, y, z), world units.
-        array: Name of the scalar array, where there are several.
+        dtype: NumPy type of a raw file, such as ``>u2`` for big-endian shorts; by default taken from the file name.
+        spacing: Spacing (x, y, z) in world units that overrides the file's.
+        origin: Origin (x, y, z) in world units that overrides the file's.
+        array: Name of the scalar array, if there are several.
 
     Returns:
         An image with one single-component point scalar array; see ``as_volume``.
 
     Raises:
-        BadInput: No such file, an unknown or damaged one, not a volume, or any reason of ``as_volume``.
+        BadInput: The file does not exist, has an unknown format, is damaged or is rejected by ``as_volume``.
     """
     file = Path(path)
     if not file.exists():
@@ -90,7 +90,7 @@ def _read(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -> vt
     if reader := reader_of(file):
         return run(reader, file)
     raise BadInput(
-        f"{file} is of no kind that is known here ({SUPPORTED}); give dimensions and type if it is raw data."
+        f"{file} does not have a supported format ({SUPPORTED}); give dimensions and type if it is raw data."
     )
 
 
@@ -103,8 +103,8 @@ def _read_nrrd(file: Path) -> vtkImageData:
         sizes = [int(size) for size in fields["sizes"].split()]
         if len(sizes) != 3:
             return image
-        # VTK decodes the data, but takes a short first axis for components, and the lengths of the space
-        # directions for spacing without where they point.
+        # VTK decodes the data, but mistakes a short first axis for components, and uses the lengths of the space
+        # directions as spacing while ignoring their orientation.
         data = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(sizes[::-1])
         axes = np.diag([abs(float(x)) for x in fields.get("spacings", "1 1 1").split()])
         if "space directions" in fields:
@@ -120,10 +120,10 @@ def _read_nrrd(file: Path) -> vtkImageData:
 
 
 def _vector(text: str) -> list[float]:
-    """Three numbers as NRRD writes them, ``(1,2,3)``."""
+    """Parse three numbers as written in NRRD headers, ``(1,2,3)``."""
     numbers = [float(x) for x in text.strip("() ").split(",")]
     if len(numbers) != 3:
-        raise ValueError(f"{text} is no vector of three numbers")
+        raise ValueError(f"{text} is not a vector of three numbers")
     return numbers
 
 
@@ -169,7 +169,7 @@ def _read_folder(folder: Path) -> vtkImageData:
 
 
 class _Complaints(logging.Handler):
-    """Keeps what tifffile logs, since it logs where it should raise."""
+    """A handler that keeps what tifffile logs, because it logs errors instead of raising them."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -180,28 +180,28 @@ class _Complaints(logging.Handler):
 
 
 def _tiff_pages(file: Path) -> NDArray[Any]:
-    """(pages, height, width) of a TIFF file."""
+    """Return the pages of a TIFF file. (pages, height, width)"""
     import tifffile  # only here: it is slow to import
 
     listener = _Complaints()
     tifffile.logger().addHandler(listener)
     try:
         with vtk_messages(), tifffile.TiffFile(file) as opened:
-            pages = list(opened.pages)  # where the file is cut off, they end with no more than a complaint
+            pages = list(opened.pages)  # in a truncated file, they end with only a log message
             if any("invalid page offset" in record.getMessage() for record in listener.records):
                 raise damaged(file)
             if len({(page.shape, page.dtype) for page in pages}) != 1 or len(pages[0].shape) != 2:
-                raise BadInput(f"{file} is no volume: a TIFF stack needs grey pages of one size.")
+                raise BadInput(f"{file} is not a volume: a TIFF stack needs grey pages of one size.")
             if file.stat().st_size < max(max(a + b for a, b in zip(p.dataoffsets, p.databytecounts)) for p in pages):
                 raise damaged(file)
             if int(pages[0].compression) in TIFFFILE_DECODES:
                 return np.stack([page.asarray() for page in pages])
-        # Pillow carries libtiff, and so the compressions (LZW ...) that tifffile needs a further package for.
+        # Pillow includes libtiff, and with it the compressions (LZW ...) for which tifffile needs another package.
         with vtk_messages(), Image.open(file) as image:
             return np.stack([np.asarray(page) for page in ImageSequence.Iterator(image)])
     except BadInput:
         raise
-    except Exception as error:  # damaged files make the decoders stumble in every way there is
+    except Exception as error:  # damaged files make the decoders raise all kinds of errors
         raise damaged(file) from error
     finally:
         tifffile.logger().removeHandler(listener)
@@ -216,12 +216,12 @@ def _read_raw(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -
     kinds = "|".join(["u?int(?:8|16|32|64)", "float(?:16|32|64)", *RAW_TYPES])
     named = re.search(rf"(?:^|[_.\-])({kinds})(?=[_.\-])", name)
     if dtype is None and named is None:
-        raise BadInput(f"{file} is raw data: give its type (uint8, int16, float32 ...), or put it into its name.")
+        raise BadInput(f"{file} is raw data: give its type (uint8, int16, float32 ...), or include it in the name.")
     text = dtype if dtype is not None else RAW_TYPES.get(named.group(1), named.group(1))  # type: ignore[union-attr]
     try:
         kind = np.dtype(RAW_TYPES.get(text, text) if isinstance(text, str) else text)
     except TypeError:
-        raise BadInput(f"'{dtype}' is no type of number; use uint8, int16, float32, >u2 ...") from None
+        raise BadInput(f"'{dtype}' is not a numeric type; use uint8, int16, float32, >u2 ...") from None
     expected, there = int(np.prod(size, dtype=object)) * kind.itemsize, file.stat().st_size
     if min(size) < 1 or expected != there:
         shape = " x ".join(str(d) for d in size)

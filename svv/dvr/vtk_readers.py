@@ -1,4 +1,4 @@
-"""Running VTK's readers: what they complain about becomes one sentence, and no header asks for more than there is."""
+"""Running of VTK's readers: their errors become one sentence, and headers that exceed the memory are rejected."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from svv.errors import BadInput
 
 EVEN = 4 * float(np.finfo(np.float32).eps)
-"""Part of a coordinate by which even steps may differ: files hold coordinates in single precision."""
+"""Relative tolerance of even steps: files store coordinates in single precision."""
 
 
 @contextmanager
 def vtk_messages() -> Iterator[Callable[[], str]]:
-    """Collect what VTK has to say; the function that it gives returns the text so far.
+    """Collect VTK's messages; the function that it yields returns the text so far.
 
-    VTK's logger, and the libraries below it (MetaIO, libtiff), also write to the process's standard error without
-    asking; that goes nowhere meanwhile.
+    VTK's logger and the libraries that VTK uses (MetaIO, libtiff) also write directly to the standard error of the
+    process; that output is discarded in the meantime.
     """
     before, window = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(window)
@@ -45,7 +45,7 @@ def run(reader: Any, path: Path) -> vtkImageData:
     """Run a VTK reader on a file or a folder.
 
     Raises:
-        BadInput: VTK complained, or what it read is no regular grid.
+        BadInput: VTK reported an error, or the data is not a regular grid.
     """
     with vtk_messages() as messages:
         (reader.SetDirectoryName if path.is_dir() else reader.SetFileName)(str(path))
@@ -53,7 +53,7 @@ def run(reader: Any, path: Path) -> vtkImageData:
         reader.Update()
         output = reader.GetOutputDataObject(0)
         said = messages()
-    # Some readers only warn about missing data and leave the rest of the memory as it was.
+    # Some readers only warn about missing data and leave the rest of the memory uninitialised.
     if output is None or reader.GetErrorCode() or re.search("error|fail", said, re.IGNORECASE):
         raise damaged(path)
     if output.IsA("vtkRectilinearGrid"):
@@ -64,7 +64,7 @@ def run(reader: Any, path: Path) -> vtkImageData:
 
 
 def _evenly_spaced(grid: vtkRectilinearGrid, path: Path) -> vtkImageData:
-    """A rectilinear grid as image data, where its planes lie as far apart from each other as single precision tells."""
+    """Return a rectilinear grid as image data if its planes are evenly spaced within single precision."""
     image = vtkImageData()
     image.SetDimensions(grid.GetDimensions())
     origin, spacing = [0.0] * 3, [1.0] * 3
@@ -86,7 +86,7 @@ def _evenly_spaced(grid: vtkRectilinearGrid, path: Path) -> vtkImageData:
 
 
 def check_size(reader: Any, file: Path) -> None:
-    """Refuse a header that asks for more than there is, which VTK would answer by ending the process."""
+    """Reject a header that asks for more memory than there is, for which VTK would end the process."""
     reader.UpdateInformation()
     about = reader.GetOutputInformation(0)
     key = vtkStreamingDemandDrivenPipeline.WHOLE_EXTENT()
@@ -99,9 +99,9 @@ def check_size(reader: Any, file: Path) -> None:
         raise damaged(file)
     if size[0] * size[1] * size[2] > memory:
         shape = " x ".join(str(d) for d in size)
-        raise BadInput(f"{file} says that it holds {shape} voxels, more than this computer's memory can hold.")
+        raise BadInput(f"The header of {file} gives {shape} voxels, more than this computer's memory can hold.")
 
 
 def damaged(file: Path) -> BadInput:
-    """What to raise for a file that its reader stumbles over."""
-    return BadInput(f"Cannot read {file}: it is damaged, incomplete, or not what its name says.")
+    """Return the error to raise for a file that its reader cannot read."""
+    return BadInput(f"Cannot read {file}: it is damaged, incomplete, or not of the type that its name suggests.")

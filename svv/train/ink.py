@@ -1,10 +1,10 @@
-"""Ink drawings that need no picture: stippling, hatching and cross-hatching laid on the surfaces.
+"""Ink drawings without a style picture: stippling, hatching and cross-hatching on the surfaces.
 
-A tone is found for every place: how much the form turns away from a light at the upper left, and how much it is a
-hollow (:class:`svv.train.form.Form`), brought to equal shares from light to dark. Dots lie apart as Poisson discs do,
-the closer the darker it is (Deussen et al. 2000); lines are evenly spaced streamlines of the direction in which the
-surface bends least (Jobard & Lefer 1997), that swell where it is darker and end in the light (Winkenbach & Salesin
-1994), with lines between or across them in the dark. All is the same from every side: strokes are on the surface.
+Every place has a tone: how far the form turns away from a light at the upper left, and how hollow it is
+(:class:`svv.train.form.Form`), equalized from light to dark. Dots are spaced like Poisson discs, closer where it is
+darker (Deussen et al. 2000). Lines are evenly spaced streamlines of the direction in which the surface bends least
+(Jobard & Lefer 1997); they swell where it is darker and end in the light (Winkenbach & Salesin 1994), and dark places
+have further lines between or across them. Strokes lie on the surface, so they are the same from every side.
 """
 
 from __future__ import annotations
@@ -25,66 +25,66 @@ from svv.train.form import Floats, Form
 from svv.train.quilt import LIGHT
 
 PAPER = (0.97, 0.955, 0.92)
-"""Colour of what is not inked: warm white, RGB."""
+"""Colour of paper, which is not inked: warm white, RGB."""
 
 DARKNESS, COLOURFUL = 14.0, 26.0
-"""Lightness of ink, and its chroma at most, in CIELAB: dark, but regions are told apart by their inks."""
+"""Lightness of ink, and its maximum chroma, in CIELAB: dark, but with enough colour to tell regions apart."""
 
 HOLLOW = 0.7
-"""What a hollow weighs beside the light, both in units of their deviations."""
+"""Weight of hollowness relative to the light, both in units of their standard deviations."""
 
 SURFACE = 2.0
-"""Side of the cubes of which each has one point of the surface at most, in pixels or cells of the paint."""
+"""Side of the cubes that contain at most one surface point each, in pixels or cells of the paint."""
 
 DEPTH, THIN = 4.0, 1.5
-"""How deep strokes go, and within what the two sides of a sheet share them, in pixels or cells of the paint."""
+"""Depth of strokes, and thickness up to which both sides of a sheet share them, in pixels or cells of the paint."""
 
 SOFT = 0.5
-"""Width of the rims of strokes, in cells of the paint."""
+"""Width of the soft edges of strokes, in cells of the paint."""
 
 STEP = 0.5
-"""Of a line, in units."""
+"""Step along a line, in units."""
 
 NEAREST = 0.6
-"""Part of the distance of two lines that they may come near to each other before one ends."""
+"""Fraction of their spacing to which two lines may approach each other before one ends."""
 
 SQUEEZED = 0.92
-"""Part of their distance that lines between others do with, which are not everywhere as far apart as they should be."""
+"""Factor on the spacing of lines between other lines, whose gaps are not always as wide as they should be."""
 
 LENGTHS = (60.0, 180.0)
-"""Of lines at most, in units: a pen is lifted now and then."""
+"""Range of the maximum length of lines, in units: a pen is lifted from time to time."""
 
 SHORTEST, TAPER = 4.0, 5.0
-"""Length of lines at least, and of their pointed ends, in units."""
+"""Minimum length of lines, and length of their tapered ends, in units."""
 
 SMALLEST, LARGEST = 0.8, 1.4
 """Radius of dots in the lightest and in the darkest tone, in units."""
 
 BLANK = 0.12
-"""Tone from which on there are dots."""
+"""Tone below which there are no dots."""
 
 BLACKEST = 0.72
-"""Part of the darkest places that is ink."""
+"""Fraction of the area that is ink in the darkest places."""
 
 PACKED = 0.70
-"""Dots laid at random as long as there is room: part of the square of their distance for each."""
+"""Squared distance of dots placed at random until no room is left, as a fraction of the area per dot."""
 
 TRIES = 10
-"""Candidates for dots at each point of the surface."""
+"""Number of candidate dots at each point of the surface."""
 
 
 @dataclass(frozen=True)
 class Ink:
-    """A way to draw, where else a style picture is given.
+    """A drawing technique, used in place of a style picture.
 
     Raises:
-        BadInput: there is no such ink.
+        BadInput: There is no such ink.
     """
 
     kind: str
     """One of :data:`INKS`: ``stippling``, ``hatching`` or ``cross-hatching``."""
     size: float = 1.0
-    """Scale of the strokes; :func:`svv.train.pipeline.stylize_scene` has its own."""
+    """Scale of the strokes; :func:`svv.train.pipeline.stylize_scene` replaces it by its stroke size."""
 
     def __post_init__(self) -> None:
         if self.kind not in INKS:
@@ -93,30 +93,32 @@ class Ink:
 
     @property
     def name(self) -> str:
-        """What it is called where styles are named."""
+        """Name of the ink among styles, such as ``ink:hatching``."""
         return DRAWN + self.kind
 
 
 Style = NDArray[np.floating] | Ink
-"""What a region may be painted with: a picture (H, W, 3), sRGB in [0, 1], or an ink."""
+"""A style of a region: a picture (H, W, 3), sRGB in [0, 1], or an ink."""
 
 
 @dataclass(frozen=True, eq=False)
 class StyleInput:
-    """A style as :func:`svv.train.pipeline.stylize_scene` takes it."""
+    """A style with its name and mask, for :func:`svv.train.pipeline.stylize_scene`."""
 
     style: Style
+    """A picture or an ink."""
     name: str | None = None
-    """What to call it; an ink has a name of its own."""
+    """Name of a picture; an ink has its own."""
     mask: NDArray[np.bool_] | None = None
-    """Where the picture teaches, (h, w); None for all of it. One picture with several masks is given several times."""
+    """Part of the picture to learn from, (h, w); None for all of it. To use several masks, give the picture several
+    times."""
 
 
 def ink_named(source: object) -> Ink | None:
-    """The ink that ``ink:NAME`` is; None for what names no ink.
+    """Return the ink that ``ink:NAME`` means; None if the source does not name an ink.
 
     Raises:
-        BadInput: there is no such ink.
+        BadInput: There is no such ink.
     """
     text = str(source)
     if not text.startswith(DRAWN):
@@ -125,24 +127,24 @@ def ink_named(source: object) -> Ink | None:
 
 
 def style_named(source: str | Path, progress: Progress = silent) -> tuple[str, Style]:
-    """What a style is called, and its picture or its ink: ``ink:NAME``, ``gallery:NAME`` or a file.
+    """Return the name of a style and its picture or ink, from ``ink:NAME``, ``gallery:NAME`` or a file.
 
     Raises:
-        BadInput: as :func:`ink_named` and :func:`svv.styles.gallery.open_style`.
+        BadInput: See :func:`ink_named` and :func:`svv.styles.gallery.open_style`.
     """
     ink = ink_named(source)
     return open_style(source, progress) if ink is None else (ink.name, ink)
 
 
 def picture_of(style: Style) -> NDArray[np.floating]:
-    """The picture of a style of which a part is wanted; raises BadInput for an ink."""
+    """Return the picture of a style, for its mask; raises BadInput for an ink."""
     if isinstance(style, Ink):
-        raise BadInput(f"{style.name} is drawn without a picture, so no part of one can be chosen: leave out its mask.")
+        raise BadInput(f"{style.name} is drawn without a picture, so there is nothing to mask: leave out its mask.")
     return style
 
 
 def ink_colour(colour: Sequence[float]) -> Floats:
-    """The ink of a region: a dark one of its hue, RGB. (3,)"""
+    """Return the ink colour of a region: dark, with the region's hue, RGB. (3,)"""
     from skimage.color import lab2rgb, rgb2lab
 
     _, a, b = rgb2lab(np.clip(np.asarray(colour, np.float64), 0.0, 1.0))
@@ -151,7 +153,7 @@ def ink_colour(colour: Sequence[float]) -> Floats:
 
 
 def tones(form: Form, points: Floats, normals: Floats) -> Floats:
-    """How dark places (S, 3) with outward normals (S, 3) are, from the light to the dark; in no unit. (S,)"""
+    """Return the darkness of points (S, 3) with outward normals (S, 3), larger where darker, without a unit. (S,)"""
     dark = -(normals @ (LIGHT / np.linalg.norm(LIGHT)))
     hollow = form.hollowness(points)
     return np.asarray(dark / max(dark.std(), 1e-3) + HOLLOW * hollow / max(hollow.std(), 1e-3), np.float32)
@@ -159,9 +161,9 @@ def tones(form: Form, points: Floats, normals: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Sheet:
-    """The surface of a region that is drawn on: points, one at most in each cube of a side.
+    """The surface of a region on which to draw: points, at most one in each cube of side ``side``.
 
-    ``points``, ``normals`` and ``tangents`` are (S, 3), ``tones`` (S,) in [0, 1], each as frequent as every other.
+    ``points``, ``normals`` and ``tangents`` are (S, 3), ``tones`` (S,) in [0, 1] and evenly distributed.
     """
 
     side: float
@@ -174,7 +176,7 @@ class Sheet:
 
     @classmethod
     def of(cls, form: Form, surface: Floats, side: float) -> Sheet:
-        """That of points (S, 3) that are seen, which may lie at several depths: they are brought to their middle."""
+        """Return the surface through visible points (S, 3); points at several depths are moved to their mean depth."""
         points, _, slot = _in_cubes(surface, side)
         normals, tangents, _ = form.frames(points)
         tone = tones(form, points, normals)
@@ -188,12 +190,12 @@ class Sheet:
 
     @property
     def looked_up(self) -> tuple[float, NDArray[np.int32], Floats, Floats, Floats, Floats]:
-        """What the kernels take."""
+        """Arguments of the kernels."""
         return self.side, self.slot, self.points, self.normals, self.tangents, self.tones
 
 
 def _in_cubes(points: Floats, side: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int32]]:
-    """The first point of each cube, its number among all, and the numbers of those that stay in a grid of cubes."""
+    """Return the first point of each cube, the indices of these points, and the grid of their numbers."""
     cells = int(np.ceil(1.0 / side)) + 1
     cube = np.clip((points / side).astype(np.int64), 0, cells - 1)
     flat, first = np.unique(np.ravel_multi_index(tuple(cube.T), (cells,) * 3), return_index=True)
@@ -204,28 +206,28 @@ def _in_cubes(points: Floats, side: float) -> tuple[Floats, NDArray[np.int64], N
 
 @dataclass(frozen=True)
 class Strokes:
-    """Discs on a surface, of which lines are rows."""
+    """Discs on a surface; lines are rows of discs."""
 
     where: Floats
-    """Box coordinates. (K, 3)"""
+    """Box coordinates of the discs. (K, 3)"""
     normal: Floats
-    """Outward. (K, 3)"""
+    """Outward unit normals. (K, 3)"""
     radius: Floats
-    """In box units. (K,)"""
+    """Radii in box units. (K,)"""
     line: NDArray[np.int64]
-    """Number of the line that each is of, its own for a dot. (K,)"""
+    """Number of the line of each disc; every dot has its own. (K,)"""
     layer: NDArray[np.int64]
-    """Number of its layer. (K,)"""
+    """Number of the layer of each disc. (K,)"""
 
 
 def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
-    """Stippling.
+    """Draw the dots of stippling.
 
     Args:
-        sheet: What is drawn on.
-        unit: What radii and distances count in, in box units.
+        sheet: Surface to draw on.
+        unit: Unit of radii and distances, in box units.
         cell: Side of a cell of the paint, in box units.
-        seed: Another one is another layout.
+        seed: Seed of the layout.
     """
     generator = np.random.default_rng(seed)
     near = generator.permutation(np.repeat(np.arange(len(sheet.points)), TRIES))
@@ -246,13 +248,13 @@ def dots(sheet: Sheet, unit: float, cell: float, seed: int) -> Strokes:
 
 
 class Family:
-    """Lines that share a direction, as the kernels fill them in.
+    """Lines of one direction, filled in by the kernels.
 
-    ``start`` is as of :func:`svv.kernels.numba_inking.draw`.
+    For ``start`` see :func:`svv.kernels.numba_inking.draw`.
     """
 
     def __init__(self, sheet: Sheet, angle: float, side: float, most: int) -> None:
-        """Room for as many points of lines as ``most``, in bins of a side, on a sheet whose tangents are turned."""
+        """Allocate ``most`` line points in bins of side ``side``, on a sheet with its tangents turned by ``angle``."""
         other = np.cross(sheet.normals, sheet.tangents)
         turned = np.ascontiguousarray(np.cos(angle) * sheet.tangents + np.sin(angle) * other, np.float32)
         self.sheet, self.side, self.count = replace(sheet, tangents=turned), side, 0
@@ -261,7 +263,7 @@ class Family:
         self.tone, self.start = np.empty(most, np.float32), np.zeros(most // 4 + 2, np.int64)
 
     def draw(self, layer: Layer, unit: float, thin: float, generator: np.random.Generator) -> slice:
-        """Add lines of a layer; gives their numbers."""
+        """Add the lines of a layer; returns their numbers."""
         first, order = self.count, generator.permutation(len(self.sheet.points))
         least = layer.tone + generator.uniform(-0.05, 0.05, 997)
         longest = (generator.uniform(*LENGTHS, 991) / STEP).astype(np.int64)
@@ -275,7 +277,7 @@ class Family:
 
 
 def lines(sheet: Sheet, layers: Sequence[Layer], unit: float, cell: float, seed: int, progress: Progress) -> Strokes:
-    """Hatching; see :func:`dots`."""
+    """Draw the lines of hatching, layer by layer; for the arguments see :func:`dots`."""
     generator = np.random.default_rng(seed)
     side = 1.5 * max(layer.apart for layer in layers) * unit
     most = int(len(sheet.points) * sheet.side**2 / (0.25 * STEP * min(x.apart for x in layers) * unit**2)) + 4096
@@ -305,22 +307,22 @@ def _bins(side: float, count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]
 
 
 class Drawing:
-    """One region in ink."""
+    """A region drawn in ink."""
 
     def __init__(
         self, ink: Ink, colour: Sequence[float], form: Form, surface: Floats, pixel: float, cell: float,
         seed: int, progress: Progress,
     ) -> None:  # fmt: skip
-        """Draw it.
+        """Draw the region.
 
         Args:
-            ink: How.
-            colour: The region's, RGB; its ink is a dark one of that hue.
-            form: The scene's.
-            surface: Box coordinates of points that are seen of the region. (S, 3)
-            pixel: Side of a pixel of the stylization views on the surface, in box units, and
-            cell: that of a cell of the paint: strokes are as fine as the coarser of both.
-            seed: Another one is another layout.
+            ink: Technique and scale.
+            colour: Colour of the region, RGB; its ink is dark, with the same hue.
+            form: Form of the scene.
+            surface: Box coordinates of visible points of the region. (S, 3)
+            pixel: Side of a pixel of the stylization views on the surface, in box units.
+            cell: Side of a cell of the paint, in box units; strokes are as fine as the coarser of the two.
+            seed: Seed of the layout.
             progress: Called several times a second.
         """
         self.form, self.cell, self.colour = form, cell, ink_colour(colour)
@@ -339,7 +341,7 @@ class Drawing:
         numba_inking.put_all(self.strokes.where, self._side, self._head, self._following)
 
     def covered(self, position: Floats) -> Floats:
-        """How much of box coordinates (V, 3) is ink, in [0, 1]. (V,)"""
+        """Return how much ink there is at box coordinates (V, 3), in [0, 1]. (V,)"""
         out = np.empty(len(position), np.float32)
         normal = self.form.frames(position)[0]
         numba_inking.cover(
@@ -349,6 +351,6 @@ class Drawing:
         return np.maximum(out, 0.0)
 
     def __call__(self, position: Floats) -> Floats:
-        """Colours of box coordinates (V, 3) -> (V, 3)."""
+        """Return the colours at box coordinates (V, 3) -> (V, 3)."""
         paper = np.array(PAPER, np.float32)
         return np.asarray(paper + self.covered(position)[:, None] * (self.colour - paper), np.float32)

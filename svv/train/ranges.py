@@ -1,4 +1,4 @@
-"""Regions of a scene whose volume is known: the visible ranges of its transfer function."""
+"""Regions of a scene with a known volume: the visible ranges of its transfer function."""
 
 from __future__ import annotations
 
@@ -23,42 +23,42 @@ from svv.kernels.types import Samples
 from svv.train.batches import RayPool
 
 LOOKED_AT = 16384
-"""Rays from which the visible light of each range is estimated. With a hash grid all their samples go through networks
-at once, so more would need gigabytes."""
+"""Number of rays from which the visible light of each range is estimated. With a hash grid, all their samples pass
+through networks at once, so more rays would need gigabytes."""
 
 
 class Owners:
-    """The regions that points may belong to, as a classified volume says."""
+    """The regions to which points may belong, according to a classified volume."""
 
     def __init__(self, volume: ClassifiedVolume, regions: NDArray[Any], device: torch.device) -> None:
-        """Take a volume's ranges.
+        """Assign a volume's ranges to regions.
 
         Args:
-            volume: R ranges.
-            regions: The region that each range is part of (R,), whole numbers; or whether it may be part of each
-                region, where several share one (R, P).
-            device: Where points will be.
+            volume: A volume with R ranges.
+            regions: Number of the region of each range (R,); or, if regions share ranges, whether a range may be part
+                of each region (R, P).
+            device: Device of the points.
         """
         member = np.eye(int(regions.max()) + 1)[regions] if regions.ndim == 1 else regions > 0
         self.shared = bool((member.sum(axis=1) > 1).any())
-        """Whether several regions share a range, so that the views have to say which part is whose."""
+        """Whether several regions share a range; the views then decide which part belongs to which region."""
         self._member = torch.from_numpy(member.astype(np.float32)).to(device)
         self._range = torch.from_numpy(volume.owner).to(device)
         self._first = self._member.argmax(dim=1)
         self._cells = volume.cells
 
     def range_of(self, position: Tensor) -> Tensor:
-        """Range at the vertex next to each point of the box: (S, 3) in [0, 1] -> (S,) int64."""
+        """Return the range at the vertex nearest to each point of the box: (S, 3) in [0, 1] -> (S,) int64."""
         vertex = (position * self._cells + 0.5).long()
         x, y, z = (v.clamp(0, size - 1) for v, size in zip(vertex.unbind(1), self._range.shape, strict=True))
         return self._range[x, y, z].long()
 
     def of(self, position: Tensor) -> Tensor:
-        """Region of each point, the first of those that share it: (S, 3) in [0, 1] -> (S,) int64."""
+        """Return the region of each point, the first of those that share it: (S, 3) in [0, 1] -> (S,) int64."""
         return self._first[self.range_of(position)]
 
     def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
-        """Region of points (S,), and what the regions that share them have of the weights (S, P), in (0, 1]. (S,)"""
+        """Return the region of each point (S,), and the sum of ``weights`` (S, P) over the regions sharing it (S,)."""
         number = self.range_of(position)
         owner = self._first[number]
         if not self.shared:
@@ -68,27 +68,27 @@ class Owners:
 
 @dataclass(frozen=True)
 class KnownRegions:
-    """What a classified volume says about the regions of its scene."""
+    """Regions of a scene according to its classified volume."""
 
     palette: Palette
-    """A colour a region, the one with most visible light first."""
+    """One colour per region, the region with the most visible light first."""
     ranges: tuple[tuple[tuple[float, float], ...], ...]
-    """Smallest and largest scalar value of each range that a region is made of."""
+    """Smallest and largest scalar value of each range of each region."""
     owners: Owners
-    """Which region a point belongs to."""
+    """Region of each point."""
 
 
 @torch.no_grad()
 def regions_of(volume: ClassifiedVolume, views: ViewSet, scene: Scene, seed: int) -> KnownRegions:
-    """A region for each range of the transfer function that the views show.
+    """Return a region for each range of the transfer function that the views show.
 
-    A range that less light comes from than the palette's ``min_share`` is part of its neighbour in value.
+    A range whose fraction of the light is below the palette's ``min_share`` joins its neighbour in value.
 
     Args:
         volume: The classified volume.
         views: Training views.
-        scene: With its base field; its device is where the work is done.
-        seed: Of the rays that are looked at.
+        scene: A scene with a base field; its device does the work.
+        seed: Seed of the rays.
     """
     batch = RayPool(views, scene.occupancy.box, seed, scene.device).batch(0, LOOKED_AT)
     samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
@@ -99,7 +99,7 @@ def regions_of(volume: ClassifiedVolume, views: ViewSet, scene: Scene, seed: int
     seen = np.flatnonzero(share >= min(least, share.max()))
     steps = [f"{count} visible ranges of the transfer function, read from the volume"]
     if len(seen) < count:
-        steps.append(f"{len(seen)} left: less than {least:.1%} of the visible light is of the others")
+        steps.append(f"{len(seen)} left: each of the others has less than {least:.1%} of the visible light")
     order = seen[np.argsort(-share[seen], kind="stable")]
     region_of_range = np.abs(np.arange(count)[:, None] - order).argmin(axis=1)
     colours = np.array([volume.ranges[i].colour for i in order])
@@ -118,7 +118,7 @@ def regions_for(
     shares: Sequence[float] | NDArray[np.floating],
     ranges: Sequence[tuple[tuple[float, float], ...]] | None = None,
 ) -> tuple[Region, ...]:
-    """The regions of a palette network: its colours, their shares of what is seen, and their ranges where known."""
+    """Return the regions of a palette network: colours, shares of the visible light, and ranges if they are known."""
     known = ranges or ((),) * len(shares)
     return tuple(
         Region(tuple(colour), float(share), values=hull_of(own), ranges=own)
@@ -127,14 +127,15 @@ def regions_for(
 
 
 def hull_of(ranges: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
-    """Smallest and largest value of ranges; None of none."""
+    """Return the smallest and largest value of ranges; None if there are no ranges."""
     return (min(low for low, _ in ranges), max(high for _, high in ranges)) if ranges else None
 
 
 def membership(regions: Sequence[Region], volume: ClassifiedVolume) -> NDArray[np.bool_]:
-    """Whether each range of a volume is part of each region, which all say what values they show. (R, P)
+    """Return whether each range of a volume is part of each region; all regions know their values. (R, P)
 
-    A range belongs to the regions whose values hold its middle; if none does, to the one whose values are the nearest.
+    A range belongs to every region whose values contain its middle; if there is none, to the region with the nearest
+    values.
     """
     middles = np.array([0.5 * (r.low + r.high) for r in volume.ranges])
     away = np.full((len(middles), len(regions)), np.inf)
@@ -146,7 +147,7 @@ def membership(regions: Sequence[Region], volume: ClassifiedVolume) -> NDArray[n
 
 @torch.no_grad()
 def shares_of(samples: Samples, sigma: Tensor, region: Tensor, count: int) -> NDArray[np.float64]:
-    """Part of the visible light that is of each region, for extinctions (S,) and regions (S,). (count,)"""
+    """Return each region's fraction of the visible light, from the extinction and region of samples (S,). (count,)"""
     _, _, seen = composite(samples, sigma, torch.zeros(len(samples), 1, device=sigma.device))
     share = np.bincount(region.cpu().numpy(), weights=seen.cpu().numpy(), minlength=count)
     return np.asarray(share / max(share.sum(), 1e-9), np.float64)
@@ -154,16 +155,16 @@ def shares_of(samples: Samples, sigma: Tensor, region: Tensor, count: int) -> ND
 
 @torch.no_grad()
 def region_overlaps(scene: Scene, views: ViewSet, volume: ClassifiedVolume) -> list[float]:
-    """Intersection over union of each region with the values that it is said to show, over all that the views show.
+    """Return the intersection over union of each region with its values, over everything that the views show.
 
     Args:
-        scene: With a palette colour network.
-        views: Whose pixels are looked at, ``LOOKED_AT`` of all.
-        volume: Which range of the transfer function a point is of.
+        scene: A scene with a palette colour network.
+        views: Views of which ``LOOKED_AT`` random pixels are used.
+        volume: The classified volume, which gives the transfer function range of each point.
 
     Returns:
-        A number in [0, 1] a region; none where the scene does not say which values its regions show, or where several
-        share a range, of which the volume does not say which part is whose.
+        A number in [0, 1] per region; an empty list if the scene does not know the values of its regions, or if regions
+        share a range, because the volume then does not tell which part belongs to which.
     """
     assert scene.palette_network is not None
     if not all(region.values for region in scene.regions):

@@ -25,7 +25,7 @@ from svv.train.ranges import Owners, shares_of
 from svv.train.unmix import Unmixing
 
 PALETTE_PIXELS = 400_000
-"""Visible pixels from which the palette is extracted at most."""
+"""Maximum number of visible pixels from which the palette is extracted."""
 
 
 @dataclass
@@ -39,9 +39,9 @@ class Recolouring:
     pool: RayPool
     settings: RecolourSettings
     owners: Owners | None = None
-    """Where the volume says which region a point belongs to."""
+    """Region of each point, if the volume is known."""
     given: Unmixing | None = None
-    """Where a palette was made by hand, or has more colours than RGB has dimensions: what the pixels say of it."""
+    """Palette shares in the pixels, for a palette made by hand or with more colours than RGB has dimensions."""
     headlight: str = "point"
     """See :attr:`svv.fields.networks.FieldSettings.headlight`."""
 
@@ -65,14 +65,14 @@ class Recolouring:
         self.budget = RayBudget(s.rays, s.samples)
 
     def step(self, number: int, fraction: float) -> Tensor:
-        """One step of the optimisers; returns the mean squared error of colour."""
+        """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
         batch = self.pool.batch(number, self.budget.rays)
         samples = march(batch.rays, self.occupancy, self.base.density, self.marching, seed=number + 1)
         self.budget.adjust(number, len(batch.rays), len(samples))
         with torch.no_grad():
             lit = self.field.lighting_mlp is not None
-            # Without a lighting network nobody looks at the geometry features, only at how many samples there are.
+            # Without a lighting network the geometry features are unused; only the number of samples matters.
             sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
         directions = encode_directions(batch.rays.directions, samples.ray)
         parts = self.field(samples.position, geometry, directions, self._headlight(batch).at(samples.ray))
@@ -94,13 +94,13 @@ class Recolouring:
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
         if self.owners is not None and len(samples):
             owner, own = self.owners.told(parts.weights, samples.position)
-            # A thin shell has as much of a say as the fog that it lies in.
+            # A thin shell counts as much as the fog in which it lies.
             each = 1.0 / torch.bincount(owner, minlength=parts.weights.shape[1]).clamp(min=1)[owner]
             loss = loss - s.owner_weight * (each * own.log()).sum() / parts.weights.shape[1]
         if self.given is not None:
             shares = self.given.shares(batch.premultiplied) * batch.premultiplied.amax(dim=1, keepdim=True)
             shown = mixtures / mixtures.sum(dim=1, keepdim=True).clamp_min(1e-6)
-            total = shares.sum(dim=0)  # here, too, a thin layer has as much of a say as a thick one
+            total = shares.sum(dim=0)  # here, too, a thin layer counts as much as a thick one
             told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-6)
             loss = loss - s.owner_weight * told.sum() / (total > 0).sum().clamp_min(1)
         self.networks.zero_grad(set_to_none=True)
@@ -115,12 +115,12 @@ class Recolouring:
         return error.detach()
 
     def _headlight(self, batch: Batch) -> Beams:
-        """The light that the views were drawn under."""
+        """Return the headlight under which the views were rendered."""
         return Beams.headlight(self.pool.axes(batch) if self.headlight == "axis" else -batch.rays.directions)
 
     @torch.no_grad()
     def shares(self, rays: int = 16384) -> NDArray[np.float64]:
-        """Part of the visible light that is each region's, over random training rays. (P,)"""
+        """Return each region's fraction of the visible light, estimated from random training rays. (P,)"""
         batch = self.pool.batch(0, rays)
         samples = march(batch.rays, self.occupancy, self.base.density, self.marching)
         sigma, _ = self.base.geometry(samples)
@@ -129,7 +129,7 @@ class Recolouring:
 
 
 def palette_of(views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None) -> Palette:
-    """Palette of the views' visible pixels; raises BadInput if there is none."""
+    """Extract the palette of the views' visible pixels; raises BadInput if no pixel is visible."""
     pool = RayPool(views, occupancy.box, seed, CPU)
     return extract_palette(*pool.visible_colours(PALETTE_PIXELS), settings, seed)
 
@@ -147,15 +147,15 @@ def recolour(
 
     Args:
         views: Training views.
-        scene: With a frozen base field; its settings shape the network, and its device is where that is trained.
+        scene: A scene with a frozen base field; its settings shape the network, and its device trains it.
         palette: Initial palette colours, RGB in [0, 1]. (P, 3)
-        settings: Of the stage.
+        settings: Settings of stage 2.
         running: Seed, time, progress and checkpoint.
-        owners: The region that each point belongs to, where that is known.
-        given: What pixels say of the palette, where it was made by hand.
+        owners: Region of each point, if it is known.
+        given: Palette shares in the pixels, for a palette made by hand or of more than three colours.
 
     Returns:
-        The frozen network, each region's share of the visible light (P,), and the seconds spent.
+        The frozen network, each region's fraction of the visible light (P,), and the seconds spent.
     """
     base, occupancy, seed, checkpoint = scene.base, scene.occupancy, running.seed, running.saved
     torch.manual_seed(seed)

@@ -26,18 +26,18 @@ from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, Running, falling, network_adam
 
 LEAST_EXTINCTION_SHARE = 0.05
-"""Part of a volume's largest extinction that is looked at, however faint that is."""
+"""Fraction of a volume's largest extinction above which cells are occupied in any case, however faint the volume is."""
 
 
 LEAST_GAIN = 0.1
-"""dB that the last tenth of a schedule must bring for a longer one to be said to pay."""
+"""Gain in dB over the last tenth of a schedule from which a longer schedule is reported as worthwhile."""
 
 DENSITY_COST = 0.25
-"""What a sample costs that only the density learns from, in those with a colour."""
+"""Cost of a sample that only the density learns from, relative to a sample with a colour."""
 
 
 class Reconstruction:
-    """Trains a base field; hold it to go on, or take its parts."""
+    """Trains a base field step by step, from the views and, if known, the volume."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class Reconstruction:
         self.tables = LatticeAdam(self.field.encodings)
 
     def step(self, number: int, fraction: float) -> Tensor:
-        """One step of the optimisers; returns the mean squared error of colour."""
+        """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
         if fraction >= s.refine_at and self.refined is None and self.field.density is not None:
             self.refine()
@@ -96,10 +96,10 @@ class Reconstruction:
         return error.detach()
 
     def _look(self, samples: Samples, rays: Rays, number: int) -> tuple[Tensor, Tensor, int]:
-        """Extinction (S,) and colour (S, 3) of samples, and what they cost in colours.
+        """Return extinction (S,) and colour (S, 3) of samples, and their cost, counted in colours.
 
-        Where the density has a lattice of its own, all samples teach it, but a network only looks at those that stand
-        for the colour around them: a ray through fog has dozens of samples and no use for as many colours.
+        If the density has its own lattice, it learns from all samples, but colours are only computed for representative
+        samples and shared with those around them: a ray through fog has dozens of samples but needs few colours.
         """
         if self.field.density is None or not len(samples):
             sigma, geometry = self.field.geometry(samples)
@@ -122,10 +122,10 @@ class Reconstruction:
             self.tables.step([density_rate * rate, s.feature_rate * rate], [s.density_pull * rate, 0.0])
 
     def refine(self) -> None:
-        """Halve the step and give the density a level of its own twice as fine, in what pruning left.
+        """Halve the step and add a density level twice as fine, in the cells that pruning left.
 
-        The new level begins with zeros, so the field is the same before and after. A density that began with what the
-        volume says has its finest level from the start.
+        The new level starts with zeros, so the field does not change. A density that was initialized from the volume
+        has its finest level from the start.
         """
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
@@ -137,19 +137,19 @@ class Reconstruction:
         self.refined = self.occupancy
 
     def prune(self, grow: bool) -> None:
-        """Forget the cells in which nothing is visible any more."""
+        """Remove the cells in which nothing is visible any more."""
         depth = largest_extinction(self.field, self.occupancy) * self.marching.step
         pruned = self.occupancy.pruned(depth, self.settings.prune_least, grow)
         if pruned.occupied.any():
             self.occupancy = pruned
 
     def layout(self) -> dict[str, NDArray[Any]]:
-        """What a checkpoint needs beside the parameters, to lay them out again."""
+        """Return what a checkpoint needs, besides the parameters, to restore their layout."""
         refined = np.zeros(0, np.uint8) if self.refined is None else self.refined.occupied
         return {"occupied": self.occupancy.occupied, "refined": refined, "rays": np.array(self.budget.rays)}
 
     def go_on_from(self, layout: dict[str, NDArray[Any]] | None) -> None:
-        """Take the layout of an interrupted run, if there was one."""
+        """Restore the layout of an interrupted run, if there is one."""
         if layout is None:
             return
         if layout["refined"].size:
@@ -159,11 +159,11 @@ class Reconstruction:
         self.budget.rays = int(layout["rays"])
 
     def finish(self) -> tuple[BaseField, Occupancy]:
-        """The trained field with features only where something is left, frozen."""
+        """Return the trained field, frozen, with features only in cells that are left, and the occupancy."""
         if self.field.density is not None and isinstance(self.field.encoding, SparseLattice):
             where = self.occupancy.occupied, self.occupancy.cells
             self.field.density = self.field.density.summed(*where)
-            with torch.no_grad():  # beyond, nothing can be told apart, but it would cost a scene's file precision
+            with torch.no_grad():  # values beyond these look the same, but would cost precision in the scene file
                 self.field.density.table.clamp_(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION)
             self.field.encoding = self.field.encoding.restricted(*where)
         self.field.requires_grad_(False)
@@ -172,14 +172,14 @@ class Reconstruction:
 
 @torch.no_grad()
 def largest_extinction(field: BaseField, occupancy: Occupancy) -> Tensor:
-    """Largest extinction found in each occupied cell, at 27 of its points, in raster order."""
+    """Return the largest extinction at 27 points of each occupied cell, in raster order."""
     device = field.encoding.table.device
     corner = occupancy.occupied_on(device).nonzero()
     end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
     largest = torch.full((len(corner),), -torch.inf, device=device)
     for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
         points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
-        # A cell's far corners belong to the next cell, of which nothing may be stored: a float nearer they do not.
+        # A cell's far corners belong to the next cell, which may not be stored: one float nearer they are in this cell.
         points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())
         largest = torch.maximum(largest, _exponent(field, points))
     return torch.exp(largest.clamp(max=MOST_LOG_EXTINCTION))
@@ -205,13 +205,13 @@ def reconstruct(
     Args:
         views: Training views.
         field: Shape of the networks.
-        settings: Of the stage.
-        occupancy: Where to look (:func:`first_occupancy`).
+        settings: Settings of stage 1.
+        occupancy: Initial occupancy (:func:`first_occupancy`).
         running: Seed, time, progress and checkpoint.
-        device: Where to train.
+        device: Device that trains.
 
     Returns:
-        The frozen field, the pruned occupancy, how its rays are sampled, the seconds spent, and why it stopped there.
+        The frozen field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
     """
     work, checkpoint = Reconstruction(views, occupancy, field, settings, running.seed, device), running.saved
     loop = Loop(settings.iterations, running.limit, running.progress, "base NeRF")
@@ -229,10 +229,10 @@ def reconstruct(
 
 
 def _why_there(loop: Loop, limit: float | None) -> str:
-    """Why the training stopped where it did, and whether more of it would help.
+    """Return why the training stopped, and whether a longer one would help.
 
-    Each step draws its pixels at random from all views, a few in a thousand of them, so its error is one of pixels
-    that were hardly looked at before.
+    Each step draws its pixels at random from all views, a few in a thousand of them, so its error is measured on pixels
+    that were hardly used before.
     """
     whole = loop.done >= loop.iterations
     where = "the preset's" if whole else f"at its limit of {limit:.0f} s"
@@ -241,16 +241,16 @@ def _why_there(loop: Loop, limit: float | None) -> str:
     if gain is None:
         return text
     more = "a longer schedule would add to that" if gain >= LEAST_GAIN else "a longer schedule would add little"
-    return f"{text}; the last tenth of them brought {gain:.2f} dB: {more}"
+    return f"{text}; the last tenth of them gained {gain:.2f} dB: {more}"
 
 
 def first_occupancy(
     views: ViewSet, settings: ReconstructSettings, field: FieldSettings, progress: Progress
 ) -> tuple[Occupancy, str]:
-    """Where the training looks at first, and why: where the volume is visible, or the visual hull of the views.
+    """Return the initial occupancy and its reason: the visible part of the volume, or the visual hull of the views.
 
     Raises:
-        BadInput: nothing is visible in all views at once.
+        BadInput: No point is visible in all views.
     """
     progress(0.0, "where to look")
     known = known_volume(views, settings, field)
@@ -258,7 +258,7 @@ def first_occupancy(
         occupancy = carve(views.images[..., 3] > 0, views.cameras, settings.cells)
         reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
     else:
-        # Below the first nothing stays when the training prunes; of a fog that is all below it, the most of it counts.
+        # Cells below the first threshold would be pruned; in a fog that lies below it everywhere, the second applies.
         least = min(
             settings.prune_least * known.cells, LEAST_EXTINCTION_SHARE * float(np.exp(np.float64(known.exponent.max())))
         )
@@ -266,12 +266,12 @@ def first_occupancy(
         occupancy = Occupancy(known.box, settings.cells, occupied)
         reason = (
             "the extinction is that of the volume and its transfer function, which fill "
-            f"{occupancy.fraction:.1%} of the box; it is learned on, not anew"
+            f"{occupancy.fraction:.1%} of the box; training refines it"
         )
     progress(1.0, "where to look")
     return occupancy, reason
 
 
 def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> ClassifiedVolume | None:
-    """What the density begins with, where the views carry it and the field has a lattice to take it."""
+    """Return the volume that initializes the density, if the views include it and the field is a lattice."""
     return views.classified if settings.use_volume and field.encoding == "lattice" else None

@@ -1,7 +1,7 @@
-"""Checkpoints of a training run: a killed run goes on from its last one.
+"""Checkpoints of a training run: a killed run resumes from its last one.
 
 A checkpoint is a file in the scene container's format, so it is data and never code. It holds the finished stages and
-the state of the one in progress, and belongs to one set of views, settings and seed: any other run starts anew.
+the state of the one in progress, and belongs to one set of views, settings and seed: any other run starts afresh.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ class Checkpoint:
     """The checkpoint file of one run."""
 
     def __init__(self, path: Path, key: dict[str, Any]) -> None:
-        """Open it.
+        """Open the file.
 
         Args:
             path: The file; it need not exist.
-            key: What the run depends on (:func:`svv.io.made.key_of`). A file of another key is ignored.
+            key: Everything that the run depends on (:func:`svv.io.made.key_of`). A file with another key is ignored.
         """
         self.path = path
         self.key = key_of(key)
@@ -44,7 +44,7 @@ class Checkpoint:
         try:
             header, arrays = read_scene_file(self.path)
         except BadInput:
-            return  # a foreign or damaged file is no checkpoint of this run; it will be replaced
+            return  # a foreign or damaged file is not a checkpoint of this run; it will be replaced
         if header.get("key") != self.key:
             return
         self.finished, self._progress = header["finished"], header["progress"]
@@ -52,7 +52,7 @@ class Checkpoint:
         self._state = {k[6:]: v for k, v in arrays.items() if k.startswith("state.")}
 
     def finish(self, stage: str, values: dict[str, Any], arrays: Arrays) -> None:
-        """Note that a stage is done, with its results (which replace those of the stages before)."""
+        """Record that a stage is done, with its results, which replace those of the previous stages."""
         self.finished[stage] = values
         self.arrays, self._state, self._progress = arrays, {}, {}
         self._write()
@@ -60,11 +60,11 @@ class Checkpoint:
     def stage(
         self, name: str, network: nn.Module, optimiser: torch.optim.Optimizer | None, tables: LatticeAdam
     ) -> StageState:
-        """The state of a stage in progress, restored if the file holds one of that name."""
+        """Return the state of a stage in progress, restored if the file holds a stage of that name."""
         return StageState(self, name, network, optimiser, tables)
 
     def extra(self, name: str) -> Arrays | None:
-        """What was saved beside the parameters of the stage in progress; None if it is another or none."""
+        """Return what was saved besides the parameters of a stage; None if that stage is not in progress."""
         if self._progress.get("stage") != name:
             return None
         return {k[6:]: v for k, v in self._state.items() if k.startswith("extra.")}
@@ -87,7 +87,7 @@ class StageState:
         self.checkpoint, self.name = checkpoint, name
         self.network, self.optimiser, self.tables = network, optimiser, tables
         self.restored: tuple[int, float] | None = None
-        """Steps done and seconds spent before, if the stage goes on."""
+        """Steps done and seconds spent before, if the stage was resumed; otherwise None."""
         progress = checkpoint._progress
         if progress.get("stage") == name:
             self._restore(checkpoint._state)

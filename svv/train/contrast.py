@@ -1,8 +1,8 @@
-"""Contrast of paint as it is seen, brought to that of its style.
+"""Adjustment of paint so that it appears with the contrast of its style.
 
-A pixel of a region shows the mean of what lies along its ray, and from another side the mean of other things. So the
-strokes of a translucent region lose contrast, the finest most of all, and even a surface's a little, between vertices.
-What is seen depends linearly on the paint: paint that has more contrast than its style looks as its style does.
+A pixel of a region shows the mean of the paint along its ray, and from another side a different mean. The strokes of a
+translucent region therefore lose contrast, the finest most of all, and so do those of a surface, a little, between
+vertices. Images depend linearly on the paint: paint with more contrast than its style can look like its style.
 """
 
 from __future__ import annotations
@@ -27,35 +27,35 @@ from svv.train.style_loss import StyleTarget
 from svv.train.stylize import StyledView, visible_from
 
 Contrast = tuple[float, float]
-"""Of all colours, and of fine detail: deviations, or gains of them."""
+"""Contrast of all colours, and of fine detail: standard deviations, or gains of them."""
 
 PATCH = 5
-"""Side in pixels of the patches whose deviation is fine contrast."""
+"""Side in pixels of the patches whose deviation is the fine contrast."""
 
 LEAST, MOST = 0.8, 2.0
-"""Bounds of each gain: more than twice the contrast leaves the gamut, and what is seen then is its corners' colours."""
+"""Bounds of each gain: with more than twice the contrast, colours leave the gamut and are clipped to its corners."""
 
 ROUNDS = 3
-"""How often the gains are corrected, since colours end at 0 and 1."""
+"""Number of corrections of the gains, needed because colours are clipped at 0 and 1."""
 
 VIEWS = 8
-"""Views that are looked at."""
+"""Number of views in which contrast is measured."""
 
 LEAST_SEEN = 0.02
-"""Alpha from which on a pixel tells how deep a region is."""
+"""Alpha above which a pixel counts for the depth of a region."""
 
 COVERED = 0.1
-"""Alpha from which on a pixel counts; of a translucent region the more opaque half of these does."""
+"""Alpha above which a pixel can count; in a translucent region, the more opaque half of these pixels counts."""
 
 LEAST_PATCHES = 200
-"""Patches that it takes to tell a contrast."""
+"""Minimum number of patches from which contrast is measured."""
 
 DEPTH = 5.0
-"""Pixels of the stylization views that a region may be deep along a ray, and carry strokes of the usual size."""
+"""Largest depth of a region along a ray, in pixels of the stylization views, for strokes of the usual size."""
 
 
 class _Paint:
-    """What a lattice holds of one region, and the gains that make its contrast another."""
+    """The paint of one region in a lattice, and the gains that change its contrast."""
 
     def __init__(
         self, lattice: SparseLattice, own: NDArray[np.int64], place: NDArray[np.float32], wanted: Contrast, reach: float
@@ -85,20 +85,20 @@ def match_contrast(
     settings: StylizeSettings,
     progress: Progress = silent,
 ) -> dict[int, Contrast]:
-    """Give the paint of regions the contrast at which it is seen as strong as in its style, within bounds.
+    """Change the contrast of paint, within bounds, such that it appears as strong as in its style.
 
-    Colours c with the mean m and the mean l of their surroundings become m + a (l - m) + b (c - l): a brings the
-    deviation of what is seen to the style's, b that of its patches of :data:`PATCH` pixels from their means.
+    Colours c with the mean m and the mean l of their surroundings become m + a (l - m) + b (c - l): a matches the
+    deviation of visible colours to the style's, b the deviation within patches of :data:`PATCH` pixels.
 
     Args:
-        scene: With a palette colour network.
+        scene: A scene with a palette colour network.
         field: Laid paint, changed in place.
         targets: Style of each region that is to change.
-        settings: Of stage 3.
-        progress: Called after each round; may raise.
+        settings: Settings of stage 3.
+        progress: Called for each round; may raise.
 
     Returns:
-        a and b of each region that is seen.
+        a and b of each region whose contrast can be adjusted.
     """
     lattice = field.encoding
     assert isinstance(lattice, SparseLattice)
@@ -128,20 +128,20 @@ def match_contrast(
 
 
 def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest: float) -> dict[int, float]:
-    """How much larger than usual the strokes of regions must be, to be seen.
+    """Return how much larger than usual the strokes of regions must be to be visible.
 
-    A ray through fog sees paint from all of its depth, seen from another side each, so strokes that are not as wide as
-    the fog is deep blur into each other. The depth is the weighted deviation of positions along the rays, of which the
-    median over pixels counts.
+    A ray through fog mixes paint from its whole depth, and every view mixes it differently, so strokes narrower than
+    the fog is deep blur into one another. The depth is the weighted deviation of positions along a ray; the median over
+    the pixels counts.
 
     Args:
-        scene: With a palette colour network.
-        regions: Which.
+        scene: A scene with a palette colour network.
+        regions: Numbers of the regions.
         pixel: Side of a pixel of the stylization views, in box units.
-        largest: The largest factor.
+        largest: Largest factor.
 
     Returns:
-        A factor from 1 to ``largest`` for each.
+        A factor from 1 to ``largest`` for each region.
     """
     depths: dict[int, list[Tensor]] = {k: [] for k in regions}
     for view in visible_from(scene, scene.rig.sphere(6, 128), silent):
@@ -160,13 +160,13 @@ def stroke_scales(scene: Scene, regions: Collection[int], pixel: float, largest:
 
 
 def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> Contrast | None:
-    """Deviation of colours, and of patches from their means, root mean squares over pictures.
+    """Return the standard deviation of colours, and that within patches, as root mean squares over pictures.
 
     Args:
-        pictures: Colours (3, h, w) and where they count (h, w), 0 or 1.
+        pictures: Colours (3, h, w) and masks (h, w) of 0 or 1, where 1 marks the pixels that count.
 
     Returns:
-        Both, or None where too little is seen to tell.
+        Both deviations, or None if too little is visible.
     """
     total, count = 0.0, 0
     whole: list[Tensor] = []
@@ -186,19 +186,19 @@ def contrasts(pictures: Sequence[tuple[Tensor, Tensor]]) -> Contrast | None:
 
 
 def surroundings(place: NDArray[np.float32], colours: NDArray[np.float32], reach: float) -> NDArray[np.float32]:
-    """Mean colour around each point, over about ``reach``: of (V, 3) points and colours, in blocks, interpolated."""
+    """Return the mean colour within about ``reach`` of each point: (V, 3), interpolated between means of blocks."""
     at = place / reach
     low = np.floor(at.min(0)).astype(np.int64) - 1
     shape = tuple(np.ceil(at.max(0)).astype(np.int64) - low + 3)
     block = np.ravel_multi_index(tuple(np.rint(at - low).astype(np.int64).T), shape)
     sums = [np.bincount(block, w, minlength=int(np.prod(shape))).reshape(shape) for w in (None, *colours.T)]
-    # Between blocks sums are interpolated and then divided, so that empty ones have no say.
+    # Sums are interpolated between blocks and divided afterwards, so empty blocks do not count.
     count, *totals = (map_coordinates(s.astype(np.float32), (at - low).T, order=1) for s in sums)
     return (np.stack(totals, 1) / np.maximum(count, 1e-6)[:, None]).astype(np.float32)
 
 
 def _seen(colours: Tensor, view: StyledView, region: int) -> tuple[Tensor, Tensor]:
-    """What a view whose samples have these colours shows of a region: (3, h, w), and where they count (h, w)."""
+    """Return the colours of a region in a view, (3, h, w), and a mask of the pixels that count, (h, w)."""
     image, mask = view.image(colours, region, 0.0)
     there = mask[mask > COVERED]
     enough = float(there.median()) if len(there) else 1.0
@@ -207,7 +207,7 @@ def _seen(colours: Tensor, view: StyledView, region: int) -> tuple[Tensor, Tenso
 
 
 def _owners(scene: Scene, place: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Which region each vertex is most of, -1 for none. (V,)"""
+    """Return the region with the largest weight at each vertex, -1 for none. (V,)"""
     assert scene.palette_network is not None
     found = []
     for piece in torch.from_numpy(place).split(1 << 17):

@@ -1,8 +1,8 @@
-"""Stage 3, first half, as the paper has it: the unrestricted network learns the palette network's diffuse colours.
+"""Stage 3, first half, as in the paper: the unrestricted network learns the palette network's diffuse colours.
 
-(StyleRF-VolVis, section UCN.) The teacher's palette holds each style's mean colour instead of its region's own (the
-colour transfer), so that stylization starts near its goal. Of the preset ``paper`` and of the modes that are compared
-with ours; else the start is painted (:mod:`svv.train.painting`).
+Source: StyleRF-VolVis, section UCN. In the teacher's palette, each style's mean colour replaces its region's own (the
+colour transfer), so stylization starts near its goal. The preset ``paper`` and the modes compared with ours use this;
+otherwise the start is painted (:mod:`svv.train.painting`).
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from svv.train.config import StylizeSettings, paint_resolutions
 from svv.train.loop import falling, network_adam
 
 DISTILLATION_SIZE = 256
-"""Side in pixels of the views whose rays are drawn: they only choose where samples fall."""
+"""Side in pixels of the views whose rays are drawn: they only determine where samples fall."""
 
 PROBE = 4096
-"""Rays that tell how many samples a ray gives."""
+"""Number of rays from which the number of samples per ray is estimated."""
 
 DISTILLATION_SAMPLES = 40_000
-"""Samples a step at most, about: translucent scenes give many on a ray, and they are what a step costs."""
+"""Approximate maximum number of samples per step: they determine its cost, and translucent scenes have many per ray."""
 
 
 def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
-    """Side of a pixel of the stylization views at the scene's centre, in box units."""
+    """Return the side of a pixel of the stylization views at the scene's centre, in box units."""
     return scene.rig.view_width / scene.occupancy.box.size / settings.style_size
 
 
@@ -46,14 +46,14 @@ class Distillation:
         seed: int,
         before: UnrestrictedField | None = None,
     ) -> None:
-        """Prepare it.
+        """Prepare the distillation.
 
         Args:
-            scene: With a palette colour network.
+            scene: A scene with a palette colour network.
             transferred: The palette after colour transfer, RGB. (P, 3)
-            settings: Of stage 3.
-            seed: Of networks and rays.
-            before: A UCN to begin with: the regions that the scene says are styled keep its colours.
+            settings: Settings of stage 3.
+            seed: Seed of networks and rays.
+            before: A UCN to start from: regions that the scene marks as styled keep its colours.
         """
         assert scene.palette_network is not None
         torch.manual_seed(seed)
@@ -63,8 +63,8 @@ class Distillation:
         levels = paint_resolutions(scene.settings, cell, scene.occupancy.cells)
         levels = levels if before is None else before.resolutions
         self.field = UnrestrictedField(scene.settings, scene.occupancy, levels).to(scene.device)
-        # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have one layout, so a copy solves it;
-        # what the student has beside, finer levels behind the teacher's, begins with zeros.
+        # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have the same layout, so a copy solves
+        # it; the student's additional finer levels, which follow the teacher's, start with zeros.
         self.before = before
         with torch.no_grad():
             if before is None:
@@ -85,7 +85,7 @@ class Distillation:
         self.tables = LatticeAdam([self.field.encoding])
 
     def step(self, number: int, fraction: float) -> Tensor:
-        """One step on ||c_d - c_u||^2 (StyleRF-VolVis, eq. 7); returns the loss. The rate only ever falls."""
+        """Take one step on ||c_d - c_u||^2 (StyleRF-VolVis, eq. 7); returns the loss. The rate only falls."""
         generator = np.random.default_rng((self.seed, number))
         views, pixels = self.settings.distil_views, DISTILLATION_SIZE**2
         rays = self.caster.rays(torch.from_numpy(generator.integers(0, views * pixels, self.rays)))
@@ -105,7 +105,7 @@ class Distillation:
         return loss.detach()
 
     def truth(self, samples: Samples, rays: Rays) -> Tensor:
-        """The colours that samples are to get: the transferred palette's, or those of before. (S, 3)"""
+        """Return the target colours of samples: the transferred palette's, or those of ``before``. (S, 3)"""
         intensity, weights, offsets = self.teacher.material(samples.position)
         colours = palette_shading.diffuse(intensity, weights, self.palette + offsets)
         if self.before is not None:

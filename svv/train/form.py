@@ -1,8 +1,8 @@
-"""The form of what is visible: smooth normals, and the direction that strokes on it take.
+"""The form of what is visible: smooth normals, and the direction of strokes.
 
-A lattice's own differences flip from point to point. Here the opacity of cells is blurred first, and everything is
-taken from the blurred field: its gradient gives normals, its second derivatives the principal curvatures. Strokes run
-along the weaker one, as a painter's do along a limb, and where a surface is flat they are upright in the world.
+Finite differences of a lattice flip from point to point. Here, the opacity of cells is blurred first, and everything is
+derived from the blurred field: its gradient gives normals, its second derivatives the principal curvatures. Strokes run
+along the weaker one, as a painter's do along a limb; where a surface is flat, they are upright in the world.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from svv.fields.occupancy import Occupancy
 Floats = NDArray[np.float32]
 
 BLUR = 2.0
-"""Standard deviation of the opacity's blur, in cells of the grid: finer relief is not followed."""
+"""Standard deviation of the opacity's blur, in cells of the grid: strokes do not follow finer relief."""
 
 SPREAD = 3.0
 """Standard deviation, in cells, over which directions are averaged."""
 
 CELLS = 128
-"""Cells of the grid along the longest side, at most those of the occupancy."""
+"""Number of cells of the grid along the longest side, at most that of the occupancy."""
 
 WIDER = 6.0
-"""Standard deviation, in cells, of what tells ridges from hollows."""
+"""Standard deviation, in cells, of the blur that distinguishes ridges from hollows."""
 
 UPRIGHT = 0.15
-"""How much the world's up weighs against the direction of a tube (1): it decides where a surface is flat or round."""
+"""Weight of the world's up relative to the direction of a tube (1): it decides where a surface is flat or round."""
 
 SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Entries of a symmetric 3 x 3 matrix that are kept."""
+"""Entries of a symmetric 3 x 3 matrix that are stored."""
 
 
 @dataclass(frozen=True)
@@ -43,21 +43,22 @@ class Form:
     """Normals and directions on a grid over the box, looked up trilinearly."""
 
     cells: int
+    """Number of grid cells per box unit."""
     gradient: Floats
-    """Of the blurred opacity, (3, X, Y, Z)."""
+    """Gradient of the blurred opacity. (3, X, Y, Z)"""
     axes: Floats
-    """Averaged outer products of the directions of weakest curvature, (6, X, Y, Z); trace at most 1."""
+    """Averaged outer products of the directions of weakest curvature, with a trace of at most 1. (6, X, Y, Z)"""
     filled: Floats
-    """How much of the wider surroundings is hidden by cells: less on ridges, more in hollows. (X, Y, Z)"""
+    """Blurred opacity of the wider surroundings: lower on ridges, higher in hollows. (X, Y, Z)"""
     up: NDArray[np.float64]
-    """The world's up in the box. (3,)"""
+    """The world's up direction in the box. (3,)"""
 
     def frames(self, position: Floats) -> tuple[Floats, Floats, Floats]:
-        """What strokes go by at box coordinates (S, 3).
+        """Return the frames that strokes follow at box coordinates (S, 3).
 
         Returns:
-            Outward unit normals (S, 3), unit tangents that strokes follow, either way (S, 3), and how decided these
-            are, 0 where the surface is flat or round alike in all directions, 1 on a straight tube (S,).
+            Outward unit normals (S, 3); unit tangents along the strokes, of either sign (S, 3); and how distinct these
+            are: 0 where the surface is flat or equally round in all directions, 1 on a straight tube (S,).
         """
         at = np.asarray(position, np.float64).T * self.cells - 0.5
         look = [map_coordinates(f, at, order=1, mode="nearest") for f in (*self.gradient, *self.axes)]
@@ -68,7 +69,7 @@ class Form:
         matrix = np.empty((len(normal), 3, 3))
         for value, (i, j) in zip(look[3:], SIX, strict=True):
             matrix[:, i, j] = matrix[:, j, i] = value
-        # In the tangent plane two axes remain: a 2 x 2 matrix, whose greater eigenvector has a closed form.
+        # In the tangent plane this is a 2 x 2 matrix, whose larger eigenvector has a closed form.
         a = np.einsum("si,sij,sj->s", right, matrix, right)
         b = np.einsum("si,sij,sj->s", right, matrix, upward)
         d = np.einsum("si,sij,sj->s", upward, matrix, upward)
@@ -78,22 +79,22 @@ class Form:
         return normal.astype(np.float32), tangent.astype(np.float32), np.minimum(decided, 1.0).astype(np.float32)
 
     def hollowness(self, position: Floats) -> Floats:
-        """How much of the surroundings of box coordinates (S, 3) is filled, in [0, 1]. (S,)
+        """Return how much of the surroundings of box coordinates (S, 3) is filled, in [0, 1]. (S,)
 
-        On the surface of a half space a half, on a ridge less: an integral invariant of the mean curvature
-        (Pottmann et al. 2007), which needs no derivatives.
+        It is 1/2 on the surface of a half space and less on a ridge: an integral invariant of the mean curvature
+        (Pottmann et al. 2007), without derivatives.
         """
         at = np.asarray(position, np.float64).T * self.cells - 0.5
         return np.asarray(map_coordinates(self.filled, at, order=1, mode="nearest"), np.float32)
 
 
 def tangents(normal: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Right and up of someone who looks at surfaces with these outward unit normals (S, 3), both (S, 3)."""
+    """Return right and up, both (S, 3), as seen by a viewer facing surfaces with outward unit normals (S, 3)."""
     side = np.eye(3)[int(np.abs(up).argmin())]
     upward = up - (normal @ up)[:, None] * normal
     flat = np.linalg.norm(upward, axis=1, keepdims=True)
     other = side - (normal @ side)[:, None] * normal
-    # Seen from straight above there is no up: any direction will do, but it must not turn from point to point.
+    # Seen from straight above, there is no up: any direction will do if it is the same at all points.
     upward = upward + np.clip(0.2 - flat, 0.0, None) * 5.0 * other
     upward /= np.maximum(np.linalg.norm(upward, axis=1, keepdims=True), 1e-12)
     return np.cross(upward, normal), upward
@@ -101,9 +102,9 @@ def tangents(normal: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDAr
 
 @torch.no_grad()
 def opacity_grid(base: BaseField, occupancy: Occupancy, cells: int) -> Floats:
-    """Opacity of a grid's cells along one side of theirs, 1 - exp(-sigma / cells), 0 where nothing is stored. (X, Y, Z)
+    """Return the opacity of grid cells along one of their sides, 1 - exp(-sigma / cells), 0 if unoccupied. (X, Y, Z)
 
-    ``cells`` must divide those of the occupancy.
+    ``cells`` must divide the number of cells of the occupancy.
     """
     k = occupancy.cells // cells
     full = occupancy.occupied > 0
@@ -126,7 +127,7 @@ def opacity_grid(base: BaseField, occupancy: Occupancy, cells: int) -> Floats:
 
 
 def form_of(base: BaseField, occupancy: Occupancy, up: NDArray[np.float64] | tuple[float, float, float]) -> Form:
-    """The form of a scene's extinction; ``up`` is the world's, in world units (box and world have the same axes)."""
+    """Return the form of a scene's extinction; ``up`` is the world's up direction (box and world share their axes)."""
     cells = occupancy.cells
     while cells > CELLS and cells % 2 == 0:
         cells //= 2
@@ -134,7 +135,7 @@ def form_of(base: BaseField, occupancy: Occupancy, up: NDArray[np.float64] | tup
 
 
 def form_of_opacity(opacity: Floats, cells: int, up: NDArray[np.float64] | tuple[float, float, float]) -> Form:
-    """The form of what cells (X, Y, Z) hide, ``cells`` of them to a box unit."""
+    """Return the form of the opacity of grid cells (X, Y, Z), with ``cells`` cells per box unit."""
     scale = cells / CELLS
     field = gaussian_filter(opacity, BLUR * max(scale, 0.5), mode="constant")  # nothing is beyond the box
     gradient = np.stack(np.gradient(field)).astype(np.float32)
@@ -144,7 +145,7 @@ def form_of_opacity(opacity: Floats, cells: int, up: NDArray[np.float64] | tuple
 
 
 def stroke_axes(gradient: Floats, spread: float) -> Floats:
-    """Directions of weakest curvature of level surfaces, as averaged outer products. (3, X, Y, Z) -> (6, X, Y, Z)
+    """Return weakest-curvature directions of level surfaces as averaged outer products: (3, X, Y, Z) -> (6, X, Y, Z).
 
     The shape operator of a level surface is P H P / |g|, with g the gradient, H the second derivatives and P the
     projection to the tangent plane (Kindlmann et al. 2003, Curvature-based transfer functions, eq. 5).
@@ -162,7 +163,7 @@ def stroke_axes(gradient: Floats, spread: float) -> Floats:
     hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))
     project = np.eye(3) - n[:, :, None] * n[:, None, :]
     shape = project @ hessian @ project / np.maximum(size, 1e-12)[:, :, None]
-    # The normal is an eigenvector, too: a large number there keeps it out of the way.
+    # The normal is also an eigenvector; a large eigenvalue moves it to the end.
     values, vectors = np.linalg.eigh(shape @ shape + 1e6 * n[:, :, None] * n[:, None, :])
     weak, strong = np.sqrt(np.maximum(values[:, 0], 0.0)), np.sqrt(np.maximum(values[:, 1], 0.0))
     decided = (strong - weak) / np.maximum(strong + weak, 1e-9) * np.minimum(strong * 40.0, 1.0)

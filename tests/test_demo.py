@@ -26,7 +26,7 @@ from svv.job.stages import Stages, fingerprint
 from svv.job.steps import JobSettings
 from svv.measure import measured
 from svv.options.making import OrbitOptions, TrainOptions, ViewOptions
-from svv.render.pictures import cropped, error_picture, hex_colour, over_white, sheet, shrunk
+from svv.render.pictures import cropped, error_picture, over_white, sheet, shrunk
 from tests.movies import frames_of
 
 
@@ -142,7 +142,6 @@ def test_a_sheet_holds_its_pictures_unchanged() -> None:
 
 
 def test_small_helpers_of_pictures() -> None:
-    assert hex_colour((1.0, 0.5, 0.0)) == "#ff8000"
     white, black = np.full((2, 2, 3), 255, np.uint8), np.zeros((2, 2, 3), np.uint8)
     assert (error_picture(white, white) == 255).all()
     assert (error_picture(white, black) == [150, 0, 20]).all()

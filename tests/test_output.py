@@ -13,7 +13,6 @@ from svv.errors import BadInput, Cancelled
 from svv.io.output import (
     EMPTY_REGION,
     depth_picture,
-    on_background,
     region_picture,
     to_bytes,
     write_depth_png,
@@ -46,12 +45,6 @@ def test_levels_are_rounded_and_clamped() -> None:
         255,
         0,
     ]
-
-
-def test_straight_alpha_over_a_background() -> None:
-    rgba = np.array([[1.0, 0.0, 0.5, 0.25]])
-    np.testing.assert_allclose(on_background(rgba, (0.0, 1.0, 0.5)), [[0.25, 0.75, 0.5]], atol=1e-7)
-    np.testing.assert_allclose(on_background([[0.3, 0.9, 0.1, 0.0]]), [[1.0, 1.0, 1.0]])
 
 
 def test_png_comes_back(tmp_path: Path, view: tuple[np.ndarray, ...]) -> None:

@@ -106,12 +106,12 @@ def evaluate(
 
 def info(scene: SceneFile, json: Json = None) -> None:
     """Show what a scene contains: its regions, networks and size, and how it was made."""
+    from svv.core.colour import to_hex
     from svv.io.atomic import write_json
-    from svv.render.pictures import hex_colour
 
     content = load(scene).info()
     if json is not None:
         write_json(json, content)
     colours = ("colour", "edited_colour")
-    regions = [{**r, **{k: hex_colour(r[k]) for k in colours if r[k]}} for r in content["regions"]]
+    regions = [{**r, **{k: to_hex(r[k]) for k in colours if r[k]}} for r in content["regions"]]
     print_table({**content, "regions": regions})

@@ -6,12 +6,16 @@ brightness, all in [0, 1]; hue is a circle on which 0 and 1 are the same red.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+
+WHITE = (1.0, 1.0, 1.0)
+"""Background over which images are compared and shown."""
 
 GREY_SATURATION = 0.02
 """Below it a hue is noise: eight bits cannot tell it."""
@@ -104,8 +108,8 @@ def to_hex(rgb: NDArray[np.floating] | tuple[float, float, float]) -> str:
     return "#" + bytes(np.rint(np.clip(rgb, 0, 1) * np.float64(255)).astype(np.uint8)).hex()
 
 
-def over(rgba: NDArray[np.floating], background: tuple[float, float, float]) -> NDArray[np.floating]:
-    """Straight-alpha RGBA over an opaque background, all in [0, 1]. (..., 4) -> (..., 3)."""
+def over(rgba: NDArray[np.floating], background: Sequence[float] = WHITE) -> NDArray[np.floating]:
+    """Blend straight-alpha RGBA over an opaque background, all in [0, 1]. (..., 4) -> (..., 3)."""
     alpha = rgba[..., 3:]
     return np.asarray(rgba[..., :3] * alpha + np.asarray(background, dtype=rgba.dtype) * (1 - alpha))
 

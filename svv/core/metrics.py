@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
-from svv.core.colour import over
+from svv.core.colour import WHITE, over
 from svv.core.flip import error_map
 from svv.errors import BadInput
 
 Image = NDArray[np.floating]
 SSIM_TAPS = 11
-WHITE = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)

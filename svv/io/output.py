@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -30,13 +30,6 @@ def to_bytes(image: ArrayLike) -> NDArray[np.uint8]:
     """Values in [0, 1] (clamped; NaN becomes 0) as 8-bit levels, rounded."""
     values = np.nan_to_num(np.asarray(image, dtype=np.float32), nan=0.0)
     return np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
-
-
-def on_background(rgba: ArrayLike, background: Sequence[float] = (1.0, 1.0, 1.0)) -> NDArray[np.float32]:
-    """Straight-alpha RGBA (..., 4) in [0, 1] over one colour: a c + (1 - a) b, (..., 3)."""
-    values = np.asarray(rgba, dtype=np.float32)
-    alpha = values[..., 3:]
-    return alpha * values[..., :3] + (1.0 - alpha) * np.asarray(background, dtype=np.float32)
 
 
 def write_png(path: str | Path, image: ArrayLike) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from svv.core.colour import to_hex
 from svv.fields.scene import Scene
 from svv.io.view_meta import ViewMeta, known
 from svv.io.viewset import read_meta
@@ -15,7 +16,6 @@ from svv.job.page import Page, Picture, Table, cost_table, write_page
 from svv.job.source import Drawn, ViewSource
 from svv.job.steps import Job
 from svv.progress import duration
-from svv.render.pictures import hex_colour
 from svv.train.evaluate import Scores
 
 SCORES = {
@@ -94,7 +94,7 @@ def _regions(scene: Scene) -> Table:
     rows, styled = [], "styled" in scene.networks
     known = all(r.values for r in scene.regions)
     for index, region in enumerate(scene.regions):
-        row = [str(index), hex_colour(region.colour), f"{region.share:.0%}"]
+        row = [str(index), to_hex(region.colour), f"{region.share:.0%}"]
         if known:
             row.append("{:.4g} to {:.4g}".format(*(region.values or ())))
         rows.append([*row, region.style or "as it is"] if styled else row)

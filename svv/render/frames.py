@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
+from svv.core.colour import WHITE, over
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.atomic import check_writable, make_folder
 from svv.io.output import (
     depth_picture,
-    on_background,
     region_picture,
     to_bytes,
     write_depth_png,
@@ -27,7 +27,6 @@ from svv.io.output import (
 if TYPE_CHECKING:
     from svv.fields.scene import Rendering, Scene
 
-WHITE = (1.0, 1.0, 1.0)
 SHOWN_SIZE = 320
 """Side in pixels of the pictures that show a painting in progress."""
 PREVIEW_SIZE = 96
@@ -71,7 +70,7 @@ def write_view(
     elif what == "region":
         write_region_png(path, view.region, region_colours(scene))
     else:
-        write_png(path, view.rgba if background is None else on_background(view.rgba, background))
+        write_png(path, view.rgba if background is None else over(view.rgba, background))
 
 
 def previews_in(path: Path) -> Callable[[Scene], None]:
@@ -134,7 +133,7 @@ def write_movie(
             each = part(progress, index / len(cameras), (index + 1) / len(cameras))
             view = scene.render(camera, network, None, each)
             picture = _shown(view, scene, what, near_far)
-            yield to_bytes(on_background(picture, background or WHITE))
+            yield to_bytes(over(picture, background or WHITE))
             progress((index + 1) / len(cameras), f"view {index + 1} of {len(cameras)}")
 
     write_mp4(path, frames(), fps)

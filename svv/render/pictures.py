@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from svv.io.output import on_background, to_bytes
+from svv.core.colour import over
+from svv.io.output import to_bytes
 
 Picture = NDArray[np.uint8]
 
@@ -71,15 +72,10 @@ def error_picture(truth: Picture, shown: Picture, gain: float = 4.0) -> Picture:
     return np.rint(colour).astype(np.uint8)
 
 
-def hex_colour(colour: Sequence[float]) -> str:
-    """Format RGB in [0, 1] as '#rrggbb', as in the command's options."""
-    return "#" + to_bytes(colour).tobytes().hex()
-
-
 def over_white(image: NDArray[Any]) -> Picture:
     """Blend straight-alpha RGBA (h, w, 4), values in [0, 1] or levels (uint8), over white."""
     values = image.astype(np.float32) / 255.0 if image.dtype == np.uint8 else image
-    return to_bytes(on_background(values))
+    return to_bytes(over(values))
 
 
 def read_png(path: Path) -> Picture:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from svv.core.cameras import Camera, look_at
+from svv.core.colour import WHITE, over
 from svv.errors import BadInput
-from svv.io.output import on_background, to_bytes, write_png
-from svv.render.frames import WHITE, orbit
+from svv.io.output import to_bytes, write_png
+from svv.render.frames import orbit
 
 if TYPE_CHECKING:
     from svv.fields.scene import Rendering, Scene
@@ -168,7 +169,7 @@ class SceneFollower:
 
 def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequence[float]) -> Any:
     """Render the scene over the background. (H, W, 3) uint8"""
-    return to_bytes(on_background(scene.render(camera, network).rgba, background))
+    return to_bytes(over(scene.render(camera, network).rgba, background))
 
 
 def _same(one: Camera, other: Camera) -> bool:

@@ -9,8 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from svv.core.colour import WHITE
 from svv.core.json_values import list_in, needed, number_in, numbers_in, object_in, text_in, whole_in
-from svv.core.metrics import WHITE, Likeness, flip, on_white
+from svv.core.metrics import Likeness, flip, on_white
 from svv.errors import Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet

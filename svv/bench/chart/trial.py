@@ -25,7 +25,8 @@ from svv.bench.chart.plan import Training
 from svv.bench.chart.scenes import shrunk, spread_over, unseen_cameras
 from svv.bench.chart.tasks import RenderTask, TrainTask
 from svv.core.cameras import Camera, sphere_cameras
-from svv.core.metrics import WHITE, Likeness
+from svv.core.colour import WHITE
+from svv.core.metrics import Likeness
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene

@@ -17,9 +17,9 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.bench.stability.measures import matched, overlaps, palette_error
 from svv.bench.stability.scenes import SCENES, TRANSPARENT, KnownScene
 from svv.core.cameras import Camera
-from svv.core.colour import colour_differences, over
+from svv.core.colour import WHITE, colour_differences, over
 from svv.core.correction import Correction
-from svv.core.metrics import WHITE, Likeness
+from svv.core.metrics import Likeness
 from svv.dvr.views import make_views, render_views
 from svv.errors import BadInput, Progress, part
 from svv.fields.rendering import RayCaster, march

@@ -33,13 +33,13 @@ from svv.bench.styles.table import (
     victories,
     write_tables,
 )
+from svv.core.colour import over
 from svv.core.metrics import ssim
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.io.images import read_style
 from svv.io.made import digest, kept, key_of_measure
-from svv.io.output import on_background
 from svv.options.editing import PAINT_LIGHT
 from svv.render.pictures import read_png
 from svv.styles.features import load_features
@@ -290,7 +290,7 @@ def likeness(path: OrbitPath, frames: Path, style: NDArray[np.float32]) -> dict[
             continue
         values = painted_figures(shown[..., :3], before[..., 3], judge)
         values["changed"] = float(np.sqrt(np.square(shown[..., :3] - before[..., :3])[seen].mean()))
-        grey = [np.repeat(on_background(x).mean(axis=-1, keepdims=True), 3, axis=-1) for x in (shown, before)]
+        grey = [np.repeat(over(x).mean(axis=-1, keepdims=True), 3, axis=-1) for x in (shown, before)]
         values["content"] = ssim(*grey)
         found.append(values)
     names = dict.fromkeys(name for values in found for name in values)

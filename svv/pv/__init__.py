@@ -1,4 +1,4 @@
-"""ParaView's side: filters, capture, live camera, launcher. Nothing below knows of it."""
+"""The ParaView side: filters, capture, live camera, launcher. No lower layer imports it."""
 
 from svv.pv.own_symbols import prefer_own_symbols
 from svv.pv.processes import start_processes_by_fork

@@ -1,7 +1,7 @@
-"""What results depend on, as hashes that are the same in every process: names under which results are kept.
+"""Hashes of what results depend on, the same in every process, and the names under which results are kept.
 
-A name says what was made, of what, with which settings, and by which version:
-``scene-<of what>-<settings>-0.2.0.1.svv``.
+A name states the kind of the result, its source, its settings, and the version that made it:
+``scene-<source>-<settings>-0.2.0.1.svv``.
 """
 
 from __future__ import annotations
@@ -19,57 +19,57 @@ if TYPE_CHECKING:
     from svv.io.viewset import ViewSet
 
 CIRCUMSTANCES = ("seconds", "key", "look", "data", "time")
-"""What views say about how they were drawn, and no picture depends on."""
+"""Keys of the views' metadata on which no picture depends."""
 
 LEARNED = ("box", "cells", "settings", "marching", "images", "camera_rig", "normal_resolutions")
-"""What of a scene's header training finds."""
+"""Keys of a scene's header that training determines."""
 
 _views: weakref.WeakKeyDictionary[ViewSet, str] = weakref.WeakKeyDictionary()
 _scenes: weakref.WeakKeyDictionary[Any, str] = weakref.WeakKeyDictionary()
 
 
 def name_of(kind: str, source: str, settings: str) -> str:
-    """The name of a result.
+    """Return the name of a result.
 
     Args:
-        kind: ``views``, or of scenes ``scene``, ``palette`` or ``painting``.
-        source: Of what it is made: :func:`digest`.
-        settings: With which settings: :func:`digest`.
+        kind: ``views``, or for scenes ``scene``, ``palette`` or ``painting``.
+        source: Hash of what it is made from (:func:`digest`).
+        settings: Hash of its settings (:func:`digest`).
     """
     return f"{kind}-{source}-{settings}-{__version__}.{GENERATION}{'' if kind == 'views' else '.svv'}"
 
 
 def source_of(now: Moment) -> str:
-    """A hash of what came to a filter, without its settings."""
+    """Return a hash of a filter's inputs, without its settings."""
     return digest(now.look, now.data)
 
 
 def key_of(now: Moment) -> str:
-    """What a result depends on, whatever the version: hashes of what came, and of the settings."""
+    """Return the hashes of a filter's inputs and settings, on which its result depends apart from the version."""
     return f"{source_of(now)}-{now.settings}"
 
 
 def key_in(name: str) -> str:
-    """That of the result of this name."""
+    """Return the key (:func:`key_of`) of the result with this name."""
     return "-".join(name.split("-")[1:3])
 
 
 def settings_in(name: str, kind: str) -> str:
-    """The hash of the settings in a name, '' if it is none of this kind."""
+    """Return the hash of the settings in a name; '' if the name is not of this kind."""
     parts = name.split("-")
     return parts[2] if len(parts) > 3 and parts[0] == kind else ""
 
 
 def digest_of_mask(path: str | Path) -> str:
-    """A hash of a mask and of the points that are kept beside it; raises BadInput where they cannot be read."""
-    from svv.io.mask_file import points_file  # with PIL, which no plugin needs before its window is there
+    """Return a hash of a mask and of the points stored with it; raise BadInput if they cannot be read."""
+    from svv.io.mask_file import points_file  # imports PIL, which would delay the start of ParaView's window
 
     points = points_file(Path(path))
     return digest(digest_of_file(path), digest_of_file(points) if points.is_file() else None)
 
 
 def digest_of_views(views: ViewSet) -> str:
-    """A hash of images, cameras and the classified volume; names, and how long it took, do not count."""
+    """Return a hash of images, cameras and the classified volume; names and times do not count."""
     if views not in _views:
         cameras = [[c.camera_to_world, c.fov_x, c.width, c.height] for c in views.cameras]
         meta = {key: value for key, value in views.meta.to_json().items() if key not in CIRCUMSTANCES}
@@ -83,7 +83,7 @@ def digest_of_views(views: ViewSet) -> str:
 
 
 def digest_of_scene(scene: Scene) -> str:
-    """A hash of what was learned: networks but those of paintings, box and palette. Edits do not change it."""
+    """Return a hash of what was learned: box, palette, and networks except the paintings'. Edits do not change it."""
     learned = (
         scene.base if scene.palette_network is None else scene.palette_network
     )  # a scene's edits and paintings share it
@@ -97,7 +97,7 @@ def digest_of_scene(scene: Scene) -> str:
 
 
 def digest_of_edits(scene: Scene) -> str:
-    """A hash of a scene's edits and paintings: of all that :func:`digest_of_scene` leaves out, but its history."""
+    """Return a hash of a scene's edits and paintings: all that :func:`digest_of_scene` omits, except the history."""
     header, arrays = scene.to_arrays()
     paintings = {k: v for k, v in arrays.items() if k.split(".")[0] not in ("base", "pcn", "occupied")}
     return digest({k: header[k] for k in ("regions", "lamp", "painting", "variants")}, paintings)

@@ -1,6 +1,6 @@
-"""Calls pip, wherever there is one: environments made by pipx or uv have none of their own.
+"""Find and run pip or uv: environments made by pipx or uv contain no pip.
 
-Needs nothing beyond Python's own library, as it runs before anything is installed.
+This module needs only Python's standard library, because it runs before anything is installed.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from svv.errors import BadInput
 
 
 def command() -> list[str]:
-    """The words before the packages' names, to install into the Python that runs us.
+    """Return the command, up to the package names, that installs into the running Python.
 
-    Nothing is compiled to byte code ahead of time: of 280 MB that would be, most is never imported.
+    Nothing is compiled to byte code ahead of time: that would take 280 MB, most of which is never imported.
 
     Raises:
-        BadInput: there is no pip for this Python, and no uv.
+        BadInput: There is neither a pip for this Python nor uv.
     """
     options = ["-qq", "--disable-pip-version-check", "--no-input", "--no-compile"]
     if importlib.util.find_spec("pip") is not None:
@@ -36,17 +36,17 @@ def command() -> list[str]:
     if uv is not None:
         return [uv, "pip", "install", "-q", "--python", sys.executable]
     raise BadInput(
-        f"There is no pip to install packages with: run `{sys.executable} -m ensurepip`, or put pip or uv on the PATH."
+        f"There is no pip to install packages: run `{sys.executable} -m ensurepip`, or put pip or uv on the PATH."
     )
 
 
 def install(packages: Sequence[str], *options: str, quiet: bool = False) -> bool:
-    """Install packages; what went wrong is on stderr unless ``quiet``.
+    """Install packages; errors go to stderr unless ``quiet``.
 
     Args:
-        packages: Requirements, as pip takes them.
+        packages: Requirements in pip's syntax.
         options: Further options that pip and uv share, such as ``--no-deps``.
-        quiet: Say nothing, as another way follows.
+        quiet: Suppress all output, for an attempt with a fallback.
 
     Returns:
         Whether it worked.
@@ -56,9 +56,9 @@ def install(packages: Sequence[str], *options: str, quiet: bool = False) -> bool
 
 
 def pins(file: Path, python: tuple[int, int]) -> list[str]:
-    """The lines of our constraints.txt that hold for a Python, without their markers.
+    """Return the lines of constraints.txt that apply to a version of Python, without their markers.
 
-    pip itself would ask the Python that it runs in, which need not be the one that is installed for.
+    pip would evaluate the markers for the Python that it runs in, which may differ from the target's.
     """
     kept = []
     for line in file.read_text().splitlines():
@@ -67,7 +67,7 @@ def pins(file: Path, python: tuple[int, int]) -> list[str]:
             continue
         match = re.fullmatch(r'\s*python_version (<|>=) "(\d+)\.(\d+)"\s*', marker or ' python_version >= "3.0"')
         if match is None:
-            raise ValueError(f"{file}: {marker.strip()} is a marker that nobody here reads")
+            raise ValueError(f"{file}: the marker {marker.strip()} is not supported")
         sign, *version = match.groups()
         if (python < tuple(map(int, version))) == (sign == "<"):
             kept.append(pin.strip())
@@ -75,14 +75,14 @@ def pins(file: Path, python: tuple[int, int]) -> list[str]:
 
 
 def constraints_file() -> Path | None:
-    """Our constraints.txt: that of a checkout, or as pip has installed it; None where there is neither."""
+    """Return svv's constraints.txt, from a checkout or as installed by pip; None if there is neither."""
     root = Path(__file__).resolve().parents[2]
     places = [root / "constraints.txt", root / "../../../share/svv/constraints.txt"]
     return next((place for place in places if place.is_file()), None)
 
 
 def size(folder: str | Path) -> int:
-    """Bytes that a folder takes on the disk; links are not followed. A folder that is not there has none."""
+    """Return the bytes that a folder takes on disk, without following links; 0 if it does not exist."""
     total = 0
     for above, _, names in os.walk(folder):
         total += sum(os.lstat(os.path.join(above, name)).st_blocks * 512 for name in names)

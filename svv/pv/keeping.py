@@ -1,8 +1,8 @@
-"""Filters that keep results in files, so that a saved state shows tomorrow what it shows today.
+"""Filters that keep their results in files, so that a saved state shows the same results when it is opened again.
 
-The files lie in the cache (:class:`svv.io.cache.Cache`) under names that say what they depend on
-(:mod:`svv.pv.identity`). A state carries the names, in the property *Kept As*: where the file of a name is gone, the
-filter says so and waits for a button, for nobody who opens a state asks for minutes of work by that.
+The files are in the cache (:class:`svv.io.cache.Cache`) under names that identify what they depend on
+(:mod:`svv.pv.identity`). A state carries the names in the property *Kept As*. If the file of a name is missing, the
+filter reports this and waits for a button, because opening a state should not start minutes of work.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ if TYPE_CHECKING:
 
 Views = tuple["ViewSet", "ViewSet | None"]
 
-MADE = {"views": "drawn", "scene": "learned", "palette": "learned", "painting": "painted"}
-"""Kinds of results, and what is done to have them."""
+MADE = {"views": "drawn", "scene": "trained", "palette": "trained", "painting": "painted"}
+"""Kinds of results, and the participle that says how each is made."""
 
-FOUND = " It was found where it is kept."
+FOUND = " The result was found in the cache."
 
 
 class Keeping(Filter):
-    """A filter whose long work is done once for all processes."""
+    """A filter that keeps the results of its long work for all later processes."""
 
     button = "Take As Edited"
-    """What starts the work where a saved state's result is gone."""
+    """Label of the button that starts the work if a saved state's result is missing."""
 
     def __init__(self, inputs: int, outputs: int, kind: str) -> None:
         super().__init__(inputs, outputs, kind)
         self._names: dict[str, str] = {}
-        """Slot -> name under which the result that is given out is kept."""
+        """Slot -> name under which the current result is kept."""
         self._asked = self._anew = False
         self.note = ""
-        """One more sentence for Status."""
+        """An additional sentence for Status."""
 
     def begin_with(self, slot: str, kind: str, now: Moment) -> None:
-        """Take up what a state was saved with, if the panel is still as it was; the data may have gone on since."""
+        """Restore the result that a state was saved with if the panel is unchanged; the data may have changed since."""
         name = self.stated().get(slot, "")
         if self.steps.results or settings_in(name, kind) != now.settings:
             return
@@ -57,7 +57,7 @@ class Keeping(Filter):
             self.note = FOUND
 
     def begin_with_painting(self, now: Moment, settings: str, paintings: Steps[Any]) -> None:
-        """Take up the painting that a state was saved with, and what was painted on: its file holds both."""
+        """Restore the painting that a state was saved with, and the scene below it: the painting's file holds both."""
         name = self.stated().get("painted", "")
         if self.steps.results or paintings.results or settings_in(name, "painting") != settings:
             return
@@ -72,17 +72,17 @@ class Keeping(Filter):
     def found_or_made(
         self, slot: str, kind: str, now: Moment, make: Callable[[], Any], own: Callable[[], Any] | None = None
     ) -> tuple[Any, str]:
-        """A result, the one that was kept, or else made now and kept; and its name.
+        """Return a result and its name: the kept one, or one that is made now and kept.
 
         Args:
-            slot: What the filter calls it in the property Kept As.
+            slot: The filter's key for the result in the property Kept As.
             kind: One of :data:`MADE`.
-            now: What it depends on.
-            make: Makes it.
-            own: Gives the one in a file of the user's own, None where that is not it.
+            now: What the result depends on.
+            make: Makes the result.
+            own: Returns the result in the user's own file, or None if the file holds something else.
 
         Raises:
-            BadInput: a state was opened whose result is gone; any reason of ``make`` and ``own``.
+            BadInput: The result of an opened state is missing; or any reason of ``make`` and ``own``.
         """
         name, stated = name_of(kind, source_of(now), now.settings), self.stated().get(slot, "")
         self.note = ""
@@ -100,11 +100,11 @@ class Keeping(Filter):
         return result, name
 
     def gives(self, **names: str) -> None:
-        """Say under which names is kept what the filter gives out, by slot."""
+        """Record the names under which the filter's current results are kept, by slot."""
         self._names |= names
 
     def kept_as(self, name: str, kind: str) -> Any:
-        """What is kept under a name, None where nothing is."""
+        """Return the result that is kept under a name, or None."""
         if kind == "views":
             return Cache.of_user().read(name, read_views)
         from svv.fields.scene import Scene
@@ -114,7 +114,7 @@ class Keeping(Filter):
         return None if found is None else found.on(device_named(self.values["Device"]))
 
     def stated(self) -> dict[str, str]:
-        """The names that the state carries, by slot."""
+        """Return the names that the state carries, by slot."""
         try:
             names = json.loads(self.values.get("KeptAs") or "{}")
         except ValueError:
@@ -122,21 +122,21 @@ class Keeping(Filter):
         return {str(k): str(v) for k, v in names.items()} if isinstance(names, dict) else {}
 
     def GetKept(self) -> str:
-        """The names under which results are kept, for the state."""
+        """Return the names under which results are kept, as JSON for the state."""
         return json.dumps({**self.stated(), **self._names}) if self._names else ""
 
     def TakeAsEdited(self) -> None:
-        """Look at the transfer function again, and make what a saved state misses."""
+        """Update the result to the current transfer function, and make results that a saved state lacks."""
         self._asked = True
         super().TakeAsEdited()
 
     def make_anew(self) -> None:
-        """Do the work next time, whatever is kept."""
+        """Do the work next time even if a result is kept."""
         self._anew = True
         self.Modified()
 
     def _kept_and_read(self, name: str, kind: str, result: Any) -> Any:
-        """A result as every later process will have it: scenes lose a little in their files."""
+        """Keep a result, and return it as later processes will read it: scenes lose a little precision in files."""
         self.note = Cache.of_user().write(name, lambda path: _write(result, path))
         if kind == "views":
             return result
@@ -148,15 +148,15 @@ class Keeping(Filter):
 
     def _gone(self, name: str, kind: str) -> str:
         place = Cache.of_user()
-        again = f"press {self.button}, and {'they are' if kind == 'views' else 'it is'} {MADE[kind]} anew"
+        again = f"press {self.button}, and {'they are' if kind == 'views' else 'it is'} {MADE[kind]} again"
         if place.holds(name):
-            return f"The input is not what it was when this state was saved; to go on with it, {again}."
+            return f"The input has changed since this state was saved; to use the new input, {again}."
         verb = "are" if kind == "views" else "is"
-        return f"The {kind} that this state was saved with {verb} gone from {place.folder}: {again}."
+        return f"The {kind} that this state was saved with {verb} missing from {place.folder}: {again}."
 
 
 def read_views(folder: Path, progress: Any = silent) -> Views:
-    """Training views, and test views where there are any; raises BadInput where they cannot be read."""
+    """Read training views, and test views if there are any; raise BadInput if they cannot be read."""
     from svv.io.viewset import ViewSet
 
     train = ViewSet.read(folder, "train", part(progress, 0.0, 0.8))
@@ -165,7 +165,7 @@ def read_views(folder: Path, progress: Any = silent) -> Views:
 
 
 def views_in(folder: Path, key: str, progress: Any = silent) -> Views | None:
-    """The views in the user's folder, None where they are of something else, or not whole."""
+    """Return the views in the user's folder; None if they are of something else or incomplete."""
     try:
         told = json.loads((folder / "transforms_train.json").read_text(encoding="utf-8"))["svv"]["key"]
         return read_views(folder, progress) if told == key else None
@@ -174,7 +174,7 @@ def views_in(folder: Path, key: str, progress: Any = silent) -> Views | None:
 
 
 def write_views(views: Views, folder: Path, progress: Any = silent) -> None:
-    """Write them to a folder; raises BadInput where that fails."""
+    """Write views to a folder; raise BadInput if that fails."""
     train, test = views
     train.write(folder, "train", part(progress, 0.0, 0.8))
     if test is not None:
@@ -182,13 +182,13 @@ def write_views(views: Views, folder: Path, progress: Any = silent) -> None:
 
 
 def _told(result: Views | Scene) -> dict[str, Any]:
-    """What a result says about what it was made of; empty where it is none of a filter's."""
+    """Return a result's record of what it was made from; empty if no filter made it."""
     told = result[0].meta.to_json() if isinstance(result, tuple) else result.made
     return told if all(name in told for name in ("key", "look", "data", "time")) else {}
 
 
 def _moment_of(result: Views | Scene, now: Moment) -> Moment:
-    """What a kept result was made of, with the settings that are now."""
+    """Return what a kept result was made from, with the current settings."""
     told = _told(result)
     return replace(now, look=told["look"], data=told["data"], time=told["time"], asked=None)
 

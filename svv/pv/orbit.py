@@ -1,4 +1,4 @@
-"""The orbit as an animation: Play and Save Animation go round a scene, while the data's time stands still.
+"""The orbit as an animation: Play and Save Animation circle a scene, while the data's time stands still.
 
 Client code, for the user interface and for scripts.
 """
@@ -12,24 +12,24 @@ from svv.errors import BadInput
 
 SHOWN = {"StyleRFRender": "Frame", "StyleRFStylizedView": "Frame", "StyleRFViews": "ShownView",
          "StyleRFViewsReader": "ShownView"}  # fmt: skip
-"""The property that says which of several images a filter shows."""
+"""Filter -> the property that selects which of several images it shows."""
 
 
 def play_orbit(filter: Any = None, frames: int | None = None) -> Any:
-    """Let the animation go through the frames of the orbit, or through a set of views.
+    """Animate the frames of the orbit, or the views of a set.
 
     The data stays at the time that is shown now.
 
     Args:
-        filter: StyleRF Render, Stylized View, Views or a folder of views, as ParaView's Python has it; by default the
-            active one, or else the last that was made. Its own camera gives way to the orbit's.
-        frames: Number of the animation's frames, by default as many as there are images; at least 2.
+        filter: Proxy of StyleRF Render, Stylized View, Views or a folder of views; by default the active one, or the
+            one created last. The orbit's camera replaces its own.
+        frames: Number of frames of the animation, at least 2; by default the number of images.
 
     Returns:
         The animation track.
 
     Raises:
-        BadInput: there is no such filter, or too few frames.
+        BadInput: There is no such filter, or there are too few frames.
     """
     from paraview import simple
 
@@ -41,9 +41,9 @@ def play_orbit(filter: Any = None, frames: int | None = None) -> Any:
     last = filter.SMProxy.GetProperty(name).FindDomain("vtkSMIntRangeDomain").GetMaximum(0)
     frames = last + 1 if frames is None else frames
     if frames < 2:
-        raise BadInput(f"An animation takes 2 frames or more, not {frames}.")
+        raise BadInput(f"An animation needs at least 2 frames, not {frames}.")
     track = simple.GetAnimationTrack(name, proxy=filter)
-    # What ParaView interpolates it rounds down, and so a hair below 16 would become 15.
+    # ParaView rounds interpolated values down, so a value slightly below 16 would become 15.
     ends = [(0.0, 0.25), (1.0, last + 0.25)]
     track.KeyFrames = [simple.CompositeKeyFrame(KeyTime=time, KeyValues=[value]) for time, value in ends]
     simple.GetTimeTrack().Enabled = 0
@@ -53,7 +53,7 @@ def play_orbit(filter: Any = None, frames: int | None = None) -> Any:
 
 
 def stop_orbit() -> None:
-    """Give the animation back to the data's time; every filter goes on showing the image that it shows."""
+    """Let the animation follow the data's time again; every filter keeps the image that it shows."""
     from paraview import simple
 
     scene = simple.GetAnimationScene()
@@ -69,4 +69,4 @@ def _filter_in(candidates: Sequence[Any]) -> Any:
     for source in candidates:
         if source is not None and source.SMProxy.GetXMLName() in SHOWN:
             return source
-    raise BadInput("There is nothing to go round: add StyleRF Render or StyleRF Stylized View first.")
+    raise BadInput("There is nothing to orbit: add StyleRF Render or StyleRF Stylized View first.")

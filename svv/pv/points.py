@@ -1,7 +1,7 @@
-"""Points of a mask, set by clicks into the view that shows the picture: the buttons of StyleRF Stylize's panel.
+"""Points of a mask, set by clicking into the view of the picture: the buttons of StyleRF Stylize's panel.
 
-Client code, as in :mod:`svv.pv.undo`: the mouse is where the views are, and what comes of a click is the text of a
-region's points, which the panel then shows.
+Client code, as in :mod:`svv.pv.undo`: the client has the mouse and the views. A click changes the text of a region's
+points, which the panel then shows.
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ from typing import Any
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkWeakReference
 
 KINDS = {"ClickInside": "Positive", "ClickOutside": "Negative", "ClickRemove": ""}
-"""What clicks do after each button: to which points of the region of Shown Mask they add; '' takes one away."""
+"""Button -> the points of the Shown Mask's region to which clicks add; '' if they remove a point."""
 
 CROSS, ARROW = 10, 0
-"""VTK_CURSOR_CROSSHAIR and VTK_CURSOR_DEFAULT, which not every version of VTK's Python tells of."""
+"""VTK_CURSOR_CROSSHAIR and VTK_CURSOR_DEFAULT, which not every version of VTK exposes to Python."""
 
 STILL = 3
-"""Pixels that the mouse may move in a click; farther, it drags the picture."""
+"""Pixels that the mouse may move during a click; a longer motion drags the picture."""
 
 MASK = 1
 """The output port that shows the picture."""
 
 _watched: set[str] = set()
 _clicks: list[Clicks] = []
-"""At most one, held here: VTK alone would let Python collect it."""
+"""The active handler, at most one; without this reference Python would collect it, because VTK holds none."""
 
 
 class Clicks:
-    """Sets points where the mouse clicks into the views that show a filter's picture."""
+    """Click handler of the views that show a filter's picture: a click sets or removes a point."""
 
     def __init__(self, paint: Any, button: str) -> None:
         self.button = button
-        self.filter = vtkWeakReference()  # a deleted filter goes
+        self.filter = vtkWeakReference()  # does not keep a deleted filter alive
         self.filter.Set(paint.SMProxy)
         self._down: tuple[int, int] | None = None
         self._views = [view for view in views_of_mask(paint) if view.GetInteractor() is not None]
@@ -57,7 +57,7 @@ class Clicks:
             set_point(_python(proxy), place_under(view, at), self.button)
 
     def stop(self) -> None:
-        """Let clicks be clicks again."""
+        """Stop handling clicks."""
         for interactor, tag in self._tags:
             interactor.RemoveObserver(tag)
         for view in self._views:
@@ -66,10 +66,10 @@ class Clicks:
 
 
 def watch_points(filter: Any) -> None:
-    """Let a filter's buttons work, from now on.
+    """Make a filter's buttons work, from now on.
 
     Args:
-        filter: StyleRF Stylize, as ParaView's Python has it.
+        filter: Proxy of StyleRF Stylize.
     """
     proxy = filter.SMProxy
     key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}"
@@ -79,7 +79,7 @@ def watch_points(filter: Any) -> None:
 
 
 def _pressed(proxy: Any, event: str, name: str) -> None:
-    """Begin what a button says; pressed again, it ends."""
+    """Start handling clicks for a button; if it is pressed again, stop."""
     if name not in KINDS:
         return
     again = False
@@ -92,8 +92,8 @@ def _pressed(proxy: Any, event: str, name: str) -> None:
         return
     if not views_of_mask(paint):
         vtkOutputWindow.GetInstance().DisplayWarningText(
-            "StyleRFStylize: No view shows the picture: press Apply with Preview Only, and show the second output, "
-            "Mask.\n"
+            "StyleRFStylize: No view shows the picture: switch Preview Only on, press Apply, and show the second "
+            "output, Mask.\n"
         )
         return
     _clicks.append(Clicks(paint, name))
@@ -103,7 +103,7 @@ _pressed.CallDataType = "string0"  # type: ignore[attr-defined]
 
 
 def views_of_mask(paint: Any) -> list[Any]:
-    """The views that show the picture of StyleRF Stylize."""
+    """Return the views that show the picture of StyleRF Stylize."""
     from paraview import simple
 
     def shows(display: Any) -> bool:
@@ -114,7 +114,7 @@ def views_of_mask(paint: Any) -> list[Any]:
 
 
 def place_under(view: Any, at: Sequence[int]) -> tuple[float, float]:
-    """Where in the plane of an image the mouse is that points at a pixel of its view."""
+    """Return the point in an image's plane that is under a pixel of its view."""
     renderer = view.SMProxy.GetRenderer()
     ends = []
     for depth in (0.0, 1.0):
@@ -128,29 +128,29 @@ def place_under(view: Any, at: Sequence[int]) -> tuple[float, float]:
 
 
 def pixel_at(place: Sequence[float], sizes: Sequence[int]) -> tuple[int, int] | None:
-    """The pixel of a picture's file, x from the left and y from the top, at a place in the image that shows it.
+    """Return the pixel of a picture's file, x from the left and y from the top, at a point in the image that shows it.
 
     Args:
-        place: In the image's coordinates, whose rows count from the bottom.
-        sizes: Width and height of the image, and of the file.
+        place: Point in the image's coordinates, whose rows are counted from the bottom.
+        sizes: Width and height of the image, then those of the file.
 
     Returns:
-        None beside the picture.
+        The pixel, or None outside the picture.
     """
     width, height, own_width, own_height = sizes
-    column, row = place[0] + 0.5, height - place[1] - 0.5  # a pixel of the image stands at its middle
+    column, row = place[0] + 0.5, height - place[1] - 0.5  # an image's point lies at the centre of its pixel
     if not (0 <= column < width and 0 <= row < height):
         return None
     return math.floor(column * own_width / width), math.floor(row * own_height / height)
 
 
 def set_point(paint: Any, place: Sequence[float], button: str) -> None:
-    """Do with a place in the image what a button says.
+    """Set or remove a point, depending on the button.
 
     Args:
-        paint: StyleRF Stylize, as ParaView's Python has it.
-        place: In the coordinates of its second output.
-        button: Of :data:`KINDS`.
+        paint: Proxy of StyleRF Stylize.
+        place: Point in the coordinates of its second output.
+        button: One of :data:`KINDS`.
     """
     paint.UpdatePropertyInformation()
     sizes = [int(n) for n in (paint.GetProperty("PictureSize").GetData() or "").split()]
@@ -163,7 +163,7 @@ def set_point(paint: Any, place: Sequence[float], button: str) -> None:
         row.SetData("; ".join(filter(str.strip, [row.GetData() or "", f"{at[0]},{at[1]}"])))
     else:
         _without_nearest(rows, at)
-    if paint.PreviewOnly:  # else painting would begin; the panel waits for Apply
+    if paint.PreviewOnly:  # otherwise this would start painting; the panel waits for Apply
         from paraview import simple
 
         paint.SMProxy.UpdateVTKObjects()
@@ -171,7 +171,7 @@ def set_point(paint: Any, place: Sequence[float], button: str) -> None:
 
 
 def _without_nearest(rows: dict[str, Any], at: tuple[int, int]) -> None:
-    """Take the point that is nearest to a place out of the texts."""
+    """Remove the point that is nearest to a pixel from the properties' texts."""
     from svv.pv.masks import points_in
 
     known = [(kind, point) for kind, row in rows.items() for point in points_in(row.GetData() or "", kind)]

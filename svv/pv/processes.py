@@ -1,8 +1,8 @@
-"""How Python starts processes inside ParaView.
+"""Choose how Python starts processes inside ParaView.
 
-From Python 3.14 on it starts a server of processes first, with ``sys.executable``. In ParaView's programs that is the
-program itself, which takes the server's arguments for its own and ends, so that the lock that numba asks for cannot be
-had, and a warning opens ParaView's Output Messages.
+Since version 3.14 Python first starts a fork server with ``sys.executable``. In ParaView's programs that is the program
+itself, which takes the server's arguments for its own and exits. numba then cannot create its lock, and a warning opens
+ParaView's Output Messages.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def start_processes_by_fork() -> None:
-    """Choose ``fork`` where ParaView's own program runs Python, the default is another, and nobody has chosen yet."""
+    """Choose ``fork`` if a ParaView program runs Python, the default is another method, and none was chosen yet."""
     if sys.version_info < (3, 14) or not sys.platform.startswith("linux"):
         return
     if Path(sys.executable or "").name.startswith("python"):

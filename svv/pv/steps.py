@@ -1,7 +1,7 @@
-"""What is learned at a time step, and stays while time passes.
+"""Results of time steps, which a filter keeps while the time changes.
 
-An animation moves the time of all data. Learning takes minutes, so a filter learns when somebody asks for it, and
-otherwise gives out what it has.
+An animation moves the time of all data. Training takes minutes, so a filter trains only when it is asked to, and
+otherwise outputs the result that it has.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from typing import Generic, TypeVar
 Result = TypeVar("Result")
 
 KEPT = 8
-"""Results of time steps that are kept at most, where each step has one of its own."""
+"""Maximum number of results kept if every time step has its own."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What came to a filter.
+    """Inputs and settings of a filter at one execution.
 
     Args:
         settings: The properties that the result depends on, as text.
         look: The transfer function, as text. It can be edited without an *Apply*.
         data: Hash of the data.
-        asked: The time that the pipeline asks for; None without.
-        time: The data's own time; None for data without.
-        here: What also counts as a setting, and means nothing in another process: which object the table is.
+        asked: Time requested by the pipeline; None if there was none.
+        time: The data's own time; None if it has none.
+        here: Setting that is meaningful in this process only: the identity of the table object.
     """
 
     settings: str
@@ -39,44 +39,44 @@ class Moment:
 
 
 class Steps(Generic[Result]):
-    """The result of a filter, and those of the last time steps.
+    """The current result of a filter, and those of the most recent time steps.
 
-    A result is made when there is none, when it is asked for (:meth:`ask`), when the settings are others, and when the
-    data changed although the time that is asked for did not: then something was applied further up. If only time has
-    passed, or the transfer function was edited, what there is stays.
+    A result is made if there is none, if it is asked for (:meth:`ask`), if the settings have changed, and if the data
+    has changed although the requested time has not: then something was applied upstream. If only the time has changed,
+    or the transfer function was edited, the current result is kept.
     """
 
     def __init__(self) -> None:
         self.results: OrderedDict[tuple[str, str], tuple[Moment, Result]] = OrderedDict()
-        """By settings and data; the last one is what the filter gives out."""
+        """Results by settings and data; the last one is current."""
         self._asked = False
         self._last: Moment | None = None
 
     def put(self, made: Moment, result: Result) -> None:
-        """Begin with a result that another process made."""
+        """Start with a result that another process made."""
         self.results[made.settings, made.data] = made, result
 
     def ask(self) -> None:
-        """Make the result of what comes next, if it is not there yet."""
+        """Make a result for the next input, unless it is already there."""
         self._asked = True
 
     @property
     def made(self) -> Moment | None:
-        """What the present result was made of."""
+        """What the current result was made from."""
         return next(reversed(self.results.values()))[0] if self.results else None
 
     @property
     def result(self) -> Result | None:
-        """The present result."""
+        """The current result."""
         return next(reversed(self.results.values()))[1] if self.results else None
 
     def get(self, now: Moment, make: Callable[[], Result], each: bool = False) -> Result:
-        """The result to give out; what ``make`` raises leaves everything as it was.
+        """Return the current result; if ``make`` raises an exception, nothing changes.
 
         Args:
-            now: What came.
-            make: Makes a result of it.
-            each: Whether each time step is to have a result of its own.
+            now: The current inputs and settings.
+            make: Makes a result from them.
+            each: Whether every time step has its own result.
         """
         here, made, last = (now.settings, now.data), self.made, self._last
         asked = self._asked or made is None or (made.settings, made.here) != (now.settings, now.here)
@@ -86,7 +86,7 @@ class Steps(Generic[Result]):
             if known is None or (asked and known[0].look != now.look):
                 result = make()
                 if known is not None:
-                    self.results.clear()  # the others are of the old transfer function, too
+                    self.results.clear()  # the others belong to the old transfer function, too
                 self.results[here] = now, result
             self.results.move_to_end(here)
         while len(self.results) > (KEPT if each else 1):
@@ -94,13 +94,13 @@ class Steps(Generic[Result]):
         self._asked, self._last = False, now
         return next(reversed(self.results.values()))[1]
 
-    def told(self, now: Moment, done: str = "Learned", again: str = "learns it again") -> str:
-        """A sentence about what was made of other data than there is now, after a space; '' where there is none."""
+    def told(self, now: Moment, done: str = "Trained", again: str = "trains it again") -> str:
+        """Return a sentence, after a space, if the result was made from other data than the present; otherwise ''."""
         made = self.made
         if made is None or (made.data, made.look) == (now.data, now.look):
             return ""
         if made.data == now.data:
-            return f" The transfer function was edited since: Take As Edited {again}."
+            return f" The transfer function has been edited since: Take As Edited {again}."
         if made.time is None or now.time is None or made.time == now.time:
-            return f" The data is no longer what it was then: Take As Edited {again}."
-        return f" {done} at time {made.time:g}; the data is at {now.time:g} now: Take As Edited {again}."
+            return f" The data has changed since: Take As Edited {again}."
+        return f" {done} at time {made.time:g}; the data is now at {now.time:g}: Take As Edited {again}."

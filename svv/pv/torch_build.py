@@ -1,7 +1,8 @@
-"""Decides which build of torch is installed, and installs it: for the CPU alone, or with CUDA.
+"""Choose a build of torch, for the CPU alone or with CUDA, and install it.
 
-On Linux (x86-64) pip finds a build with CUDA, 5 GB that do nothing without an NVIDIA GPU. torch's own index has one
-for the CPU alone. Needs nothing beyond Python's own library: ``make`` runs it before anything is installed.
+On Linux (x86-64) pip finds a build with CUDA, 5 GB that are useless without an NVIDIA GPU. torch's own index has a
+build for the CPU alone. This module needs only Python's standard library, because ``make`` runs it before anything is
+installed.
 """
 
 from __future__ import annotations
@@ -26,23 +27,23 @@ from svv.errors import BadInput
 from svv.pv import installer
 
 INDEX = "https://download.pytorch.org/whl/cpu"
-"""Where torch's builds without CUDA are; SVV_TORCH_INDEX names a mirror."""
+"""Package index of torch's builds without CUDA; SVV_TORCH_INDEX names a mirror."""
 
 CHOICES = ("auto", "cpu", "cuda", "keep")
 OLDEST = (2, 2)
 ANSWER_WITHIN = 6.0
-"""Seconds after which an index that says nothing cannot be reached."""
+"""Seconds after which an index that has not answered counts as unreachable."""
 
-ABOUT = {"cpu": "about 0.8 GB", "cuda": "about 5 GB where that has CUDA"}
-"""On the disk, with the packages that come along."""
+ABOUT = {"cpu": "about 0.8 GB", "cuda": "about 5 GB if it has CUDA"}
+"""Size of each build on disk, with its dependencies."""
 
 
 @dataclass(frozen=True)
 class Torch:
-    """A torch that is installed."""
+    """An installed torch."""
 
     version: str
-    """Such as 2.13.0+cpu."""
+    """Version, such as 2.13.0+cpu."""
     cuda: bool
     """Whether it was built with CUDA."""
 
@@ -54,20 +55,21 @@ class Torch:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be done about torch."""
+    """How to get torch."""
 
     source: str
-    """``keep`` what is there, ``index`` (torch's own), or ``pip`` (what it finds by itself)."""
+    """``keep`` (the installed one), ``index`` (torch's own index), or ``pip`` (the build that pip finds)."""
     reason: str
+    """Reason for the choice, as a part of a sentence."""
     replace: bool = False
-    """The other build of the same version is there, which pip would take for good."""
+    """Whether the other build of the same version must be replaced, which pip would not do by itself."""
 
 
 def wanted(choice: str | None = None, environ: Mapping[str, str] = os.environ) -> str:
-    """The user's choice: the one given, else TORCH, else ``auto``.
+    """Return the user's choice: the argument, or the environment variable TORCH, or ``auto``.
 
     Raises:
-        BadInput: it is none of CHOICES.
+        BadInput: It is not one of CHOICES.
     """
     word = choice or environ.get("TORCH") or "auto"
     if word not in CHOICES:
@@ -76,7 +78,7 @@ def wanted(choice: str | None = None, environ: Mapping[str, str] = os.environ) -
 
 
 def installed(folders: Sequence[str | Path] | None = None) -> Torch | None:
-    """The torch in the folders (else in those that Python searches); it is not imported."""
+    """Return the torch in the folders (by default those that Python searches), or None; it is not imported."""
     path = [str(folder) for folder in folders] if folders is not None else sys.path
     found = next(iter(importlib.metadata.distributions(name="torch", path=path)), None)
     if found is None:
@@ -84,19 +86,19 @@ def installed(folders: Sequence[str | Path] | None = None) -> Torch | None:
     try:
         text = Path(str(found.locate_file("torch/version.py"))).read_text()
     except OSError:
-        return None  # half removed
+        return None  # partly removed
     return Torch(found.version, re.search(r"^cuda\b[^=]*= *['\"]", text, re.MULTILINE) is not None)
 
 
 def suits(torch: Torch | None, choice: str) -> bool:
-    """Whether the torch that is there is what the user wants."""
+    """Return whether the installed torch is what the user wants."""
     if torch is None or not torch.fits:
         return False
     return {"cpu": not torch.cuda, "cuda": torch.cuda or not _pip_finds_cuda()}.get(choice, True)
 
 
 def has_nvidia_gpu(root: Path = Path("/"), path: str | None = None) -> bool:
-    """Whether there is an NVIDIA GPU that a program could use."""
+    """Return whether there is an NVIDIA GPU that a program could use."""
     if any((root / "proc/driver/nvidia/gpus").glob("*")) or any((root / "dev").glob("nvidia[0-9]*")):
         return True
     program = shutil.which("nvidia-smi", path=path)
@@ -110,14 +112,14 @@ def has_nvidia_gpu(root: Path = Path("/"), path: str | None = None) -> bool:
 
 
 def index(environ: Mapping[str, str] = os.environ) -> str:
-    """The address of the index with the builds without CUDA."""
+    """Return the address of the index with the builds without CUDA."""
     return (environ.get("SVV_TORCH_INDEX") or INDEX).rstrip("/")
 
 
 def answers(address: str, within: float = ANSWER_WITHIN) -> bool:
-    """Whether an index has torch; asked through the proxy that the environment variables name.
+    """Return whether an index has torch; the request uses the proxy that the environment variables name.
 
-    A certificate that Python does not know counts as an answer: pip may know it, and is asked next.
+    An unknown certificate counts as an answer: pip, which is called next, may know it.
     """
     found: list[bool] = []
 
@@ -130,7 +132,7 @@ def answers(address: str, within: float = ANSWER_WITHIN) -> bool:
         except (OSError, ValueError):
             found.append(False)
 
-    # A name that nobody resolves and a host with many addresses take longer than one timeout.
+    # An unresolvable name or a host with many addresses would take longer than the timeout.
     asking = threading.Thread(target=ask, daemon=True)
     asking.start()
     asking.join(within)
@@ -138,69 +140,69 @@ def answers(address: str, within: float = ANSWER_WITHIN) -> bool:
 
 
 def plan(choice: str, there: Torch | None) -> Plan:
-    """What to do about torch.
+    """Decide how to get torch.
 
     Args:
         choice: One of CHOICES.
-        there: The torch in the environment.
+        there: The torch in the environment, if any.
 
     Raises:
-        BadInput: there is none to keep.
+        BadInput: There is none to keep.
     """
     if choice == "keep" and not suits(there, choice):
         raise BadInput(f"There is no torch {'.'.join(map(str, OLDEST))} or newer to keep: choose cpu or cuda.")
     if suits(there, choice):
-        return Plan("keep", "is there, and stays")
+        return Plan("keep", "is installed already")
     replace = there is not None and there.fits
     if not _pip_finds_cuda():
-        return Plan("pip", "for this system it has no CUDA anyway", replace)
+        return Plan("pip", "which has no CUDA for this system", replace)
     if choice == "cuda":
         return Plan("pip", "as you chose", replace)
     if choice == "auto" and has_nvidia_gpu():
-        return Plan("pip", "as there is an NVIDIA GPU", replace)
+        return Plan("pip", "because there is an NVIDIA GPU", replace)
     if answers(index()):
-        return Plan("index", "as you chose" if choice == "cpu" else "as there is no NVIDIA GPU", replace)
-    return Plan("pip", f"as {index()} cannot be reached", replace)
+        return Plan("index", "as you chose" if choice == "cpu" else "because there is no NVIDIA GPU", replace)
+    return Plan("pip", f"because {index()} cannot be reached", replace)
 
 
 def install(choice: str, there: Torch | None, pin: str, *options: str) -> None:
-    """Install torch alone, without what it depends on, as the user chose; say in a line what comes.
+    """Install torch alone, without its dependencies, as the user chose; announce the build in one line.
 
     Args:
         choice: One of CHOICES.
-        there: The torch in the environment.
+        there: The torch in the environment, if any.
         pin: Requirement, such as torch==2.13.0.
-        options: For pip, such as ``--target``.
+        options: Options for pip, such as ``--target``.
 
     Raises:
-        BadInput: that build, or any, cannot be had.
+        BadInput: The chosen build, or any, cannot be installed.
     """
     what = plan(choice, there)
     if what.source == "keep" and there is not None:
-        _say(f"torch {there.version} {what.reason}; TORCH=cpu|cuda chooses another build.")
+        _say(f"torch {there.version} {what.reason}; TORCH=cpu|cuda selects another build.")
         return
     options = ("--no-deps", *options, *(["--force-reinstall"] if what.replace else []))
     if what.source == "index":
-        _say(f"torch: its build for the CPU, {ABOUT['cpu']}, {what.reason}; TORCH=cuda chooses the other.")
+        _say(f"torch: the build for the CPU, {ABOUT['cpu']}, {what.reason}; TORCH=cuda selects the other build.")
         if installer.install([pin], "--index-url", index(), *options):
             return
-        what = Plan("pip", f"as {index()} broke off")
+        what = Plan("pip", f"because the download from {index()} failed")
     if choice == "cpu" and _pip_finds_cuda():
-        # Only where pip is set up to look into places of the user's is there a build of that name.
+        # pip finds a build of that name only if the user has configured further package sources.
         if "==" in pin and installer.install([f"{pin}+cpu"], *options, quiet=True):
             return
         raise BadInput(
-            f"torch's build for the CPU cannot be had, {what.reason}: name a mirror of it with SVV_TORCH_INDEX, "
-            "a proxy with https_proxy, or take what pip finds with TORCH=cuda."
+            f"torch's build for the CPU is not available, {what.reason}: name a mirror with SVV_TORCH_INDEX or a proxy "
+            "with https_proxy, or choose the build that pip finds with TORCH=cuda."
         )
     about = f", {ABOUT['cuda' if _pip_finds_cuda() else 'cpu']}"
-    _say(f"torch: what pip finds{about}, {what.reason}; TORCH=cpu chooses the other.")
+    _say(f"torch: the build that pip finds{about}, {what.reason}; TORCH=cpu selects the other build.")
     if not installer.install([pin], *options):
-        raise BadInput("pip could not install torch; what it said stands above.")
+        raise BadInput("pip could not install torch; its messages are above.")
 
 
 def _pip_finds_cuda() -> bool:
-    """Whether the build that pip finds has CUDA; elsewhere than on Linux with x86-64 it has none."""
+    """Return whether the build that pip finds has CUDA: it does on Linux with x86-64 only."""
     return sys.platform == "linux" and platform.machine() in ("x86_64", "AMD64")
 
 
@@ -209,10 +211,10 @@ def _say(line: str) -> None:
 
 
 def main() -> int:
-    """Install torch and what it depends on into the Python that runs us; the exit code.
+    """Install torch and its dependencies into the running Python; return the exit code.
 
-    The one argument names a file: our constraints.txt with this torch pinned, so that nothing installed later brings
-    another build.
+    The only argument names an output file: svv's constraints.txt with this torch pinned, so that no later installation
+    brings in another build.
     """
     file = installer.constraints_file()
     if file is None or len(sys.argv) != 2:
@@ -226,13 +228,13 @@ def main() -> int:
         install(wanted(), there, next(pin for pin in pins if pin.startswith("torch==")))
         now = installed()
         if now is None:
-            raise BadInput("pip has installed torch where this Python does not find it; report this, please.")
+            raise BadInput("pip has installed torch where this Python does not find it: please report this.")
         pins = [f"torch=={now.version}" if pin.startswith("torch==") else pin for pin in pins]
         Path(sys.argv[1]).write_text("\n".join([*pins, ""]))
         if now != there:
             if not installer.install([f"torch=={now.version}"], "-c", sys.argv[1]):
-                raise BadInput("pip could not install what torch needs; what it said stands above.")
-            _say(f"torch {now.version}: {(installer.size(packages) - before) / 1e9:.1f} GB, with what it brings along.")
+                raise BadInput("pip could not install what torch needs; its messages are above.")
+            _say(f"torch {now.version}: {(installer.size(packages) - before) / 1e9:.1f} GB, with its dependencies.")
     except BadInput as error:
         print(f"svv: {error}", file=sys.stderr)
         return 2

@@ -1,7 +1,7 @@
-"""The buttons Undo, Redo and Reset of a panel: they set its properties, as a hand would.
+"""The buttons Undo, Redo and Reset of a panel: they set its properties, as a user would by hand.
 
-The filter itself runs where the data is and knows only the values that it was given, so this is client code: what was
-applied is remembered here, and given back to the panel, which then shows what is true.
+The filter itself runs on the server, with the data, and knows only its current values. This is therefore client code:
+it remembers the applied values and sets the panel to them, so that the panel always shows the values in use.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from typing import Any
 BUTTONS = {
     "UndoEdit": "undo", "RedoEdit": "redo", "ResetEdits": "reset", "ResetPalette": "reset",
 }  # fmt: skip
-"""What each button of our panels does."""
+"""Action of each button of the StyleRF panels."""
 
 STEPS = 50
-"""States of a panel that are remembered."""
+"""Maximum number of a panel's states that are remembered."""
 
 _watched: dict[str, PanelHistory] = {}
-"""By the proxies' names in the session: held here, for VTK alone would let Python collect them."""
+"""Histories by session and proxy ID; without this reference Python would collect them, because VTK holds none."""
 
 
 class PanelHistory:
-    """What was applied in one panel. It holds no filter, so that a deleted one goes."""
+    """The values applied in one panel. It holds no reference to the filter, which can therefore be deleted."""
 
     def __init__(self) -> None:
         self.now: dict[str, Any] | None = None
@@ -30,7 +30,7 @@ class PanelHistory:
         self.pressed.__func__.CallDataType = "string0"  # type: ignore[attr-defined]
 
     def applied(self, proxy: Any, event: str) -> None:
-        """Remember what was applied before this."""
+        """Remember the values that were applied before the current ones."""
         values = values_of(proxy)
         if self.now is not None and values != self.now:
             self.past = [*self.past, self.now][-STEPS:]
@@ -38,7 +38,7 @@ class PanelHistory:
         self.now = values
 
     def pressed(self, proxy: Any, event: str, name: str) -> None:
-        """Do what a button says."""
+        """Carry out a button's action."""
         done = BUTTONS.get(name)
         if done == "reset":
             reset(proxy)
@@ -53,10 +53,10 @@ class PanelHistory:
 
 
 def watch(filter: Any) -> None:
-    """Let a filter's buttons work, from now on.
+    """Make a filter's buttons work, from now on.
 
     Args:
-        filter: One of ours that has such buttons, as ParaView's Python has it.
+        filter: Proxy of a StyleRF filter with such buttons.
     """
     proxy = filter.SMProxy
     key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}"
@@ -68,11 +68,11 @@ def watch(filter: Any) -> None:
 
 
 NO_SETTINGS = ("SaveFile", "KeptAs")
-"""Properties that no button sets: where the scene is saved to, and what the filter itself fills in."""
+"""Properties that no button sets: the file for the scene, and the names that the filter itself fills in."""
 
 
 def values_of(proxy: Any) -> dict[str, Any]:
-    """What people have set of a proxy by property, but its inputs and :data:`NO_SETTINGS`."""
+    """Return a proxy's settings by property, without its inputs and :data:`NO_SETTINGS`."""
     filter = _python(proxy)
     found = {}
     for name in filter.ListProperties():
@@ -86,7 +86,7 @@ def values_of(proxy: Any) -> dict[str, Any]:
 
 
 def give(proxy: Any, values: dict[str, Any]) -> None:
-    """Set a panel's values, and show what comes of them."""
+    """Set a panel's values, and show the result."""
     filter = _python(proxy)
     for name, value in values.items():
         filter.GetProperty(name).SetData(value)
@@ -94,7 +94,7 @@ def give(proxy: Any, values: dict[str, Any]) -> None:
 
 
 def reset(proxy: Any) -> None:
-    """Set all of a panel back."""
+    """Reset all of a panel's settings to their defaults."""
     for name in values_of(proxy):
         _python(proxy).GetProperty(name).SMProperty.ResetToDefault()
     _show(proxy)

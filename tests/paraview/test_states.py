@@ -133,7 +133,7 @@ def test_a_state_shows_its_picture_in_another_process(run: Run, tmp_path: Path, 
     )  # fmt: skip
     gone = run(LOAD + f"\n{button}\ntold('anew')\n", "state.pvsm", "state.pvsm")
     assert gone["worked"] == [] and gone["arrays"] == {}, gone["status"]
-    sentence = f"The scene that this state was saved with is gone from {tmp_path / 'cache'}: press Take As Edited"
+    sentence = f"The scene that this state was saved with is missing from {tmp_path / 'cache'}: press Take As Edited"
     assert gone["status"]["Train" if pipeline == STEPS else "StylizedView"].startswith(sentence)
     assert sentence in gone["said"] and "Traceback" not in gone["said"], gone["said"]
     anew = json.loads((tmp_path / "anew.json").read_text())
@@ -167,7 +167,7 @@ told("taken")
 """
     opened = run(LOAD + change, "state.pvsm", "state.pvsm")
     assert opened["worked"] == [] and same(opened, first)
-    assert "The transfer function was edited since" in opened["status"]["Train"]
+    assert "The transfer function has been edited since" in opened["status"]["Train"]
     two, changed, taken = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("two", "changed", "taken"))
     assert two["worked"] == [], two["status"]
     assert changed["worked"] == ["stylize_scene"], changed["status"]
@@ -205,7 +205,7 @@ train = trained(volume)
 first = scene(train)
 assert json.loads(train.KeptAs)["scene"].startswith("scene-"), train.KeptAs
 other = small(StyleRFTrain(Input=volume, Preset="draft", TimeLimit=2.0))
-assert scene(other) == first and other.KeptAs == train.KeptAs and "found where it is kept" in status(other)
+assert scene(other) == first and other.KeptAs == train.KeptAs and "found in the cache" in status(other)
 """,
         pvserver,
     )

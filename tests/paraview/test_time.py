@@ -124,7 +124,7 @@ animation.Play()
 SaveAnimation(sys.argv[1] + "/time.png", view)
 assert set(asked()) == set(times), "a time that is none of the source's"
 assert scene(train) == first and len(counted) == 2, "an animation trained"
-assert "Learned at time 0; the data is at 2 now" in status(train), status(train)
+assert "Trained at time 0; the data is now at 2" in status(train), status(train)
 at(animation, 1.5, view)
 image.Frame = 40
 Render(view)
@@ -179,7 +179,7 @@ for time in (0.5, 1.0, 0.0, 1.0):
     assert "time" not in status(train), status(train)
 train.TrainEachTimeStep = 0
 train.UpdatePipeline(0.0)
-assert scene(train) == scenes[1.0] and "Learned at time 1; the data is at 0 now" in status(train), status(train)
+assert scene(train) == scenes[1.0] and "Trained at time 1; the data is now at 0" in status(train), status(train)
 assert len(counted) == 6, counted
 assert set(asked()) <= {None, *times}
 """,
@@ -196,7 +196,7 @@ from svv.pv.orbit import play_orbit, stop_orbit
 try:
     play_orbit()
 except BadInput as error:
-    assert "nothing to go round" in str(error)
+    assert "nothing to orbit" in str(error)
 else:
     raise AssertionError("an orbit around nothing")
 filter = small(StyleRFStylizedView(Input=source, Preset="draft", TimeLimit=2.0, ImageSize=[40, 30]))
@@ -232,7 +232,7 @@ assert view.ViewTime == 0.5 and filter.Frame == 60
 animation.GoToNext()
 assert view.ViewTime == 1.0 and asked() == [0.0, 0.5, 1.0]
 assert counted == ["train", "draw_views"], counted
-assert "Learned at time 0.5; the data is at 1 now" in status(filter), status(filter)
+assert "Trained at time 0.5; the data is now at 1" in status(filter), status(filter)
 """,
         tmp_path,
     )
@@ -282,7 +282,7 @@ for files, expected in (
     animation.Play()
     SaveAnimation("series.png", view)
     assert counted == ["draw_views"], counted
-    words = f"Drawn at time {expected[0]:g}; the data is at {expected[2]:g} now: Take As Edited draws them again."
+    words = f"Drawn at time {expected[0]:g}; the data is now at {expected[2]:g}: Take As Edited draws them again."
     assert status(views).endswith(words), status(views)
     views.ShownView = 3
     other = image(views, time=expected[2])[1]["RGBA"]

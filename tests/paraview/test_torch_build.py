@@ -89,10 +89,10 @@ CPU, CUDA = torch_build.Torch("2.13.0+cpu", False), torch_build.Torch("2.13.0", 
 @pytest.mark.parametrize(
     ("choice", "gpu", "build", "line"),
     [
-        ("auto", False, CPU, "as there is no NVIDIA GPU; TORCH=cuda chooses the other"),
-        ("auto", True, CUDA, "as there is an NVIDIA GPU; TORCH=cpu chooses the other"),
-        ("cpu", True, CPU, "as you chose; TORCH=cuda chooses the other"),
-        ("cuda", False, CUDA, "as you chose; TORCH=cpu chooses the other"),
+        ("auto", False, CPU, "because there is no NVIDIA GPU; TORCH=cuda selects the other build"),
+        ("auto", True, CUDA, "because there is an NVIDIA GPU; TORCH=cpu selects the other build"),
+        ("cpu", True, CPU, "as you chose; TORCH=cuda selects the other build"),
+        ("cuda", False, CUDA, "as you chose; TORCH=cpu selects the other build"),
     ],
 )
 def test_the_build_is_that_of_the_machine_or_of_the_user(
@@ -112,8 +112,8 @@ def test_where_the_index_does_not_answer_pip_decides_and_the_line_says_so(
 ) -> None:
     torchs.end()
     assert installs(tmp_path / "out", "auto") == CUDA
-    assert f"as {torchs.address} cannot be reached" in capsys.readouterr().err
-    with pytest.raises(BadInput, match=r"cannot be had, as .* cannot be reached: name a mirror"):
+    assert f"because {torchs.address} cannot be reached" in capsys.readouterr().err
+    with pytest.raises(BadInput, match=r"not available, because .* cannot be reached: name a mirror"):
         installs(tmp_path / "other", "cpu")
     assert torch_build.installed([tmp_path / "other"]) is None
 
@@ -121,8 +121,8 @@ def test_where_the_index_does_not_answer_pip_decides_and_the_line_says_so(
 def test_an_index_that_breaks_off_does_not_break_the_installation(torchs: Index, tmp_path: Path, capfd) -> None:
     torchs.breaks_off = True
     assert installs(tmp_path / "out", "auto") == CUDA
-    assert f"as {torchs.address} broke off" in capfd.readouterr().err
-    with pytest.raises(BadInput, match="broke off"):
+    assert f"because the download from {torchs.address} failed" in capfd.readouterr().err
+    with pytest.raises(BadInput, match=r"the download from .* failed"):
         installs(tmp_path / "other", "cpu")
 
 
@@ -196,7 +196,7 @@ def test_make_keeps_this_torch_and_pins_it(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "svv.pv.torch_build", str(tmp_path / "constraints.txt")]
     environ = {**os.environ, "TORCH": ""}
     done = subprocess.run(command, cwd=ROOT, env=environ, capture_output=True, text=True)
-    assert done.stderr == f"torch {here.version} is there, and stays; TORCH=cpu|cuda chooses another build.\n"
+    assert done.stderr == f"torch {here.version} is installed already; TORCH=cpu|cuda selects another build.\n"
     assert done.returncode == 0
     pins = (tmp_path / "constraints.txt").read_text().splitlines()
     assert f"torch=={here.version}" in pins
@@ -217,7 +217,7 @@ def test_each_python_has_one_version_of_each_package(python: tuple[int, int]) ->
 
 def test_a_marker_that_nobody_reads_is_no_pin_for_all(tmp_path: Path) -> None:
     (tmp_path / "constraints.txt").write_text("a==1; sys_platform == 'linux'\n")
-    with pytest.raises(ValueError, match="nobody here reads"):
+    with pytest.raises(ValueError, match="is not supported"):
         installer.pins(tmp_path / "constraints.txt", (3, 11))
 
 

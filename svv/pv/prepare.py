@@ -1,9 +1,9 @@
-"""Prepares the environment in which a ParaView finds the packages that svv works with: once for each Python.
+"""Prepare the environment that provides ParaView with the packages that svv needs, once for each Python version.
 
-It is a folder that goes onto PYTHONPATH rather than a virtual environment, so that no interpreter of ParaView's
-version is needed: ParaView brings its own. Where that is of the same kind as the Python that runs us, the folder
-shows the packages that are installed here (:mod:`svv.pv.shared`), and pip adds what is missing or does not fit;
-elsewhere pip fills it (``--target``).
+The environment is a folder on PYTHONPATH, not a virtual environment, so it needs no interpreter of ParaView's version:
+ParaView has its own. If that interpreter is compatible with the running Python, the folder contains links to the
+packages installed here (:mod:`svv.pv.shared`), and pip adds those that are missing or do not fit; otherwise pip fills
+the folder (``--target``).
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from svv.pv import installer, torch_build
 from svv.pv.start import SECOND_VTK, STAMP, ParaView, environment_folder, find, is_whole, python_path
 
 TOO_NEW = "numpy<2.4"
-"""From 2.4 on numpy breaks ParaView's Calculator and Programmable Filter (tried with 5.11)."""
+"""numpy 2.4 and newer break ParaView's Calculator and Programmable Filter (tested with ParaView 5.11)."""
 
 ROUNDS = 10
-"""How often pip may be asked for what the packages that it has just installed depend on."""
+"""Maximum number of rounds in which pip installs the dependencies of the packages of the round before."""
 
 
 def prepare(folder: str | Path | None = None, torch: str | None = None) -> str:
-    """Fill the environment of a ParaView, unless that is done already.
+    """Fill the environment of a ParaView, unless that has been done already.
 
     Args:
-        folder: Where ParaView is unpacked; see :func:`svv.pv.start.find`.
-        torch: Which build of torch; see :func:`svv.pv.torch_build.wanted`.
+        folder: Folder of ParaView; see :func:`svv.pv.start.find`.
+        torch: Build of torch; see :func:`svv.pv.torch_build.wanted`.
 
     Returns:
-        One line that says what there is now.
+        One line that describes the environment.
 
     Raises:
-        BadInput: no ParaView, or the packages cannot be had or do not work in it.
+        BadInput: There is no ParaView, or the packages cannot be installed or do not work in it.
     """
     choice = torch_build.wanted(torch)
     paraview = find(folder)
@@ -74,13 +74,13 @@ def prepare(folder: str | Path | None = None, torch: str | None = None) -> str:
 
 
 def requirements(paraview: ParaView) -> tuple[list[str], list[str]]:
-    """What the environment has to hold: svv's own dependencies without its extras, and pip's exact versions of all."""
+    """Return the environment's requirements (svv's dependencies without its extras) and the exact versions for pip."""
     file = installer.constraints_file()
     return [*sorted(_dependencies()), TOO_NEW], installer.pins(file, paraview.python) if file else []
 
 
 def _dependencies() -> list[str]:
-    """What svv depends on without its extras, according to the checkout, or else as installed."""
+    """Return svv's dependencies without its extras, according to the checkout or the installed package."""
     try:
         import tomllib
 
@@ -91,33 +91,33 @@ def _dependencies() -> list[str]:
     try:
         found = importlib.metadata.requires("svv") or []
     except importlib.metadata.PackageNotFoundError as error:
-        raise BadInput("svv does not know what it depends on: install it with pip, or use a checkout.") from error
+        raise BadInput("The dependencies of svv are unknown: install svv with pip, or use a checkout.") from error
     return [line for line in found if "extra ==" not in line]
 
 
 def _fill(paraview: ParaView, folder: Path, packages: list[str], pins: list[str], choice: str) -> str:
-    """Put packages into an empty folder, or links to those that are installed here; what to say of the links."""
+    """Fill an empty folder with packages, or with links to those installed here; return a note about the links."""
     constraints = folder / "constraints.txt"
     constraints.write_text("\n".join(pins))
     options = ["--target", str(folder), "-c", str(constraints)]
     if _takes_our_packages(paraview):
         _share(folder, packages, pins, choice, options)
-        return f" beside links to the packages in {sys.prefix}"
+        return f", and links to the packages in {sys.prefix}"
     print(f"Installing into {folder.with_suffix('')}: a few minutes, once.", file=sys.stderr, flush=True)
     if paraview.python != sys.version_info[:2]:
         options += ["--python-version", ".".join(map(str, paraview.python)), "--only-binary=:all:"]
-    # torch by itself, as its index has little else; then the others with what torch depends on, in one call: pip does
-    # not see what an earlier one has put into a --target.
+    # Install torch separately, as its index has little else; then the other packages and torch's dependencies in one
+    # call, because pip does not see what an earlier call has put into a --target.
     _install_torch(folder, pins, choice, options)
     (torch,) = importlib.metadata.distributions(name="torch", path=[str(folder)])
     others = [package for package in packages if not _is_torch(package)]
     if not installer.install([*others, *_needed_by(torch)], *options):
-        raise BadInput("pip could not install what svv needs for ParaView; what it said stands above.")
+        raise BadInput("pip could not install what svv needs for ParaView; its messages are above.")
     return ""
 
 
 def _share(folder: Path, packages: list[str], pins: list[str], choice: str, options: list[str]) -> None:
-    """Show ParaView the packages that are installed here, and let pip add the others."""
+    """Link the packages that are installed here into a folder, and let pip add the others."""
     from svv.pv import shared
 
     def accept(package: Distribution) -> bool:
@@ -132,17 +132,19 @@ def _share(folder: Path, packages: list[str], pins: list[str], choice: str, opti
             shared.link(fitting, folder, SECOND_VTK)
             return
         names = sorted({re.split(r"[<>=!~]", requirement)[0] for requirement in missing})
-        print(f"Installing what is not here, or does not fit: {', '.join(names)}.", file=sys.stderr, flush=True)
+        print(f"Installing packages that are missing or do not fit: {', '.join(names)}.", file=sys.stderr, flush=True)
         if any(map(_is_torch, missing)):
             _install_torch(folder, pins, choice, options)
             missing = [package for package in missing if not _is_torch(package)]
         if missing and not installer.install(missing, "--no-deps", *options):
-            raise BadInput("pip could not install what svv needs for ParaView; what it said stands above.")
-    raise BadInput(f"The packages that svv needs for ParaView do not fit each other ({', '.join(missing)}).")
+            raise BadInput("pip could not install what svv needs for ParaView; its messages are above.")
+    raise BadInput(
+        f"The packages that svv needs for ParaView are not compatible with each other: {', '.join(missing)}."
+    )
 
 
 def _takes_our_packages(paraview: ParaView) -> bool:
-    """Whether compiled packages of the Python that runs us load in ParaView's, and there are any."""
+    """Return whether the running Python's compiled packages load in ParaView's Python, and there are any."""
     if paraview.python != sys.version_info[:2] or importlib.util.find_spec("packaging") is None:
         return False
     ask = "from importlib.machinery import EXTENSION_SUFFIXES; print('svv:', EXTENSION_SUFFIXES[0])"
@@ -165,16 +167,16 @@ def _needed_by(package: Distribution) -> list[str]:
 
 
 def _check(paraview: ParaView, folder: Path) -> None:
-    """Find out in ParaView itself whether the packages work, and that no second VTK came with them."""
+    """Check in ParaView itself that the packages work, and that they include no second VTK."""
     clash = [name for name in SECOND_VTK if (folder / name).exists()]
     if clash:
-        raise BadInput(f"The environment would bring ParaView a second VTK ({', '.join(clash)}): report this, please.")
+        raise BadInput(f"The environment contains a second VTK ({', '.join(clash)}): please report this.")
     environ = {**os.environ, "PYTHONPATH": os.pathsep.join(python_path(paraview, folder, {}))}
     environ.pop("PV_PLUGIN_PATH", None)
     script = "import vtkmodules, numpy, svv, torch, numba, skimage, scipy; print('svv: all there', svv.__file__)"
     done = subprocess.run([paraview.program("pvpython"), "-c", script], env=environ, capture_output=True, text=True)
     if "svv: all there" not in done.stdout:
-        last = (done.stderr.strip().splitlines() or ["it ended without a word"])[-1]
+        last = (done.stderr.strip().splitlines() or ["it ended without a message"])[-1]
         raise BadInput(f"The packages are installed, but ParaView's Python does not load them: {last}.")
 
 

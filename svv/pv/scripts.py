@@ -1,6 +1,6 @@
-"""What the scripts of ``paraview_scripts`` share: a volume as ParaView shows it, as the source of views.
+"""Common functions of the scripts in ``paraview_scripts``, such as using a volume that ParaView shows to draw views.
 
-For pvpython and pvbatch, whose data are in the same process.
+They work in pvpython and pvbatch, where the data is in the same process.
 """
 
 from __future__ import annotations
@@ -20,50 +20,50 @@ from svv.job.source import Drawn
 
 @dataclass(frozen=True)
 class ShownVolume(Drawn):
-    """A volume with the transfer function and the shading with which a representation shows it.
-
-    ``values`` are those of :func:`svv.pv.capture.shown_as`, the function as VTK's object.
-    """
+    """A volume with the transfer function and the shading with which a representation shows it."""
 
     data: Any
+    """The volume as a VTK data object."""
     values: Mapping[str, Any]
+    """Values of :func:`svv.pv.capture.shown_as`, with the transfer function as a VTK object."""
     label: str
+    """Name of the array."""
 
     @property
     def name(self) -> str:
-        """The array's."""
+        """Name of the array."""
         return self.label
 
     def identity(self) -> dict[str, Any]:
-        """A hash of data, function and shading.
+        """Return a hash of data, transfer function and shading.
 
         Raises:
-            BadInput: no image, or one that shows nothing.
+            BadInput: The data is not an image, or it is empty.
         """
         from svv.pv.work import views_key, volume_of
 
-        # Number and size of views are at their defaults here: the job knows them itself.
+        # Number and size of the views have their defaults here, because the job records them itself.
         return {"shown": views_key(volume_of(self.data), self.values)}
 
     def image(self) -> Any:
-        """The volume, checked."""
+        """Return the volume after checking it."""
         from svv.dvr.grids import as_volume
         from svv.pv.work import volume_of
 
         return as_volume(volume_of(self.data), self.values["Scalars"], "The volume")
 
     def how(self) -> dict[str, Any]:
-        """Function and shading, as they are shown."""
+        """Return transfer function and shading as they are shown."""
         from svv.pv.work import shading_of, transfer_function_of
 
         return {"tf": transfer_function_of(self.values), "shading": shading_of(self.values), "rescale": False}
 
 
 def shown_volume(display: Any) -> ShownVolume:
-    """What a representation shows.
+    """Return the volume that a representation shows.
 
     Raises:
-        BadInput: a way of showing it that cannot be learned.
+        BadInput: The representation shows it in a way that is not supported.
     """
     from paraview import simple
 
@@ -84,15 +84,15 @@ def open_volume(path: Path, tf: Path | None = None, array: str | None = None) ->
     """Show a volume in a 3D view, as a user would after *File > Open*.
 
     Args:
-        path: A volume that ParaView reads, or a state (.pvsm) with one.
-        tf: Transfer function, a ParaView preset (JSON); by default as ParaView or the state shows the volume.
-        array: Name of the array, where the file has several.
+        path: A volume that ParaView can read, or a state (.pvsm) that shows one.
+        tf: Transfer function, a ParaView preset (JSON); by default the one with which the volume is shown.
+        array: Name of the array, if the file has several.
 
     Returns:
-        Representation and view, as ParaView's Python has them.
+        Proxies of the representation and the view.
 
     Raises:
-        BadInput: no such file, nothing that ParaView can read, no volume in it, or no such array.
+        BadInput: There is no such file, ParaView cannot read it, or it has no volume or no such array.
     """
     from paraview import simple
 
@@ -115,7 +115,7 @@ def _display_in_state(path: Path) -> tuple[Any, Any]:
         for display in view.Representations:
             if getattr(display, "Representation", "") == "Volume" and display.Visibility:
                 return display, view
-    raise BadInput(f"{path} shows nothing as a volume: save the state with the representation Volume in its view.")
+    raise BadInput(f"{path} shows no volume: save the state with the representation Volume in its view.")
 
 
 def _display_of_file(path: Path, array: str | None) -> tuple[Any, Any]:
@@ -124,29 +124,34 @@ def _display_of_file(path: Path, array: str | None) -> tuple[Any, Any]:
     try:
         reader = simple.OpenDataFile(str(path))
     except RuntimeError:
-        reader = None  # ParaView asks which reader to take, and there is nobody to answer
+        reader = None  # ParaView asks the user to choose a reader, which is not possible here
     if reader is None:
-        raise BadInput(f"ParaView knows no reader for {path}; name it by its format, or save a state (.pvsm) with it.")
+        raise BadInput(
+            f"ParaView has no reader for {path}: give it the file extension of its format, or save a state (.pvsm) "
+            "with it."
+        )
     reader.UpdatePipeline()
     arrays = [("POINTS", name) for name in reader.PointData.keys()] + [("CELLS", n) for n in reader.CellData.keys()]
     chosen = [pair for pair in arrays if array in (None, pair[1])]
     if not chosen:
         names = ", ".join(name for _, name in arrays) or "none"
-        raise BadInput(f"{path} has no array '{array}'; it has: {names}." if array else f"{path} holds no array.")
+        raise BadInput(f"{path} has no array '{array}'; it has: {names}." if array else f"{path} has no arrays.")
     view = simple.CreateView("RenderView")
     display = simple.Show(reader, view)
     try:
         display.SetRepresentationType("Volume")
     except ValueError:
         kind = reader.GetDataInformation().GetDataSetTypeAsString()
-        raise BadInput(f"{path} is {kind}, which is not shown as a volume; save it as an image (.vti) first.") from None
+        raise BadInput(
+            f"{path} is of the type {kind}, which cannot be shown as a volume: save it as an image (.vti) first."
+        ) from None
     simple.ColorBy(display, chosen[0])
     simple.ResetCamera(view)
     return display, view
 
 
 def _show_with(display: Any, tf: Path) -> None:
-    """Give a display a transfer function of a preset, at the values that the preset names, if the data has them."""
+    """Give a display a preset's transfer function, at the preset's own values if the data contains them."""
     from svv.dvr.grids import as_volume, to_array
     from svv.dvr.transfer_functions import TransferFunction
     from svv.pv.work import volume_of
@@ -163,10 +168,10 @@ def _show_with(display: Any, tf: Path) -> None:
 
 
 def update(filter: Any) -> None:
-    """Bring a StyleRF filter up to date, at the time that ParaView is at.
+    """Update a StyleRF filter at ParaView's current time.
 
     Raises:
-        BadInput: it could not do its work; the sentence is its own.
+        BadInput: The filter failed; the message is the filter's own.
     """
     from paraview import simple
 
@@ -178,7 +183,7 @@ def update(filter: Any) -> None:
 
 
 def table_of(filter: Any) -> list[dict[str, Any]]:
-    """The rows of the table that a filter gives out, {column: value}; raises BadInput as :func:`update` does."""
+    """Return the rows of a filter's output table as {column: value}; raise BadInput as :func:`update` does."""
     update(filter)
     table = filter.SMProxy.GetClientSideObject().GetOutputDataObject(0)
     names = [table.GetColumnName(column) for column in range(table.GetNumberOfColumns())]
@@ -189,7 +194,7 @@ def table_of(filter: Any) -> list[dict[str, Any]]:
 
 
 def camera_of_view(view: Any, width: int, height: int) -> Camera:
-    """The camera of a 3D view, for images of a size in pixels."""
+    """Return the camera of a 3D view, for images of the given width and height in pixels."""
     from svv.pv.data import camera_of
     from svv.pv.follow import camera_numbers
 
@@ -197,7 +202,7 @@ def camera_of_view(view: Any, width: int, height: int) -> Camera:
 
 
 def parser(description: str, *examples: str) -> argparse.ArgumentParser:
-    """A parser whose help ends with commands to copy."""
+    """Return a parser whose help ends with example commands."""
     lines = "\n".join(f"  {example}" for example in examples)
     return argparse.ArgumentParser(
         description=description, epilog=f"examples:\n{lines}", formatter_class=argparse.RawDescriptionHelpFormatter
@@ -205,7 +210,7 @@ def parser(description: str, *examples: str) -> argparse.ArgumentParser:
 
 
 def interpreter() -> str:
-    """The program that runs this script, for another process of the same kind; in pvpython Python does not know."""
+    """Return the program that runs this script, to start another such process; in pvpython, Python does not know it."""
     itself = Path("/proc/self/exe")
     if itself.exists() and itself.resolve().name.startswith(("pvpython", "pvbatch")):
         return str(itself.resolve())
@@ -217,18 +222,18 @@ def interpreter() -> str:
 
 
 def run(work: Callable[[], object], script: str) -> None:
-    """Do a script's work; its end is that of the command ``svv``: a sentence, and exit code 2 or 130."""
+    """Do a script's work, and report errors as the command ``svv`` does: one sentence, and exit code 2 or 130."""
     try:
         end_with(work, Path(script).name)
     except SystemExit as ended:
         if ended.code:
             _close_windows()
             raise
-        # A script that comes to its end by itself lets pvpython close its windows in order.
+        # After a script that ends normally, pvpython closes its windows in the right order.
 
 
 def _close_windows() -> None:
-    """Views that are open when a program is left by ``exit`` end it with an error of the display instead."""
+    """Close all views: if any are open when ``exit`` is called, the program ends with an error of the display."""
     if "paraview.simple" in sys.modules:
         from paraview import simple
 

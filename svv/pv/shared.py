@@ -1,7 +1,7 @@
-"""Lets a ParaView use packages that are installed already: a folder of links to them, and to nothing else.
+"""Let a ParaView use packages that are installed already, through a folder of links to them and to nothing else.
 
-ParaView must not see the whole of an environment that holds VTK, pyvista or matplotlib. Of what is installed, the
-folder therefore shows the packages that svv depends on, directly or through others.
+ParaView must not see a whole environment that contains VTK, pyvista or matplotlib. The folder therefore contains only
+svv's direct and indirect dependencies.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from packaging.requirements import Requirement
 from packaging.utils import NormalizedName, canonicalize_name
 
 Accept = Callable[[Distribution], bool]
-"""Whether an installed package will do, apart from its version."""
+"""Returns whether an installed package is suitable, apart from its version."""
 
 
 def search(requirements: Iterable[str], path: list[str], accept: Accept) -> tuple[list[Distribution], list[str]]:
-    """Look for packages and all that they depend on.
+    """Search for packages and all their dependencies.
 
     Args:
-        requirements: Such as ``numpy>=1.24``; those whose markers do not hold for this Python are left out.
-        path: Folders with packages, the first one wins.
-        accept: Asked about each package.
+        requirements: Requirements such as ``numpy>=1.24``; dependencies whose markers do not apply are ignored.
+        path: Folders with packages; the first one that has a package takes precedence.
+        accept: Called with each package whose version fits.
 
     Returns:
-        The packages that fit, and requirements on those that are not there or do not fit.
+        The packages that fit, and the requirements for those that are missing or do not fit.
     """
     installed = _installed(path)
     asked: dict[NormalizedName, set[str]] = {}
@@ -49,7 +49,7 @@ def search(requirements: Iterable[str], path: list[str], accept: Accept) -> tupl
     fitting, missing = [], []
     for name, lines in asked.items():
         found = installed.get(name)
-        # A package that was installed without a list of its files (Debian's are) cannot be shown by itself.
+        # A package without a list of its files (such as Debian's packages) cannot be linked separately.
         if found is not None and found.files and _satisfies(found, lines) and accept(found):
             fitting.append(found)
         else:
@@ -58,15 +58,15 @@ def search(requirements: Iterable[str], path: list[str], accept: Accept) -> tupl
 
 
 def link(packages: Iterable[Distribution], folder: Path, never: Collection[str]) -> None:
-    """Put links to packages into a folder, beside what it holds.
+    """Add links to packages to a folder.
 
     Args:
-        packages: What to show.
-        folder: Where; what is there already stays.
-        never: Names of modules that are left out.
+        packages: Packages to link.
+        folder: Folder for the links; its present content is kept.
+        never: Names of modules to leave out.
 
     Raises:
-        OSError: a link cannot be made.
+        OSError: A link cannot be created.
     """
     for package in packages:
         for name in sorted({file.parts[0] for file in package.files or []} - {"..", "__pycache__", *never}):
@@ -77,7 +77,7 @@ def _installed(path: list[str]) -> dict[NormalizedName, Distribution]:
     found: dict[NormalizedName, Distribution] = {}
     for package in importlib.metadata.distributions(path=path):
         name = package.metadata["Name"]
-        if name:  # half removed, otherwise
+        if name:  # a partly removed package has none
             found.setdefault(canonicalize_name(name), package)
     return found
 
@@ -87,7 +87,7 @@ def _satisfies(package: Distribution, requirements: Iterable[str]) -> bool:
 
 
 def _link(source: Path, goal: Path) -> None:
-    """Make ``goal`` show ``source``; where folders of several packages have one name (``nvidia``), what is in each."""
+    """Link ``goal`` to ``source``; if several packages share a folder (``nvidia``), link the entries of each."""
     if not source.exists() or (goal.exists() and not (source.is_dir() and goal.is_dir())):
         return
     if not goal.exists():

@@ -1,8 +1,8 @@
-"""Starts ParaView's programs with our plugin and with an environment of ours that holds no second VTK.
+"""Start ParaView's programs with the StyleRF plugin and with an environment that contains no second VTK.
 
-Needs nothing beyond Python's own library and imports no ``paraview``: it runs before ParaView does.
+This module needs only Python's standard library and does not import ``paraview``, because it runs before ParaView.
 
-The program replaces our process: exit code and signals are its own, and ``mpiexec`` may start one a rank.
+The program replaces the current process: exit code and signals are its own, and ``mpiexec`` may start one per rank.
 """
 
 from __future__ import annotations
@@ -25,34 +25,34 @@ from svv.measure import share_cores
 PROGRAMS = ("paraview", "pvpython", "pvbatch", "pvserver")
 OLDEST = (5, 11)
 STAMP = "svv-environment.json"
-"""File in a prepared environment which says what it was made from."""
+"""File in a prepared environment that records what it was made from."""
 
 SECOND_VTK = ("vtk", "vtk.py", "vtkmodules", "pyvista", "matplotlib")
-"""What must not stand before ParaView's own modules: VTK's wheel ends its process, the others bring or meet VTK."""
+"""Modules that must not precede ParaView's own: VTK from PyPI crashes its process, and the others use VTK."""
 
 INSTALL_HINT = (
     "install ParaView 5.11 or newer (Debian, Ubuntu: sudo apt-get install paraview python3-paraview xvfb; "
     "Fedora: sudo dnf install paraview; without root: conda create -n paraview -c conda-forge paraview, or an archive "
-    "from https://www.paraview.org/download/), or name the folder of one that is unpacked with --paraview DIR"
+    "from https://www.paraview.org/download/), or name the folder of an unpacked one with --paraview DIR"
 )
 
 
 @dataclass(frozen=True)
 class ParaView:
-    """A ParaView that was found."""
+    """An installed ParaView."""
 
     bin: Path
-    """The folder of its programs."""
+    """Folder of its programs."""
     version: tuple[int, int]
-    """Such as (5, 11)."""
+    """Version, such as (5, 11)."""
     python: tuple[int, int]
-    """The Python that it carries, such as (3, 11)."""
+    """Version of its Python, such as (3, 11)."""
 
     def program(self, name: str) -> Path:
-        """Where one of its programs is.
+        """Return the path of one of its programs.
 
         Raises:
-            BadInput: this ParaView came without it.
+            BadInput: This ParaView does not contain it.
         """
         path = self.bin / name
         if not path.is_file():
@@ -61,21 +61,21 @@ class ParaView:
 
 
 def find(folder: str | Path | None = None, environ: Mapping[str, str] = os.environ) -> ParaView:
-    """The user's ParaView.
+    """Find the user's ParaView.
 
     Args:
-        folder: Where it is unpacked (or its ``bin``); without it SVV_PARAVIEW says, and then PATH.
+        folder: Its folder (or the ``bin`` in it); by default that named by SVV_PARAVIEW, or the first on the PATH.
         environ: Environment variables.
 
     Raises:
-        BadInput: none there, too old, or one that does not start.
+        BadInput: There is no ParaView, it is too old, or it does not start.
     """
     named = folder or environ.get("SVV_PARAVIEW")
     if named:
         folders = [Path(named).expanduser() / sub for sub in ("bin", "", "Contents/bin", "Contents/MacOS")]
         found = next((place / "pvpython" for place in folders if (place / "pvpython").is_file()), None)
         if found is None:
-            raise BadInput(f"There is no ParaView in {named}: name the folder that holds bin/pvpython.")
+            raise BadInput(f"There is no ParaView in {named}: name the folder that contains bin/pvpython.")
     else:
         which = shutil.which("pvpython", path=environ.get("PATH"))
         if which is None:
@@ -88,7 +88,7 @@ def find(folder: str | Path | None = None, environ: Mapping[str, str] = os.envir
 
 
 def _versions(pvpython: Path) -> tuple[tuple[int, int], tuple[int, int]]:
-    """ParaView's and its Python's version; asking takes seconds, so the answer is kept until the program changes."""
+    """Return the versions of ParaView and its Python; asking takes seconds, so the answer is cached per program."""
     kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "svv" / "paraview.json"
     program = pvpython.resolve()
     key = f"{program} {program.stat().st_mtime_ns}"
@@ -113,14 +113,15 @@ def _versions(pvpython: Path) -> tuple[tuple[int, int], tuple[int, int]]:
         partial.write_text(json.dumps({**known, key: [version, python]}))
         partial.replace(kept)
     except OSError:
-        pass  # it is asked again next time
+        pass  # ask again next time
     return version, python
 
 
 def environment_folder(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> Path:
-    """Where the packages for a ParaView are, or are to be: one folder for each version of Python.
+    """Return the folder for a ParaView's packages, which may not exist yet: one for each version of Python.
 
-    SVV_ENVIRONMENT names the folder above it; in a checkout that is ``.venv-paraview``, else a folder of the user's.
+    SVV_ENVIRONMENT names its parent; by default that is ``.venv-paraview`` in a checkout, or a folder in the user's
+    data directory.
     """
     named = environ.get("SVV_ENVIRONMENT")
     if named:
@@ -133,19 +134,19 @@ def environment_folder(paraview: ParaView, environ: Mapping[str, str] = os.envir
 
 
 def is_whole(environment: Path) -> bool:
-    """Whether the packages to which an environment holds links are still there, in the versions they had.
+    """Return whether the packages to which an environment has links still exist in the same versions.
 
-    A package's metadata lie in a folder with its version in the name, to which there is a link, too.
+    A package's metadata is in a folder with the version in its name; the environment has a link to that folder, too.
     """
     with os.scandir(environment) as entries:
         return all(os.path.exists(entry.path) for entry in entries if entry.is_symlink())
 
 
 def plugin_folder() -> Path:
-    """The folder of ``StyleRF.py``: in a checkout, beside an installed ``svv``, or where pip puts data files.
+    """Return the folder of ``StyleRF.py``: in a checkout, next to an installed ``svv``, or where pip puts data files.
 
     Raises:
-        BadInput: it is in none of them.
+        BadInput: None of them contains it.
     """
     places = [
         _home() / "plugin",
@@ -155,14 +156,14 @@ def plugin_folder() -> Path:
     for place in places:
         if (place / "StyleRF.py").is_file():
             return place.resolve()
-    raise BadInput("The plugin StyleRF.py lies nowhere beside svv: install svv again.")
+    raise BadInput("The plugin StyleRF.py was not found near the package svv: install svv again.")
 
 
 def python_path(paraview: ParaView, environment: Path, environ: Mapping[str, str] = os.environ) -> list[str]:
-    """Folders that go before ParaView's own modules.
+    """Return the folders that precede ParaView's own modules on its Python path.
 
-    First the shim (only where this ParaView needs it), then svv, then the packages it works with, then what the user
-    has on PYTHONPATH, less the folders that hold another VTK.
+    They are, in order: the compatibility shim (if this ParaView needs it), svv, the packages it needs, and the user's
+    PYTHONPATH without folders that contain another VTK.
     """
     folders = [_svv_alone(environment), environment]
     if paraview.version < (5, 12) and paraview.python >= (3, 11):
@@ -173,12 +174,12 @@ def python_path(paraview: ParaView, environment: Path, environ: Mapping[str, str
 
 
 def holds_second_vtk(folder: Path) -> bool:
-    """Whether a folder on the path would bring ParaView's Python another VTK."""
+    """Return whether a folder on the path would give ParaView's Python a second VTK."""
     return any((folder / name).exists() for name in SECOND_VTK)
 
 
 def _svv_alone(environment: Path) -> Path:
-    """A folder that holds ``svv`` and nothing that ParaView must not see: its own, or one with a link to it."""
+    """Return a folder with ``svv`` and without modules that ParaView must not see: its own, or one with a link."""
     home = _home()
     if not (home.name.endswith("-packages") or holds_second_vtk(home)):
         return home
@@ -193,20 +194,20 @@ def _svv_alone(environment: Path) -> Path:
 
 
 def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Environment variables with which a ParaView finds the plugin, svv, and the packages it works with.
+    """Return environment variables with which a ParaView finds the plugin, svv, and the packages that it needs.
 
     Raises:
-        BadInput: those packages are not there yet.
+        BadInput: Those packages are not installed yet, or have changed.
     """
     environment = environment_folder(paraview, environ)
     if not (environment / STAMP).is_file():
         raise BadInput(
             f"There is no environment for ParaView {_dotted(paraview.version)} yet (Python {_dotted(paraview.python)}, "
-            f"in {environment}); prepare it once with `make paraview` or `svv paraview --prepare`."
+            f"in {environment}): prepare it once with `make paraview` or `svv paraview --prepare`."
         )
     if not is_whole(environment):
         raise BadInput(
-            f"Packages that ParaView shares were changed or removed since {environment} was prepared: "
+            f"Packages that ParaView shares have been changed or removed since {environment} was prepared: "
             "prepare it again with `make paraview` or `svv paraview --prepare`."
         )
     plugins = [str(plugin_folder()), *filter(None, environ.get("PV_PLUGIN_PATH", "").split(os.pathsep))]
@@ -220,10 +221,10 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
 
 
 def needs_display(paraview: ParaView, program: str) -> bool:
-    """Whether a program of a ParaView stops without an X display.
+    """Return whether one of ParaView's programs needs an X display.
 
-    From 6.0 on only the user interface does; before, all do (pvserver as well: it renders), except in the builds for
-    machines without one, whose folder says so.
+    Since 6.0 only the user interface does. In older versions all programs do (including pvserver, which renders),
+    except in the headless builds, which are recognized by the folder's name.
     """
     if not sys.platform.startswith("linux"):
         return False
@@ -234,27 +235,27 @@ def needs_display(paraview: ParaView, program: str) -> bool:
 
 
 def start_display(size: str = "1280x1024x24") -> tuple[subprocess.Popen[bytes], str]:
-    """A display in memory that nobody else uses, and that ends with the process that asked for it.
+    """Start a private X display in memory, which ends with the process that started it.
 
-    The X server looks for a free number by itself, so any number of them may start at once. It keeps its state when
-    the last client leaves (``-noreset``), as ParaView opens and closes windows.
+    The X server chooses a free display number itself, so several can start at the same time. It keeps its state when
+    the last client disconnects (``-noreset``), because ParaView opens and closes windows.
 
     Returns:
-        The X server, and the value of DISPLAY.
+        The X server's process, and the value for DISPLAY.
 
     Raises:
-        BadInput: there is no Xvfb, or it does not start.
+        BadInput: There is no Xvfb, or it does not start.
     """
     xvfb = shutil.which("Xvfb")
     if xvfb is None:
         raise BadInput(
-            "There is no display, and no Xvfb to draw without one: set DISPLAY, "
+            "There is neither a display nor Xvfb to provide one: set DISPLAY, "
             "or install Xvfb (Debian, Ubuntu: sudo apt-get install xvfb)."
         )
     libc = ctypes.CDLL(None)
 
     def end_with_parent() -> None:
-        libc.prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG: even a parent that is killed leaves no X server behind
+        libc.prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG: the X server ends even if its parent is killed
 
     reading, writing = os.pipe()
     server = subprocess.Popen(
@@ -264,27 +265,27 @@ def start_display(size: str = "1280x1024x24") -> tuple[subprocess.Popen[bytes], 
         stderr=subprocess.DEVNULL,
         pass_fds=[writing],
         preexec_fn=end_with_parent,
-        start_new_session=True,  # Ctrl-C goes to the program, which still needs its display to end
+        start_new_session=True,  # Ctrl-C must reach only the program, which needs its display until it ends
     )
     os.close(writing)
     with os.fdopen(reading) as pipe:
         number = pipe.readline().strip()
     if not number:
         server.wait()
-        raise BadInput("Xvfb does not start: try it by hand, or set DISPLAY.")
+        raise BadInput("Xvfb does not start: run it by hand to see why, or set DISPLAY.")
     return server, f":{number}"
 
 
 def run(program: str, arguments: Sequence[str], folder: str | Path | None = None) -> NoReturn:
-    """Become one of ParaView's programs.
+    """Replace the current process with one of ParaView's programs.
 
     Args:
         program: One of PROGRAMS.
-        arguments: Its arguments, handed on as they are.
-        folder: Where ParaView is unpacked; see :func:`find`.
+        arguments: Its arguments, passed on unchanged.
+        folder: Folder of ParaView; see :func:`find`.
 
     Raises:
-        BadInput: no ParaView, one that is too old or not prepared, or no display to be had.
+        BadInput: ParaView is missing, too old or not prepared, or no display is available.
     """
     paraview = find(folder)
     path = paraview.program(program)
@@ -297,7 +298,7 @@ def run(program: str, arguments: Sequence[str], folder: str | Path | None = None
 
 
 def _home() -> Path:
-    """The folder that holds the package svv."""
+    """Return the folder that contains the package svv."""
     return Path(__file__).resolve().parents[2]
 
 

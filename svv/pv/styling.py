@@ -1,4 +1,4 @@
-"""What the panel of StyleRF Stylize means: the pictures of the regions, and the paintings that come of them."""
+"""Turn the panel of StyleRF Stylize into the regions' pictures, and paint scenes with them."""
 
 from __future__ import annotations
 
@@ -24,39 +24,39 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Painting:
-    """What was painted on a scene."""
+    """A painting on a scene."""
 
     base: str
-    """Hash of what that scene has learned: its edits do not count."""
+    """Hash of what that scene has learned; its edits do not count."""
     scene: Scene
-    """The scene with its painting, which is shown."""
+    """The scene, which shows the painting."""
     name: str
-    """Under which it is kept."""
+    """Name under which the painting is kept."""
 
     def told(self) -> str:
-        """One line about it."""
+        """Return one line about the painting."""
         report = self.scene.made["stylized"]
         return " ".join([f"Painted in {report['seconds']['total']:.0f} s.", *report["notes"]])
 
 
 def goes_on(scene: Scene, last: Painting | None, values: Values) -> tuple[bool, str]:
-    """Whether painting goes on from a painting, and what that depends on: '' where it is that of the scene."""
+    """Return whether painting continues from an existing painting, and its name; '' if it is the scene's own."""
     if values["Continue"] and last is not None and last.base == digest_of_scene(scene):
         return True, last.name
     return bool(values["Continue"]) and scene.styled is not None, ""
 
 
 def painted(scene: Scene, last: Painting | None, values: Values, progress: Progress) -> Scene:
-    """Paint a scene as the panel says.
+    """Paint a scene as the panel asks.
 
     Args:
-        scene: With a palette network.
-        last: What was painted under this name before, to go on from where the panel says Continue.
-        values: The panel's.
+        scene: Scene with a palette network.
+        last: Last painting of this name, from which to continue if the panel's Continue is on.
+        values: The panel's values.
         progress: Called several times a second.
 
     Raises:
-        BadInput, Cancelled: as :func:`stylize`.
+        BadInput, Cancelled: As for :func:`stylize`.
     """
     go_on, name = goes_on(scene, last, values)
     start = last.scene if last is not None and name else scene
@@ -64,16 +64,16 @@ def painted(scene: Scene, last: Painting | None, values: Values, progress: Progr
 
 
 def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, name: str) -> Scene:
-    """A scene with all that was painted on it, under its own edits.
+    """Return a scene with all of its paintings, and with its own edits.
 
     Args:
-        scene: As it is now.
-        paintings: By the name that the panel gave them.
-        shown: The variant to be shown; without one that of ``name``, the panel's name.
-        name: Of the last painting, '' without one.
+        scene: The current scene.
+        paintings: Paintings by the name that the panel gave them.
+        shown: Variant to show; if empty, the painting ``name``.
+        name: The panel's name of the last painting; '' if there is none.
 
     Raises:
-        BadInput: there is no variant ``shown``.
+        BadInput: There is no variant ``shown``.
     """
     base, own = digest_of_scene(scene), {}
     for given, painting in paintings.items():
@@ -89,16 +89,20 @@ def paintings_on(scene: Scene, paintings: Mapping[str, Painting], shown: str, na
 
 @dataclass
 class Styles:
-    """Pictures as :func:`svv.train.pipeline.stylize_scene` takes them, and the style of each region."""
+    """Pictures in the form that :func:`svv.train.pipeline.stylize_scene` takes, and the style of each region."""
 
     given: list[StyleInput] = field(default_factory=list)
+    """Pictures or inks, with their masks."""
     mapping: dict[int, int] = field(default_factory=dict)
+    """Region -> index into ``given``."""
     opened: dict[str, tuple[str, Style]] = field(default_factory=dict)
+    """Source -> name and style; each is read once."""
     notes: list[str] = field(default_factory=list)
+    """Sentences for the user."""
     _numbers: dict[tuple[str, int | None], int] = field(default_factory=dict)
 
     def add(self, source: str, mask: Mask | None, region: int, progress: Progress) -> None:
-        """Give a region a picture, or the part of it that a mask shows."""
+        """Assign a picture, or the part of it inside a mask, to a region."""
         from svv.train.ink import StyleInput
 
         name, picture = self.open(source, progress)
@@ -109,7 +113,7 @@ class Styles:
         self.mapping[region] = self._numbers[key]
 
     def open(self, source: str, progress: Progress) -> tuple[str, Style]:
-        """Name, and picture or ink, read once."""
+        """Return the name and the picture or ink of a source; each source is read once."""
         from svv.train.ink import style_named
 
         if source not in self.opened:
@@ -118,11 +122,11 @@ class Styles:
 
 
 def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
-    """What the panel asks for.
+    """Return the styles that the panel asks for.
 
     Raises:
-        BadInput: no picture, one that cannot be used, a row for a region that the scene lacks, or a mask that cannot
-            be (:func:`mask_for`).
+        BadInput: There is no picture, a picture cannot be used, the scene lacks the region of a row, or a mask is
+            invalid (:func:`mask_for`).
     """
     from svv.train.ink import picture_of
     from svv.train.style_choice import pairs_by_colour
@@ -153,24 +157,24 @@ def styles_of(scene: Scene, values: Values, progress: Progress) -> Styles:
             mask = mask_for(values, region, source, picture_of(style))[0] if asks_for_part(values, region) else None
             styles.add(source, mask, region, progress)
     if not styles.mapping:
-        raise BadInput("No region is left to paint: every one stays as it is.")
+        raise BadInput("No region is left to paint, because all stay as they are: choose a picture for at least one.")
     for source in dict.fromkeys(common):
         if source not in rows.values():
-            styles.notes.append(f"{source} has no region and is not used; there are more pictures than regions.")
+            styles.notes.append(f"{source} is not used, because there are more pictures than regions.")
     return styles
 
 
 def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = False) -> Scene:
-    """The scene with its regions painted as the panel says, as a variant that is shown.
+    """Return the scene with its regions painted as the panel asks; it shows the painting as a variant.
 
     Args:
-        scene: With a palette network.
-        values: The panel's; those that it lacks are at their defaults.
+        scene: Scene with a palette network.
+        values: The panel's values; missing ones have their defaults.
         progress: Called several times a second.
-        go_on: Go on with the painting that the scene shows.
+        go_on: Whether to continue the painting that the scene shows.
 
     Raises:
-        BadInput: any reason of :func:`styles_of` or :func:`svv.train.pipeline.stylize_scene`.
+        BadInput: Any reason of :func:`styles_of` or :func:`svv.train.pipeline.stylize_scene`.
         Cancelled: ``progress`` raised it.
     """
     from svv.kernels.dispatch import device_named
@@ -189,10 +193,10 @@ def stylize(scene: Scene, values: Values, progress: Progress, go_on: bool = Fals
 
 
 def told_of(file: Path, progress: Progress) -> tuple[Callable[[Scene], None], Progress]:
-    """What keeps a picture of the painting in a file, and a progress that says so once it is there.
+    """Return a preview callback that writes a picture of the painting to a file, and a progress that mentions the file.
 
     Raises:
-        BadInput: the file is no .png, or cannot be written.
+        BadInput: The file is not a .png, or cannot be written.
     """
     from svv.render.frames import previews_in
 

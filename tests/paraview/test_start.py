@@ -91,7 +91,7 @@ def test_a_paraview_of_no_use_is_refused(tmp_path: Path, answer: str, sentence: 
 def test_where_there_is_none_the_sentence_says_what_to_install(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="apt-get install paraview"):
         start.find(None, {"PATH": str(tmp_path)})
-    with pytest.raises(BadInput, match="name the folder that holds bin/pvpython"):
+    with pytest.raises(BadInput, match="name the folder that contains bin/pvpython"):
         start.find(tmp_path)
     for word in ("Fedora: sudo dnf", "without root: conda", "paraview.org/download"):
         assert word in start.INSTALL_HINT

@@ -50,7 +50,7 @@ def test_views_that_do_not_say_are_looked_at(trained: tuple[bool, ViewSet, Scene
     _, views, scene, _ = trained
     silent = replace(views, meta=ViewMeta())
     found = shows_light(scene, silent, 0)
-    assert found[0] == (change_aside(scene, silent, 0) >= LEAST) and "20 degrees aside" in found[1]
+    assert found[0] == (change_aside(scene, silent, 0) >= LEAST) and "20 degrees to the side" in found[1]
     none = replace(views, meta=ViewMeta(shading=Shading(ambient=1.0, diffuse=0.0, specular=0.0)))
     assert not shows_light(scene, none, 0)[0]
 

@@ -395,4 +395,4 @@ def test_the_papers_preset_runs(views: ViewSet, monkeypatch: pytest.MonkeyPatch,
     assert not scene.palette_network.shading  # type: ignore[union-attr]
     assert pipeline.evaluate_scene(scene, unseen, "base").psnr > 15.0
     assert report["preset"] == "paper" and scene.settings.lighting == "network"
-    assert report["notes"][-1] == "images take all samples, as the density is a network's"
+    assert report["notes"][-1] == "images use all samples, because the density is a network"

@@ -1,4 +1,4 @@
-"""How many levels of features a scene's colours need: the finer ones go where the views would not show it."""
+"""Choice of the number of feature levels for a scene's colours: finer levels that views would not show are dropped."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 
 RAYS = 8192
-"""Pixels that are looked at."""
+"""Number of random pixels from which accuracy is measured."""
 
 LEAST_GAIN = 0.05
-"""dB that the finer levels must add to be kept: well below what two seeds differ by."""
+"""Gain in dB above which the finer levels are kept: well below the difference between two seeds."""
 
 
 def with_fewest_levels(scene: Scene, views: ViewSet, seed: int, borders: bool = False) -> tuple[Scene, str]:
-    """The scene without the finer levels of features that add next to nothing, and why.
+    """Return the scene without the finer levels of features that add next to nothing, and the reason.
 
-    Pixels drawn at random from all views (training has looked at a few in a hundred of them) are compared with what
-    the base network makes of them, with all features and without the finer levels'. A level is not taken for zero
-    then, as the network leans on features that say nothing new: it is taken for what the coarser ones say of it, an
-    affine map by least squares over what is visible, which the network's first layer takes in. The coarsest level
-    always stays. Paint may be finer than the colours that it covers: a stylization has all levels.
+    Random pixels of all views (training has used a few in a hundred of them) are compared with the base network's
+    colours, with all features and without the finer levels. A dropped level is not replaced by zero, because the
+    network relies even on features without new information: it is predicted from the coarser levels, by an affine
+    least-squares map over what is visible, which is merged into the network's first layer. The coarsest level always
+    stays. Paint may be finer than the colours that it covers: a stylization uses all levels.
 
     Args:
-        scene: With a trained base field and no other network.
+        scene: A scene with a trained base field and no other network.
         views: The training views.
-        seed: Of the pixels.
-        borders: Whether a volume says where regions border on each other: they may do so where colours do not show it,
-            and the palette network needs all levels to tell them apart.
+        seed: Seed of the pixels.
+        borders: Whether the regions come from a volume: their borders may not show in the colours, so the palette
+            network needs all levels to tell the regions apart.
     """
     encoding = scene.base.encoding
     if not isinstance(encoding, SparseLattice):
-        return scene, f"all {encoding.levels} levels of the hash grid, as the preset has them"
+        return scene, f"all {encoding.levels} levels of the hash grid, as in the preset"
     if encoding.levels == 1:
-        return scene, "one level of features, the least there is"
+        return scene, "one level of features, the minimum"
     if borders:
         return scene, f"all {encoding.levels} levels of features stay, for the borders between the volume's ranges"
     choices = [without_finer(scene, k, views, seed) for k in range(1, encoding.levels)] + [scene]
@@ -53,7 +53,7 @@ def with_fewest_levels(scene: Scene, views: ViewSet, seed: int, borders: bool = 
     numbers = range(first + 1, encoding.levels + 1)
     names = " and ".join(f"{n} ({encoding.resolutions[n - 1]} cells)" for n in numbers)
     rows = encoding.rows_of_level(encoding.levels - 1).stop - encoding.rows_of_level(first).start
-    # A byte a feature, in the base network's table and in the palette's.
+    # One byte per feature, in the base network's table and in the palette network's.
     return choices[kept - 1], (
         f"level{'s' * (len(numbers) > 1)} {names} {verb} {found[-1] - found[first - 1]:.2f} dB "
         f"for {2e-6 * rows * encoding.features:.2g} MB: {said}"
@@ -62,7 +62,7 @@ def with_fewest_levels(scene: Scene, views: ViewSet, seed: int, borders: bool = 
 
 @torch.no_grad()
 def accuracy(scene: Scene, views: ViewSet, seed: int) -> float:
-    """PSNR in dB of the base network's colours on random pixels of the views."""
+    """Return the PSNR in dB of the base network's colours on random pixels of the views."""
     seen = _Seen(scene, views, seed)
     colour = scene.base(seen.geometry, seen.directions)
     error = (composite(seen.samples, seen.sigma, colour)[0] - seen.truth).square().mean()
@@ -71,7 +71,7 @@ def accuracy(scene: Scene, views: ViewSet, seed: int) -> float:
 
 @torch.no_grad()
 def without_finer(scene: Scene, levels: int, views: ViewSet, seed: int) -> Scene:
-    """The scene with the first ``levels`` levels of its features, the others taken for what these say of them."""
+    """Return the scene with the first ``levels`` feature levels; the others are predicted from these."""
     old, seen = scene.base, _Seen(scene, views, seed)
     assert isinstance(old.encoding, SparseLattice) and old.density is not None
     width = levels * old.encoding.features
@@ -97,7 +97,7 @@ def without_finer(scene: Scene, levels: int, views: ViewSet, seed: int) -> Scene
 
 
 class _Seen:
-    """What the base network is asked at random pixels of the views, and what they show."""
+    """Samples and inputs of the base network at random pixels of the views, and the true colours."""
 
     def __init__(self, scene: Scene, views: ViewSet, seed: int) -> None:
         cameras = views.cameras

@@ -1,4 +1,4 @@
-"""Whether a scene shows any lighting, so that its palette colour network has to learn some, and which kind."""
+"""Decide whether a scene shows any lighting, which its palette colour network then has to learn, and of which kind."""
 
 from __future__ import annotations
 
@@ -22,35 +22,36 @@ from svv.train.recolour import recolour
 from svv.train.unmix import Unmixing
 
 RAYS = 16384
-"""Rays that are looked at."""
+"""Number of rays from which the decision is made."""
 
 TURN = 0.35
-"""Angle in radians by which the direction of looking is turned: near enough for other views to have seen the same."""
+"""Angle in radians by which viewing directions are turned: small enough that other views have seen the same points."""
 
 LEAST = 2.0 / 255.0
-"""Change of colour, root of the mean square over the visible light, from which on there is lighting."""
+"""Change of colour, as root mean square over the visible light, from which a scene counts as lit."""
 
 HELD_OUT = 8
-"""One view of so many takes no part in a trial."""
+"""Spacing of held-out views: one of every eight is not trained on in a trial."""
 
 TRIAL = 0.25
-"""Part of the steps of stage 2 that each trial has."""
+"""Fraction of the steps of stage 2 that each trial takes."""
 
 MARGIN = 1.0
-"""dB by which the lighting network may be better in a trial and yet not be taken: a light that moves is worth them."""
+"""Largest lead in dB of the lighting network in a trial at which the explicit light is still chosen: a movable light is
+worth that much."""
 
 
 def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
-    """Whether colours depend on the direction from which one looks, and why it was decided so.
+    """Return whether colours depend on the viewing direction, and the reason for the decision.
 
-    Views drawn of a volume say how they were shaded. Of others the base field decides: points keep their place, and
-    its network is only told that they are seen from somewhat aside. What was drawn without shading, as ParaView does
-    by default, has the same colours from everywhere.
+    Views rendered from a volume record how they were shaded. For others, the base field decides: its network is asked
+    for the colours of the same points from a slightly different direction. Views rendered without shading, ParaView's
+    default, have the same colours from all sides.
 
     Args:
-        scene: With a trained base field.
+        scene: A scene with a trained base field.
         views: The training views.
-        seed: Of rays and turns.
+        seed: Seed of rays and turns.
     """
     shading = views.meta.shading
     if shading is not None:
@@ -58,17 +59,17 @@ def shows_light(scene: Scene, views: ViewSet, seed: int) -> tuple[bool, str]:
             return True, "the views were drawn with shading, so there is a lighting network"
         return False, "the views were drawn without shading: no lighting network"
     change = change_aside(scene, views, seed)
-    text = f"seen from {np.degrees(TURN):.0f} degrees aside, colours change by {255 * change:.1f} of 255 levels"
+    text = f"seen from {np.degrees(TURN):.0f} degrees to the side, colours change by {255 * change:.1f} of 255 levels"
     if change < LEAST:
         return False, f"{text}: no lighting network"
     return True, f"{text}, so there is a lighting network"
 
 
 def with_explicit_light(settings: FieldSettings, views: ViewSet) -> FieldSettings:
-    """The settings with an explicit light, which is where the views were lit from.
+    """Return the settings with an explicit light at the position from which the views were lit.
 
-    VTK's ray caster on CPUs takes a headlight for parallel to the camera's axis, for which views carry its name;
-    on GPUs, and others, for a point at the camera.
+    VTK's CPU ray caster treats a headlight as parallel to the camera's axis, which is why views record the ray caster.
+    VTK's GPU ray caster, and other renderers, treat it as a point at the camera.
     """
     headlight = "axis" if views.meta.mapper == "cpu" else "point"
     return replace(settings, lighting="phong", headlight=headlight)
@@ -83,19 +84,19 @@ def light_by_trial(
     owners: Owners | None = None,
     given: Unmixing | None = None,
 ) -> tuple[Scene, str]:
-    """The scene with an explicit light where that draws held-out views as well as the network does, and why.
+    """Return the scene with an explicit light if that renders held-out views as well as the network, and the reason.
 
-    Both are trained for :data:`TRIAL` of the steps without every :data:`HELD_OUT` th view, and asked for that; the
-    explicit light is taken unless the network is better by more than :data:`MARGIN`.
+    Both are trained for a fraction :data:`TRIAL` of the steps, without one of every :data:`HELD_OUT` views, and tested
+    on those views. The explicit light is chosen unless the network is better by more than :data:`MARGIN`.
 
     Args:
-        scene: Without a palette network; its settings have the explicit light.
+        scene: A scene without a palette network; its settings have the explicit light.
         views: Training views.
         palette: Colours of the regions. (P, 3)
-        settings: Of stage 2.
+        settings: Settings of stage 2.
         running: Seed of both trials, seconds for both together, and progress.
-        owners: The region that each point belongs to, where that is known.
-        given: What the pixels say of the palette, where that is needed.
+        owners: Region of each point, if it is known.
+        given: Palette shares in the pixels, if they are needed.
     """
     count = len(views.cameras)
     held = list(range(0, count, HELD_OUT))
@@ -111,19 +112,19 @@ def light_by_trial(
         found[lighting] = accuracy(lit, unseen, running.seed)
     taken = "phong" if found["phong"] >= found["network"] - MARGIN else "network"
     reason = (
-        f"an explicit light (Blinn-Phong) draws {len(held)} held-out views with {found['phong']:.2f} dB after "
+        f"an explicit light (Blinn-Phong) renders {len(held)} held-out views with {found['phong']:.2f} dB after "
         f"{short.iterations} steps, the lighting network with {found['network']:.2f} dB: "
     ) + (
-        f"not more than {MARGIN:g} dB behind, so it is taken and can be moved"
+        f"at most {MARGIN:g} dB less, so the explicit light is chosen and can be moved"
         if taken == "phong"
-        else f"more than {MARGIN:g} dB behind, so the network is taken"
+        else f"more than {MARGIN:g} dB less, so the network is chosen"
     )
     return replace(scene, settings=replace(scene.settings, lighting=taken)), reason
 
 
 @torch.no_grad()
 def accuracy(scene: Scene, views: ViewSet, seed: int) -> float:
-    """PSNR in dB of the palette network's colours over black, on random pixels of views."""
+    """Return the PSNR in dB of the palette network's colours over black, on random pixels of views."""
     batch = RayPool(views, scene.occupancy.box, seed, scene.device).batch(0, RAYS)
     samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
     facing = (
@@ -138,7 +139,7 @@ def accuracy(scene: Scene, views: ViewSet, seed: int) -> float:
 
 @torch.no_grad()
 def change_aside(scene: Scene, views: ViewSet, seed: int) -> float:
-    """Change of the base network's colours when the direction is turned: root of the mean square over what is seen."""
+    """Return the root-mean-square change of the base network's visible colours when viewing directions are turned."""
     cameras = views.cameras
     device, generator = scene.device, np.random.default_rng(seed)
     pixels = generator.integers(0, len(cameras) * cameras[0].width * cameras[0].height, RAYS)

@@ -18,50 +18,57 @@ SAVE_EVERY = 30.0
 """Seconds between two checkpoints."""
 
 PARTS = 10
-"""Parts of a run whose mean losses are kept."""
+"""Number of parts of a run whose losses are recorded separately."""
 
 
 @dataclass(frozen=True)
 class Running:
-    """How a stage is run, whatever it does."""
+    """How to run a stage, independent of its task."""
 
     seed: int
-    """Of initial features, batches and jitter."""
+    """Seed of initial features, batches and jitter."""
     limit: float | None = None
-    """Seconds allowed."""
+    """Time limit in seconds; None for no limit."""
     progress: Progress = silent
     """Called several times a second; stops the work when it raises."""
     saved: Checkpoint | None = None
-    """Where to resume from, and to save to."""
+    """Checkpoint to resume from and to save to."""
 
 
 @dataclass
 class Loop:
-    """Runs a step again and again.
+    """Runs a step repeatedly.
 
-    ``limit`` is the time allowed in seconds (None: as long as it takes); a run that would exceed it is shortened, and
-    the learning rates fall by what is left, so it ends as well as it can.
+    A run that would exceed its time limit is shortened. Its learning rates then fall with the remaining time, so the
+    result is as good as the time allows.
     """
 
     iterations: int
+    """Number of steps."""
     limit: float | None
+    """Time limit in seconds; None for no limit."""
     progress: Progress
+    """Called several times a second; stops the work when it raises."""
     label: str
+    """Label of the progress."""
     save: Callable[[int, float], None] | None = None
+    """Called with the steps done and the seconds spent, to write a checkpoint."""
     watch: Callable[[], None] | None = None
     """Called after every step."""
     done: int = 0
+    """Number of steps done."""
     spent: float = 0.0
+    """Seconds spent."""
     course: dict[int, list[Tensor]] = field(default_factory=dict)
-    """Losses of each of the ``PARTS`` parts of the run, since it was begun or gone on with."""
+    """Losses of each of the ``PARTS`` parts of the run, since it was started or resumed."""
 
     def run(self, step: Callable[[int, float], Tensor]) -> float:
-        """Call ``step(number, fraction)`` until done; it returns the loss, shown beside the label.
+        """Call ``step(number, fraction)`` until done; it returns the loss, which is shown next to the label.
 
-        The loss is only looked at when it is shown: to look is to wait for a GPU.
+        The loss is read only when it is shown, because reading it waits for the GPU.
 
         Returns:
-            Seconds spent, those before an interruption included.
+            Seconds spent, including those before an interruption.
         """
         begin = saved = told = time.monotonic()
         before = self.spent
@@ -90,7 +97,7 @@ class Loop:
         return self.spent
 
     def last_gain(self) -> float | None:
-        """Decibels by which the mean loss of the last part lies below that of the one before; None without both."""
+        """Return how many dB the mean loss of the last part is below that of the part before; None without both."""
         ends = [self.course.get(PARTS - k) for k in (2, 1)]
         if not all(ends):
             return None
@@ -99,12 +106,12 @@ class Loop:
 
 
 def falling(fraction: float, end: float) -> float:
-    """Factor on a learning rate: from 1 at the start to ``end``, exponentially."""
+    """Return the factor on a learning rate, which falls exponentially from 1 to ``end``."""
     return float(end**fraction)
 
 
 def network_adam(parameters: Sequence[Tensor] | Sequence[dict[str, Any]], rate: float = 1e-3) -> torch.optim.Adam:
-    """Adam of a stage's networks; on a GPU one kernel steps all parameters of a group.
+    """Return Adam for a stage's networks; on a GPU, one kernel updates all parameters of a group.
 
     Args:
         parameters: Parameters, or groups of them, all on one device.

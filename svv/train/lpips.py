@@ -1,7 +1,7 @@
-"""LPIPS with AlexNet (Zhang et al. 2018, version 0.1), where its weights are on this machine; else no number.
+"""LPIPS with AlexNet (Zhang et al. 2018, version 0.1), if its weights are on this machine.
 
-The weights are AlexNet's (torchvision's) and the linear heads of the package ``lpips``, as
-:mod:`svv.styles.weights` finds and fetches them. Nothing is downloaded here.
+The weights are torchvision's AlexNet and the linear heads of the package ``lpips``, which :mod:`svv.styles.weights`
+finds and fetches. This module downloads nothing.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from svv.styles import weights
 
 CHANNELS = (64, 192, 384, 256, 256)
 MIN_SIZE = 31
-"""Below it AlexNet's second pooling is left with nothing."""
+"""Minimum side of pictures in pixels: AlexNet's second pooling has no output for smaller ones."""
 
 
 class Lpips(nn.Module):
@@ -29,7 +29,7 @@ class Lpips(nn.Module):
         super().__init__()
         self.register_buffer("shift", torch.tensor((-0.030, -0.088, -0.188)).view(3, 1, 1), persistent=False)
         self.register_buffer("scale", torch.tensor((0.458, 0.448, 0.450)).view(3, 1, 1), persistent=False)
-        # the names features.0, .3, .6, .8, .10 are those of torchvision's weight file
+        # The names features.0, .3, .6, .8 and .10 are those of torchvision's weight file.
         self.features = nn.Sequential(
             *(nn.Conv2d(3, 64, 11, stride=4, padding=2), nn.ReLU(), nn.MaxPool2d(3, 2)),
             *(nn.Conv2d(64, 192, 5, padding=2), nn.ReLU(), nn.MaxPool2d(3, 2)),
@@ -41,12 +41,12 @@ class Lpips(nn.Module):
         self.requires_grad_(False)
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
-        """Distance (n,) of pictures (n, 3, h, w) in [-1, 1]."""
+        """Return the distances (n,) between pictures (n, 3, h, w) in [-1, 1]."""
         pairs = zip(*(map(_unit, self.activations(x)) for x in (a, b)), self.heads, strict=True)
         return torch.stack([((x - y) ** 2 * head).sum(1).mean((1, 2)) for x, y, head in pairs]).sum(0)
 
     def activations(self, picture: Tensor) -> list[Tensor]:
-        """What pictures (n, 3, h, w) in [-1, 1] give after each ReLU, (n, channels, ..., ...) each."""
+        """Return the activations of pictures (n, 3, h, w) in [-1, 1] after each ReLU, each (n, channels, ..., ...)."""
         x = (picture - self.shift) / self.scale
         found = []
         for layer in self.features:
@@ -57,15 +57,15 @@ class Lpips(nn.Module):
 
 
 def _unit(x: Tensor) -> Tensor:
-    """Of length 1 along the channels."""
+    """Normalize to length 1 along the channels."""
     return x / (x.norm(dim=1, keepdim=True) + 1e-10)
 
 
 def load_lpips() -> Lpips | None:
-    """LPIPS with its published weights; None where they are not on this machine (``svv features --get`` fetches them).
+    """Load LPIPS with its published weights; None if they are not on this machine (see ``svv features --get``).
 
     Raises:
-        BadInput: torch's cache holds another file under the name of the published AlexNet.
+        BadInput: Torch's cache holds a different file under the name of the published AlexNet.
     """
     found = weights.load("alexnet")
     if found is None:
@@ -77,9 +77,9 @@ def load_lpips() -> Lpips | None:
 
 @torch.no_grad()
 def lpips(network: Lpips, prediction: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
-    """LPIPS of two pictures (h, w, 3) in [0, 1]; 0 for equal ones. Raises BadInput below 31 x 31 pixels."""
+    """Return the LPIPS of two pictures (h, w, 3) in [0, 1]; 0 if equal. Raises BadInput below 31 x 31 pixels."""
     if prediction.shape != truth.shape or min(truth.shape[:2]) < MIN_SIZE:
-        raise BadInput(f"LPIPS needs two pictures of one size, {MIN_SIZE} x {MIN_SIZE} or more; render them larger.")
+        raise BadInput(f"LPIPS needs two pictures of the same size, at least {MIN_SIZE} x {MIN_SIZE} pixels.")
     pair = np.stack((np.clip(prediction, 0, 1), truth)).astype(np.float32)
     a, b = (torch.from_numpy(pair) * 2 - 1).permute(0, 3, 1, 2).split(1)
     return float(network(a, b))

@@ -1,4 +1,4 @@
-"""Pictures of a painting while it is made: when one is due, so that they cost next to nothing."""
+"""Previews of a painting while it is made, scheduled to cost next to nothing."""
 
 from __future__ import annotations
 
@@ -11,35 +11,37 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
 
 Show = Callable[[Scene], None]
-"""Takes the painted scene as it is at this moment: a copy that stays as it is while the training goes on."""
+"""Function that receives the painted scene in its current state: a copy that the training no longer changes."""
 
 FIRST = 4.0
-"""Seconds of steps before the first preview: less of a distillation shows a fog, more keeps people waiting."""
+"""Seconds of steps before the first preview: an earlier distillation shows only fog, and a later one is a long wait."""
 
 EVERY = 10.0
-"""Seconds between two previews at least."""
+"""Minimum number of seconds between two previews."""
 
 SHARE = 0.01
-"""Part of the time that previews after the first may take: a slow one is followed by a longer wait."""
+"""Maximum fraction of the time for previews after the first: a slow one is followed by a longer wait."""
 
 
 @dataclass
 class Previews:
-    """Hands out a painting from time to time while its colours are learned."""
+    """Shows a painting from time to time while its colours are learned."""
 
     show: Show
+    """Called with each preview."""
     painting: Callable[[UnrestrictedField], Scene]
-    """The painted scene with these colours."""
+    """Returns the painted scene with these colours."""
     clock: Callable[[], float] = time.monotonic
+    """Returns the time in seconds."""
     seconds: list[float] = field(default_factory=list)
-    """When each preview was there, since this was made."""
+    """Time at which each preview was ready, in seconds since this object was created."""
 
     def __post_init__(self) -> None:
         self._begin = self.clock()
         self._due: float | None = None
 
     def look(self, colours: UnrestrictedField, at_once: bool = False) -> None:
-        """Show what there is, if it is time or it is worth it at once; called after every step."""
+        """Show the current colours if a preview is due or ``at_once`` is set; called after every step."""
         now = self.clock()
         if self._due is None:
             self._due = now + FIRST

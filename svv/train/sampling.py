@@ -1,4 +1,4 @@
-"""How few samples the images of a scene need: as few as the pictures allow."""
+"""Choice of the smallest number of samples with which a scene's images stay the same to the eye."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from svv.fields.model import JOINED_WEIGHT
 from svv.fields.scene import Scene
 
 CHOICES = ((2.0, 1 / 32), (2.0, 1 / 64), (1.5, 1 / 32), (1.5, 1 / 64))
-"""Sample distances in steps of the training's, and weights until which samples are joined; the cheapest first."""
+"""Sample distances in training steps, and weights up to which samples are merged; the cheapest choice first."""
 
 GOOD_ENOUGH = 48.13
-"""PSNR in dB of pictures against those with all samples: an error of one of 255 levels (root of the mean square)."""
+"""Required PSNR in dB relative to images with all samples: a root-mean-square error of one of 255 levels."""
 
 SIZE = 128
-"""Width of the pictures that decide, pixels."""
+"""Width in pixels of the test images."""
 
 
 def with_fewest_samples(scene: Scene, cameras: Sequence[Camera]) -> tuple[Scene, str]:
-    """The scene with the first of ``CHOICES`` that is good enough, if one is, and why.
+    """Return the scene with the first of ``CHOICES`` that is good enough, if there is one, and the reason.
 
-    Images of a translucent scene take half the time so, while the surfaces of an opaque one need every step.
+    This halves the rendering time of a translucent scene, while the surfaces of an opaque one need every step.
 
     Args:
-        scene: Trained, unedited.
-        cameras: Of the training views; three of them, small, decide.
+        scene: A trained, unedited scene.
+        cameras: Cameras of the training views; small images from three of them decide.
     """
     finest = replace(scene, stride=1.0, joined=JOINED_WEIGHT)
     if scene.base.density is None:
-        # Every sample goes through the networks: samples are not joined, and the pictures would take half a minute.
-        return finest, "images take all samples, as the density is a network's"
+        # Every sample goes through the networks: samples are not merged, and the test would take half a minute.
+        return finest, "images use all samples, because the density is a network"
     seen = [cameras[k * len(cameras) // 3] for k in range(3)]
     seen = [camera.resized(SIZE, max(1, round(SIZE * camera.height / camera.width))) for camera in seen]
 
@@ -47,7 +47,7 @@ def with_fewest_samples(scene: Scene, cameras: Sequence[Camera]) -> tuple[Scene,
         coarse = replace(scene, stride=stride, joined=joined)
         error = float(np.square(draw(coarse) - fine).mean())
         psnr = -10.0 * np.log10(max(error, 1e-12))
-        found = f"a sample every {stride:g} steps, joined up to 1/{1 / joined:g} of a pixel"
+        found = f"one sample every {stride:g} steps, merged up to 1/{1 / joined:g} of a pixel"
         if psnr >= GOOD_ENOUGH:
-            return coarse, f"images take {found}: that stays within {psnr:.1f} dB of those with all samples"
-    return finest, f"images take all samples: {found} would stay within {psnr:.1f} dB of them only"
+            return coarse, f"images use {found}: {psnr:.1f} dB relative to images with all samples"
+    return finest, f"images use all samples: {found}, would give only {psnr:.1f} dB relative to these"

@@ -1,8 +1,8 @@
-"""What a pixel says about a palette where no volume tells the regions: how much of its light is each colour's.
+"""Palette shares of pixels, used when no volume determines the regions: how much of the light each colour contributes.
 
-Of two similar hues in a palette made by hand, the weights of eq. 4 (StyleRF-VolVis) can take either and let the
-offsets do the rest; of more than three colours, each is a mixture of some others. Which one the weights take is
-decided by chance, early in the training. The pixels know: a pure one is a shade of one colour alone.
+If a palette made by hand has two similar hues, the weights of eq. 4 (StyleRF-VolVis) can choose either and leave the
+rest to the offsets; among more than three colours, each is a mixture of some others. Chance then decides early in the
+training which colour the weights choose. Pixels resolve this: a pure one is a shade of a single colour.
 
 Letters: R rays, P palette colours, G of them in one mixture, N mixtures.
 """
@@ -17,24 +17,24 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 HIGHLIGHT = 0.5
-"""Weight of the squared grey light in a pixel beside the squared error: a colour is rather pure than lit."""
+"""Weight of a pixel's squared grey light relative to the squared error: pure colours are preferred to highlights."""
 
 PLAIN = 0.02
-"""RGB error that a second colour must save to be taken for a part of a pixel."""
+"""Decrease of the RGB error from which a second colour counts as part of a pixel."""
 
 
 class Unmixing:
-    """Takes pixels apart into a palette: c = sum_i a_i P_i + b (1, 1, 1) with a, b >= 0 and at most two a_i above 0."""
+    """Decomposes pixels by a palette: c = sum_i a_i P_i + b (1, 1, 1) with a, b >= 0 and at most two a_i above 0."""
 
     def __init__(self, palette: NDArray[np.floating], device: torch.device) -> None:
-        """``palette``: RGB in [0, 1]. (P, 3)"""
+        """Prepare all mixtures of one or two colours of ``palette``, RGB in [0, 1]. (P, 3)"""
         colours = np.asarray(palette, np.float64)
         self._count = len(colours)
         groups = [g for size in (1, 2) for g in itertools.combinations(range(len(colours)), size)]
         solvers, mixes, places, costs = [], [], [], []
         for group in groups:
             for lit in (False, True):
-                # Unknowns a, a', b; where one is not used its column is 0, and so is its solution.
+                # Unknowns a, a' and b; the column of an unused one is 0, and so is its solution.
                 matrix = np.zeros((3, 3))
                 matrix[:, : len(group)] = colours[list(group)].T
                 matrix[:, 2] = float(lit)
@@ -49,7 +49,7 @@ class Unmixing:
         self._places = torch.as_tensor(places, device=device)  # (N, 2)
 
     def shares(self, colour: Tensor) -> Tensor:
-        """Part of a pixel's coloured light that is each palette colour's; 0 where there is none. (R, 3) -> (R, P)"""
+        """Return each palette colour's share of a pixel's coloured light; 0 if it has none. (R, 3) -> (R, P)"""
         found = torch.einsum("nij,rj->nri", self._solvers, colour)  # (N, R, 3): a, a', b
         error = torch.einsum("nij,nrj->nri", self._mixes, found) - colour
         cost = error.square().sum(2) + HIGHLIGHT * found[..., 2].square() + self._costs[:, None]

@@ -189,11 +189,11 @@ def test_a_stopped_chart_goes_on_and_a_finished_one_does_nothing(tmp_path: Path,
     with pytest.raises(Cancelled):
         make_chart(Chart([views], [], out, GRID, SMALL))
     assert runner.asked == ["train", "render", "render", "train"]
-    assert "not all done" in (out / "chart.html").read_text()  # what there is, is shown
+    assert "not finished" in (out / "chart.html").read_text()  # what there is, is shown
     runner.stop_at, runner.asked = None, []
     make_chart(Chart([views], [], out, GRID, SMALL))
     assert runner.asked == ["render", "render"] + ["train", "render", "render"] * 2
-    assert "not all done" not in (out / "chart.html").read_text()
+    assert "not finished" not in (out / "chart.html").read_text()
     runner.asked = []
     make_chart(Chart([views], [], out, GRID, SMALL))
     assert runner.asked == []

@@ -319,6 +319,6 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
 def test_a_matrix_without_runs() -> None:
     with pytest.raises(BadInput, match="At least one seed"):
         Matrix(seeds=0)
-    with pytest.raises(BadInput, match="concerns any"):
+    with pytest.raises(BadInput, match="applies to any"):
         Matrix(("small-tables",), ("draft",), 3)
     assert len(Matrix(("small-tables", "wires"), ("draft",), 3).runs) == 3

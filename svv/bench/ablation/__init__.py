@@ -1,1 +1,1 @@
-"""What each part is worth: stages made again with one part left out."""
+"""Ablations: stages repeated with one part left out, to measure what the part contributes."""

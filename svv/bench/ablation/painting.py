@@ -1,10 +1,9 @@
-"""Ablations: what the paper says is needed, and what is ours, left out one at a time.
+"""Ablations: parts that the paper considers necessary and parts that we added, left out one at a time.
 
-Of the stylization: the matching of features, the painted start and what its pieces are laid by, colour transfer,
-lighting, the background behind the regions' renders, one colour along a ray, and paint on finer cells than the
-scene's. Of the palette network: the refinement of
-the palette's colours, and the weight of the offsets (lambda_delta). Every variant is a folder, and what is there is not
-done again.
+In the stylization: feature matching, the painted start and the guides of its pieces, colour transfer, lighting, the
+background behind the regions' renders, one colour along a ray, and paint on finer cells than the scene's. In the
+palette network: the refinement of the palette's colours, and the weight of the offsets (lambda_delta). Every variant
+has a folder; finished variants are not repeated.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ class StyleVariant:
     stylize: Callable[[StylizeSettings], StylizeSettings] = lambda s: s
     loss: Callable[[StyleLossSettings], StyleLossSettings] = lambda s: s
     lit: bool = True
-    """Whether its frames are shown with light."""
+    """Whether its frames are rendered with lighting."""
 
 
 STYLES: dict[str, dict[str, StyleVariant]] = {
@@ -91,30 +90,30 @@ STYLES: dict[str, dict[str, StyleVariant]] = {
     },
 }
 NAMES = (*STYLES, *PALETTES)
-"""The ablations."""
+"""Names of all ablations."""
 
 STYLE_COLUMNS = {name: name for name in (*JUDGED, "content", "seconds") if name != "patches 1/2"}
-"""Figure -> its title in the table."""
+"""Figure -> title of its column in the table."""
 
 STYLE_NOTE = (
-    "FLIP and RMSE between frames so many apart, after warping along the flow of the depth; 'part': of what the frame "
-    "differs from its mean colour. Distances of patches and colours to the first style, best at 0; contrast of fine "
-    "detail against the style's, best at 1; content: likeness to the unstyled frames, 1 at most; changed: by how much "
-    "colours did."
+    "FLIP and RMSE between frames the given number apart, after warping along the flow of the depth; 'part': relative "
+    "to the frame's deviation from its mean colour. Distances of patches and colours to the first style, best at 0; "
+    "contrast of fine detail relative to the style's, best at 1; content: similarity to the unstyled frames, at most "
+    "1; changed: size of the change of colours."
 )
 
 
 @dataclass(frozen=True)
 class Ablation(PaintedAsShown):
-    """Which ablations, of what."""
+    """A job of ablations: their names, the scene and the settings."""
 
     scene: Path
     styles: tuple[Path, ...]
-    """Pictures; the first is taken, or as many as there are regions, in turn."""
+    """Style pictures: one for all regions, or several that the regions take in turn."""
     views: Path | None
-    """The scene's folder of views."""
+    """Folder of the scene's views."""
     only: tuple[str, ...] | None
-    """Of :data:`NAMES`; None: all for which there is what they need."""
+    """Names of the ablations, of :data:`NAMES`; None for all whose inputs are given."""
     protocol: Protocol
     preset: str = "balanced"
     seed: int = 0
@@ -124,35 +123,35 @@ class Ablation(PaintedAsShown):
     def __post_init__(self) -> None:
         for name in self.only or ():
             if name not in NAMES:
-                raise BadInput(f"There is no ablation '{name}'; choose of {', '.join(NAMES)}.")
+                raise BadInput(f"There is no ablation '{name}'; choose from {', '.join(NAMES)}.")
             if name in STYLES and not self.styles:
-                raise BadInput(f"The ablation '{name}' needs a picture: give --style.")
+                raise BadInput(f"The ablation '{name}' needs a style picture: give --style.")
             if name in PALETTES and self.views is None:
                 raise BadInput(f"The ablation '{name}' needs the scene's views: give --views.")
         if not self.names:
-            raise BadInput("Give --style for the ablations of the stylization, --views for those of the palette.")
+            raise BadInput("Give --style for ablations of the stylization, --views for those of the palette network.")
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those that are done."""
+        """Names of the ablations of this job."""
         there = ((STYLES, bool(self.styles)), (PALETTES, self.views is not None))
         able = [name for group, can in there if can for name in group]
         return tuple(name for name in able if self.only is None or name in self.only)
 
 
 def run_ablation(job: Ablation, out: Path, progress: Progress = silent) -> str:
-    """Do all variants that are not there yet.
+    """Run all variants that are not finished yet.
 
     Args:
-        job: Which.
+        job: The ablations.
         out: Folder of the results.
-        progress: Called several times a second; stops the work when it raises, and the same call goes on.
+        progress: Called several times per second; the work stops if it raises, and the same call resumes it.
 
     Returns:
-        The tables as Markdown, which are in ``ablations.md``, too; ``ablations.csv`` and ``.json`` have all figures.
+        The tables as Markdown, also in ``ablations.md``; ``ablations.csv`` and ``.json`` have all figures.
 
     Raises:
-        BadInput: a file that is missing or damaged, or a folder that cannot be written to.
+        BadInput: A file is missing or damaged, or the folder cannot be written to.
     """
     scene, make = Scene.load(job.scene), make_folder(out)
     views = None if job.views is None else _read_views(job.views)
@@ -180,7 +179,7 @@ def _table(job: Ablation, name: str, rows: Sequence[Row]) -> str:
 
 
 def _text(key: str, row: Row) -> Any:
-    """A figure as the table shows it; variants differ by hundredths of a decibel."""
+    """Format a figure for the table; variants differ by hundredths of a decibel."""
     if key in ("psnr", "psnr_foreground") and row[key] is not None:
         return f"{row[key]:.2f}"
     return row.get(key)
@@ -208,7 +207,7 @@ def _style_ablation(
             )
             return made, {k: v for k, v in report["seconds"].items() if k != "total"}
 
-        made, seconds = kept_scene(out / "scenes" / key, key, make)  # variants that are the same share it
+        made, seconds = kept_scene(out / "scenes" / key, key, make)  # equal variants share one scene
         if not variant.lit:
             made = replace(made, regions=tuple(replace(r, lighting=0.0) for r in made.regions))
         folder = out / name / label.replace(" ", "-")
@@ -226,5 +225,5 @@ def _style_ablation(
 
 
 def _read_views(folder: Path) -> tuple[ViewSet, ViewSet]:
-    """Training and test views of one folder."""
+    """Read training and test views from one folder."""
     return ViewSet.read(folder, "train"), ViewSet.read(folder, "test")

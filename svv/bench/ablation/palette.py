@@ -1,7 +1,7 @@
-"""The ablations of the palette network: the palette's refinement, and the weight of the offsets (lambda_delta).
+"""Ablations of the palette network: refinement of the palette, and weight of the offsets (lambda_delta).
 
-See :mod:`svv.bench.ablation.painting`. The palette network alone is trained again, on the given scene's frozen
-density, and is measured on the test views.
+See :mod:`svv.bench.ablation.painting`. Only the palette network is trained again, on the frozen density of the given
+scene, and is measured on the test views.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Row = dict[str, Any]
 Array = NDArray[Any]
 
 OFFSET_RAYS = 16384
-"""Random rays that tell how large offsets are."""
+"""Number of random rays over which the size of offsets is measured."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class PaletteVariant:
 
     recolour: Callable[[RecolourSettings], RecolourSettings] = lambda s: s
     palette: PaletteSettings | None = None
-    """How the palette is read from the views; None: as training does, from the volume where that is known."""
+    """How the palette is extracted from the views; None extracts it as training does, from the volume if known."""
 
 
 PALETTES: dict[str, dict[str, PaletteVariant]] = {
@@ -67,13 +67,13 @@ PALETTE_COLUMNS = {
     "regions": "regions", "shares": "their shares, %", "overlap": "overlap", "offsets": "offsets", "psnr": "PSNR, dB",
     "psnr_foreground": "foreground, dB", "ssim": "SSIM", "flip": "FLIP", "lpips": "LPIPS", "seconds": "seconds",
 }  # fmt: skip
-"""Figure -> its title in the table."""
+"""Figure -> title of its column in the table."""
 
 PALETTE_NOTE = (
-    "Shares: of the visible light. Overlap: intersection over union of the region maps with the given scene's, best at "
-    "1. Offsets: by how much colours differ from those of the palette, root mean square, of 1. Scores are of the test "
-    "views: higher is better for PSNR and SSIM, lower for FLIP and LPIPS. In the picture's last row the hue of every "
-    "region is turned."
+    "Shares: of the visible light. Overlap: intersection over union of the region maps with those of the given scene, "
+    "best at 1. Offsets: root mean square difference of colours from those of the palette, in units of full scale. "
+    "Scores are means over the test views: higher is better for PSNR and SSIM, lower for FLIP and LPIPS. In the last "
+    "row of the picture, the hue of every region is shifted."
 )
 
 
@@ -81,17 +81,20 @@ def ablate_palette(
     file: Path, name: str, scene: Scene, views: tuple[ViewSet, ViewSet], preset_name: str, seed: int, out: Path,
     progress: Progress,
 ) -> list[Row]:  # fmt: skip
-    """Train the variants of one ablation that are not there yet, score them, and draw their sheet.
+    """Train the unfinished variants of one ablation, score all, and draw their sheet.
 
     Args:
-        file: The given scene's.
-        name: Of :data:`PALETTES`.
-        scene: The given scene, whose base network they all have.
+        file: File of the given scene.
+        name: Name of the ablation, of :data:`PALETTES`.
+        scene: The given scene, whose base network all variants share.
         views: Training and test views.
-        preset_name: What the variants are trained by.
-        seed: Of their networks and rays.
+        preset_name: Preset that the variants are trained with.
+        seed: Seed of their networks and rays.
         out: Folder of the results.
-        progress: Called several times a second.
+        progress: Called several times per second.
+
+    Returns:
+        The figures of the variants, one row per variant.
     """
     train, test = views
     rows, columns, variants = [], [], PALETTES[name]
@@ -132,7 +135,7 @@ def ablate_palette(
 
 
 def _pictures(scene: Scene, views: ViewSet, view: int, rgba: Array, region: NDArray[np.int16]) -> list[Picture]:
-    """A view as it is given, its regions, and the view with the hue of every region turned."""
+    """Return a view as given, its regions, and the view with the hue of every region shifted."""
     edited = replace(scene, regions=tuple(replace(r, style=None) for r in scene.regions))
     for number, one in enumerate(scene.regions):
         edited = edited.edited(number, turned(one.colour), None, None)
@@ -142,9 +145,12 @@ def _pictures(scene: Scene, views: ViewSet, view: int, rgba: Array, region: NDAr
 
 @torch.no_grad()
 def offset_size(scene: Scene, views: ViewSet, seed: int) -> float:
-    """By how much the mixed colours differ from the palette's: root mean square of sum_i w_i delta_i over the light.
+    """Measure by how much mixed colours differ from the palette's: root mean square of sum_i w_i delta_i.
 
-    Over the channels and over what random pixels of views show, of 1; 0 where every region has one colour.
+    The mean is over channels and over the light of random pixels of the views.
+
+    Returns:
+        The difference, for colours in [0, 1]; 0 if every region has only one colour.
     """
     assert scene.palette_network is not None
     batch = RayPool(views, scene.occupancy.box, seed, scene.device).batch(0, OFFSET_RAYS)
@@ -163,7 +169,7 @@ def _retrained(
     seed: int,
     progress: Progress,
 ) -> tuple[Scene, float]:
-    """The scene with a palette network trained anew, and the seconds that it took."""
+    """Return the scene with its palette network trained again, and the training time in seconds."""
     known = None
     if palette is None and views.classified is not None:
         known = regions_of(views.classified, views, scene, seed)

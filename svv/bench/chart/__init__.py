@@ -1,7 +1,7 @@
 """Speed and size against accuracy: many runs on given scenes, their table and their charts.
 
-``plan`` says which runs there are and how they are told apart, ``scenes`` where the views come from, ``trial`` is what
-one process does, ``process`` starts it and listens, ``table`` and ``figures`` show what came out, ``job`` is the whole.
+``plan`` lists and names the runs, ``scenes`` provides the views, ``trial`` is the work of one process, ``process``
+starts it and follows its progress, ``table`` and ``figures`` show the results, and ``job`` combines them all.
 """
 
 from svv.bench.charts import need_matplotlib

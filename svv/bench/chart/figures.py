@@ -1,4 +1,4 @@
-"""The charts: accuracy against seconds a view, against bytes, and against training time."""
+"""The charts: accuracy against seconds per view, against bytes, and against training time."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ DASHES: dict[str, Any] = {
     "paper": (0, (5, 1.5, 1, 1.5)),
 }
 PLACES = ((-9, 3), "right"), ((9, -9), "left")
-"""Of labels beside their points, in turn, so that those of neighbours do not overlap: offset in points, alignment."""
+"""Offset in points and alignment of labels from their markers, used in turn to keep neighbours from overlapping."""
 DVR = "#555555"
 DPI = 160
 PANEL = 4.0, 3.1
@@ -62,16 +62,16 @@ METRICS = {"psnr": "PSNR (dB)", "psnr_foreground": "foreground PSNR (dB)"}
 
 @dataclass(frozen=True)
 class Axis:
-    """What stands along x."""
+    """A quantity on the x-axis."""
 
     label: str
     value: Callable[[Row], float]
     text: Callable[[float], str]
-    """A tick's."""
+    """Text of a tick from its value."""
 
 
 def seconds(value: float) -> str:
-    """50 ms, 0.25 s, 30 s, 5 min, 2 h."""
+    """Format a time: 50 ms, 0.25 s, 30 s, 5 min, 2 h."""
     for unit, length in (("h", 3600.0), ("min", 60.0)):
         if value >= 2 * length:
             return f"{value / length:.3g} {unit}"
@@ -81,7 +81,7 @@ def seconds(value: float) -> str:
 
 
 def megabytes(value: float) -> str:
-    """12 MB."""
+    """Format a size in bytes: 12 MB."""
     return f"{value / 1e6:.3g} MB"
 
 
@@ -91,7 +91,7 @@ TRAINING = Axis("training time (all stages, as measured)", lambda row: row.train
 
 
 def panels(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
-    """Rows that may be compared, under a title: one scene at one rendered size."""
+    """Group rows that can be compared, with a title: one scene at one rendered size."""
 
     def key(row: Row) -> tuple[str, int]:
         return row.scene, row.render_size
@@ -103,9 +103,9 @@ def panels(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
 
 
 def trade_off(path: Path, rows: Sequence[Row], axis: Axis) -> None:
-    """Accuracy against a cost: every run a marker, each encoding's Pareto front a line, the front of all ringed.
+    """Draw accuracy against a cost: a marker per run, a line per encoding's Pareto front, rings on the overall front.
 
-    Where a volume is at hand and the cost is a view's time, volume rendering's own time is a line across.
+    If the volume is available and the cost is the time of a view, a vertical line marks the time of volume rendering.
     """
 
     def draw(axes: Axes, members: list[Row], metric: str) -> None:
@@ -124,9 +124,9 @@ def trade_off(path: Path, rows: Sequence[Row], axis: Axis) -> None:
 
 
 def learning(path: Path, rows: Sequence[Row]) -> None:
-    """Accuracy against training time: a curve for each preset, encoding and size through its time limits.
+    """Draw accuracy against training time: one curve per preset, encoding and size, through its time limits.
 
-    Every point is a training run of its own, shortened to its limit, and so what a user gets who gives that limit.
+    Every point is a separate training run, shortened to its limit: the result for a user who sets that limit.
     """
 
     def draw(axes: Axes, members: list[Row], metric: str) -> None:
@@ -161,13 +161,13 @@ def _ring(axes: Axes, x: list[float], y: list[float], best: list[bool], labels: 
     for number, k in enumerate(sorted((k for k, on in enumerate(best) if on), key=lambda k: x[k])):
         axes.plot(x[k], y[k], marker="o", markersize=11, color="black", markerfacecolor="none", zorder=4)
         if labels:
-            # A front rises to the right, so above and left of its points, and below and right, there is room.
+            # A front rises to the right, so there is room above left and below right of its points.
             place, side = PLACES[number % 2]
             axes.annotate(labels[k], (x[k], y[k]), place, textcoords="offset points", ha=side, fontsize=7.5)
 
 
 def _labels(members: list[Row]) -> list[str]:
-    """Time limit of each row, and whatever else differs besides preset and encoding, which its marker tells."""
+    """Return the time limit of each row and other differences, except preset and encoding, shown by its marker."""
     sizes, seeds = len({row.train_size for row in members}) > 1, len({row.seed for row in members}) > 1
     return [", ".join([f"{row.train_size} px"] * sizes + [row.limit] + [f"seed {row.seed}"] * seeds) for row in members]
 
@@ -213,7 +213,7 @@ def _write(
 
 
 def _add_legend(figure: Figure, renderer: Any, handles: list[Line2D], columns: int) -> None:
-    """In that many columns, or as many fewer as the figure is wide enough for."""
+    """Add a legend with that many columns, or as many as fit the figure's width."""
     while True:
         legend = figure.legend(handles=handles, loc="outside lower center", ncols=columns)
         if columns == 1 or legend.get_window_extent(renderer).width <= figure.bbox.width:
@@ -223,7 +223,7 @@ def _add_legend(figure: Figure, renderer: Any, handles: list[Line2D], columns: i
 
 
 def _ticks(axes: Axes, axis: Axis) -> None:
-    """Numbers along a logarithmic axis, more of them where it is short."""
+    """Place numbers along a logarithmic axis, more of them if it is short."""
     low, high = axes.get_xlim()
     choices = ((6.0, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)), (80.0, (1.0, 2.0, 5.0)), (math.inf, (1.0,)))
     axes.xaxis.set_major_locator(LogLocator(subs=next(subs for most, subs in choices if high / low < most)))

@@ -1,4 +1,4 @@
-"""The whole chart: views, runs, table, figures and page; what is there is not made again."""
+"""The whole chart: views, runs, table, figures and page; finished parts are not repeated."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from svv.io.atomic import make_folder
 from svv.kernels.dispatch import KERNELS_VARIABLE
 
 RENDER_SECONDS = 25.0
+"""Rough time of rendering a run's views, from which the remaining time is estimated."""
 DRAW_SECONDS = 25.0
-"""Rough seconds of a run's rendering and of drawing a volume's views, by which the time left is guessed."""
+"""Rough time of drawing a volume's views, from which the remaining time is estimated."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A piece of work: views to draw (no rendering), a run to train, or a trained one to render."""
+    """A unit of work: views to draw (no rendering), a run to train, or a trained run to render."""
 
     scene: ChartScene
     training: Training
@@ -31,7 +32,7 @@ class Step:
 
     @property
     def expected(self) -> float:
-        """Rough seconds."""
+        """Rough time in seconds."""
         if self.draw:
             return DRAW_SECONDS
         return self.training.expected if self.rendering is None else RENDER_SECONDS
@@ -43,12 +44,12 @@ class Chart:
     Args:
         sources: Folders of views, and volumes.
         tfs: Transfer functions of the volumes.
-        out: The folder of all results; made where it is missing.
-        grid: What is varied.
-        measure: How it is measured.
+        out: Folder of all results; created if missing.
+        grid: Settings that are varied.
+        measure: How runs are measured.
 
     Raises:
-        BadInput: anything that can be known to be wrong before the first run.
+        BadInput: An error that can be found before the first run.
     """
 
     def __init__(self, sources: Sequence[Path], tfs: Sequence[Path], out: Path, grid: Grid, measure: Measure) -> None:
@@ -71,11 +72,11 @@ class Chart:
                 yield Step(scene, run, Rendering(run, size, scene.measured_key(size, self.measure)))
 
     def folder(self, run: Training) -> Path:
-        """Where a run is kept: its scene file and its figures."""
+        """Return the folder of a run, for its scene file and its figures."""
         return self.out / "runs" / run.name
 
     def is_done(self, step: Step) -> bool:
-        """Whether a step was done before."""
+        """Return whether a step has already been done."""
         if step.draw:
             return step.scene.drawn(self.out, step.training.size, self.measure)
         folder = self.folder(step.training)
@@ -83,7 +84,7 @@ class Chart:
         return (folder / name).exists() and (folder / "scene.svv").exists()
 
     def do(self, progress: Progress) -> int:
-        """Do all steps that are not done; returns how many those were."""
+        """Do all unfinished steps and return their number."""
         left = [step for step in self.steps if not self.is_done(step)]
         whole, before = sum(step.expected for step in left), 0.0
         for number, step in enumerate(left):
@@ -113,7 +114,7 @@ class Chart:
         run_apart(task.to_json(), progress, {KERNELS_VARIABLE: "reference" if run.kernels == "reference" else ""})
 
     def rows(self) -> list[Row]:
-        """One row for each run of this command and rendered size that is done, in the command's order."""
+        """Return a row per finished run of this command and rendered size, in the command's order."""
         done = [step for step in self.steps if step.rendering is not None and self.is_done(step)]
         return [
             read_row(self.folder(step.training) / "train.json", self.folder(step.training) / step.rendering.file)

@@ -1,4 +1,4 @@
-"""Which runs a chart is made of, and the keys by which a run that is there is known again."""
+"""The runs of a chart, and the keys by which finished runs are recognized."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from svv.options.making import MapperName
 from svv.train.config import lit_by, preset
 
 SECONDS = {"draft": 40.0, "fast": 120.0, "balanced": 250.0, "paper": 9000.0}
-"""Rough seconds of a whole training, by which the time left is guessed before the first run is done."""
+"""Rough time of a complete training in seconds, from which the remaining time is estimated before the first run."""
 
 HASH_TAKES = 4.0
-"""Rough factor on them with a hash grid."""
+"""Rough factor on these times with a hash grid."""
 
 REFERENCE_TAKES = 8.0
-"""Rough factor on them with the reference kernels."""
+"""Rough factor on these times with the reference kernels."""
 
 LEAST_VIEWS = 5
-"""Timed views of a run at least: a median of fewer says little."""
+"""Minimum number of timed views of a run: a median of fewer says little."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """What is varied; every combination is a run."""
+    """Settings that are varied; every combination is a run."""
 
     presets: tuple[str, ...] = ("draft", "fast")
     encodings: tuple[str, ...] = ("lattice", "hash")
     limits: tuple[float | None, ...] = (15.0, 30.0, 60.0)
-    """Seconds that training may take; None for the preset's whole schedule."""
+    """Time limits of training in seconds; None for the preset's whole schedule."""
     sizes: tuple[int | None, ...] = (None,)
-    """Width of the training views in pixels; None for the views as they are, or 400 of a volume."""
+    """Widths of the training views in pixels; None for the original views, or 400 for a volume."""
     render_sizes: tuple[int | None, ...] = (None,)
-    """Width of the rendered views in pixels; None for that of the training views."""
+    """Widths of the rendered views in pixels; None for that of the training views."""
     devices: tuple[str, ...] = ("cpu",)
     kernels: tuple[str, ...] = ("auto",)
-    """``auto``: numba on the CPU, Triton on a GPU. ``reference``: plain torch."""
+    """Kernels. ``auto``: numba on the CPU, Triton on a GPU; ``reference``: plain torch."""
     seeds: tuple[int, ...] = (0,)
     lightings: tuple[str, ...] = ("network",)
-    """What scenes that show light are lit by: network, phong or auto."""
+    """Lighting of scenes whose views show light: network, phong or auto."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ class Measure:
     """How each run is measured and how a volume's views are drawn."""
 
     test: int = 8
-    """Unseen views that are scored and timed."""
+    """Number of unseen views that are scored and timed."""
     network: str = "pcn"
-    """Whose colours are scored: base or pcn."""
+    """Network whose colours are scored: base or pcn."""
     n: int = 92
-    """Training views drawn of a volume."""
+    """Number of training views drawn of a volume."""
     mapper: MapperName = "auto"
     """Ray caster for a volume: auto, gpu or cpu."""
 
@@ -66,11 +66,11 @@ class Training:
     scene: str
     """Name of the scene."""
     source: str
-    """Hash of what the training views depend on."""
+    """Hash of everything that the training views depend on."""
     preset: str
     encoding: str
     size: int
-    """Width of the training views, pixels."""
+    """Width of the training views in pixels."""
     limit: float | None
     device: str
     seed: int
@@ -79,12 +79,12 @@ class Training:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All that it was asked for (JSON)."""
+        """All its settings, as JSON."""
         return {k: v for k, v in asdict(self).items() if k != "source"}
 
     @property
     def name(self) -> str:
-        """Of its folder: readable, and its own among all settings of a preset that there ever were."""
+        """Name of its folder: readable, and unique even among past versions of a preset's settings."""
         chosen = lit_by(preset(self.preset, self.encoding), self.lighting)
         key = digest({"run": asdict(self), "preset": asdict(chosen)})
         limit = "full" if self.limit is None else f"{self.limit:g}s"
@@ -94,7 +94,7 @@ class Training:
 
     @property
     def expected(self) -> float:
-        """Rough seconds that it takes."""
+        """Rough time that it takes, in seconds."""
         whole = SECONDS[self.preset] * (HASH_TAKES if self.encoding == "hash" else 1.0)
         whole *= REFERENCE_TAKES if self.kernels == "reference" else 1.0
         return 15.0 + (whole if self.limit is None else min(whole, self.limit))
@@ -106,9 +106,9 @@ class Rendering:
 
     training: Training
     size: int
-    """Width of the rendered views, pixels."""
+    """Width of the rendered views in pixels."""
     measured: str
-    """Hash of what its figures depend on besides."""
+    """Hash of everything else that its figures depend on."""
 
     @property
     def file(self) -> str:
@@ -117,13 +117,13 @@ class Rendering:
 
 
 def trainings(grid: Grid, scene: str, source: Mapping[int, str], sizes: tuple[int, ...]) -> list[Training]:
-    """The training runs on one scene, short ones first.
+    """List the training runs on one scene, short ones first.
 
     Args:
-        grid: What is varied.
-        scene: Its name.
-        source: Hash of what the views depend on, by their size.
-        sizes: Widths of the training views.
+        grid: Settings that are varied.
+        scene: Name of the scene.
+        source: Hash of everything that the views depend on, by their size.
+        sizes: Widths of the training views in pixels.
     """
     product = itertools.product(
         grid.seeds, grid.limits, sizes, grid.presets, grid.encodings, grid.devices, grid.kernels, grid.lightings
@@ -136,10 +136,10 @@ def trainings(grid: Grid, scene: str, source: Mapping[int, str], sizes: tuple[in
 
 
 def check(grid: Grid, measure: Measure) -> None:
-    """Find out what is out of range.
+    """Check that all settings are in range.
 
     Raises:
-        BadInput: it is.
+        BadInput: A setting is out of range.
     """
     for name, encoding, lighting in itertools.product(grid.presets, grid.encodings, grid.lightings):
         lit_by(preset(name, encoding), lighting)
@@ -150,9 +150,9 @@ def check(grid: Grid, measure: Measure) -> None:
     if measure.test < LEAST_VIEWS:
         raise BadInput(f"Give at least {LEAST_VIEWS} test views, not {measure.test}: times are medians over them.")
     if measure.network not in ("base", "pcn"):
-        raise BadInput(f"A chart shows the network base or pcn, not '{measure.network}'.")
+        raise BadInput(f"A chart can show the network base or pcn, not '{measure.network}'.")
 
 
 def digest(content: Any) -> str:
-    """Eight characters that change with the content, with our version and with the code that is measured."""
+    """Return eight characters that change with the content, with our version and with the measured code."""
     return key_of_measure(content)[:8]

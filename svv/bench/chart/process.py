@@ -1,4 +1,4 @@
-"""A process of its own for each run: started, listened to, and stopped when its progress is no longer wanted."""
+"""A separate process per run, which is started, reports its progress, and is stopped if the user cancels."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from typing import IO, Any
 from svv.errors import BadInput, Progress
 
 PATIENCE = 10.0
-"""Seconds that a stopped process has to leave its files in order."""
+"""Time in seconds that a stopped process has to leave its files in order."""
 
 LISTEN = 0.5
-"""Seconds between two looks at whether the user wants to stop."""
+"""Time in seconds between two checks whether the user wants to stop."""
 
 
 def run_apart(task: dict[str, Any], progress: Progress, variables: Mapping[str, str] | None = None) -> None:
-    """Do a task of :mod:`svv.bench.chart.trial` in a process of its own.
+    """Do a task of :mod:`svv.bench.chart.trial` in a separate process.
 
     Args:
-        task: JSON.
-        progress: Told what the process tells; when it raises, the process is stopped.
-        variables: Of the environment, beside those there are.
+        task: The task as JSON.
+        progress: Receives the progress of the process; if it raises, the process is stopped.
+        variables: Environment variables to set in addition.
 
     Raises:
-        BadInput: what the process says, or that the system ended it.
-        RuntimeError: a defect, with the process's own words.
+        BadInput: The process reported bad input, or the system ended it.
+        RuntimeError: The process failed because of a defect; the message contains its output.
     """
     command = [sys.executable, "-m", "svv.bench.chart.trial"]
     with tempfile.TemporaryFile("w+") as said:
-        # A session of its own: Ctrl-C reaches us alone, and we say when the process stops.
+        # In a new session Ctrl-C reaches only us, and we decide when the process stops.
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True, start_new_session=True,
             env={**os.environ, **(variables or {})},
         )  # fmt: skip
         assert process.stdin is not None and process.stdout is not None
         try:
-            with suppress(BrokenPipeError), process.stdin:  # it ended at once; its code and its words say why
+            with suppress(BrokenPipeError), process.stdin:  # it ended at once; its exit code and output say why
                 process.stdin.write(json.dumps(task))
             _listen(process.stdout, progress)
             code = process.wait()
@@ -57,13 +57,13 @@ def run_apart(task: dict[str, Any], progress: Progress, variables: Mapping[str, 
         raise BadInput(words.splitlines()[-1].removeprefix("chart: "))
     if code < 0:
         name = signal.Signals(-code).name
-        raise BadInput(f"The system ended the run ({name}); where memory is short, take smaller views or the lattice.")
+        raise BadInput(f"The system ended the run ({name}); if memory is short, use smaller views or the lattice.")
     if code:
         raise RuntimeError(f"The run ended with code {code}:\n{words}")
 
 
 def _listen(lines: IO[str], progress: Progress) -> None:
-    """Hand on the progress that is written on ``lines``, until they end."""
+    """Forward the progress written to ``lines`` until they end."""
     heard: queue.Queue[str | None] = queue.Queue()
 
     def read() -> None:
@@ -88,7 +88,7 @@ def _listen(lines: IO[str], progress: Progress) -> None:
 
 
 def _stop(process: subprocess.Popen[str]) -> None:
-    """Let the process end by itself, or else end it."""
+    """Let the process end by itself, and kill it if it does not."""
     process.send_signal(signal.SIGINT)
     try:
         process.wait(PATIENCE)

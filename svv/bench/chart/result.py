@@ -1,4 +1,4 @@
-"""What the runs of a chart came to, as a page: see :mod:`svv.job.page`."""
+"""The results of a chart's runs as a page; see :mod:`svv.job.page`."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from svv.job.page import Page, Picture, Table, write_page
 
 PROTOCOL = (
     "Views that were not trained on, truth and prediction over white, prediction clamped; PSNR, foreground PSNR (true "
-    "alpha above 0) and SSIM are means over the views. Training seconds are of all stages, without compiling and "
-    "without reading. A view's seconds are the median over the views after a warm-up, least and most beside it; "
-    "volume rendering (DVR) draws each of them right before the network does, in one process. Memory is the peak "
-    "resident memory of a process that does nothing else."
+    "alpha above 0) and SSIM are means over the views. Training seconds include all stages, but neither compiling nor "
+    "reading. Seconds per view are the median over the views after a warm-up, followed by least and most; volume "
+    "rendering (DVR) draws each view right before the network does, in the same process. Memory is the peak resident "
+    "memory of a process that does nothing else."
 )
 
 COLUMNS = (
@@ -29,9 +29,9 @@ COLUMNS = (
 
 
 def make_chart(chart: Chart, progress: Progress = silent) -> Path:
-    """Do what is left of a chart, and write its table, figures and page.
+    """Finish a chart, and write its table, figures and page.
 
-    Stopped or failed in the middle, what was measured until then is shown all the same.
+    If it is stopped or fails halfway, the results up to then are written nevertheless.
 
     Returns:
         The page ``chart.html``.
@@ -46,7 +46,7 @@ def make_chart(chart: Chart, progress: Progress = silent) -> Path:
 
 
 def write_result(chart: Chart, rows: Sequence[Row]) -> None:
-    """``runs.csv``, ``runs.json``, three PNG files and ``chart.html``."""
+    """Write ``runs.csv``, ``runs.json``, three PNG files and ``chart.html``."""
     write_all(chart.out, rows, PROTOCOL)
     figures.trade_off(chart.out / "accuracy-seconds.png", rows, figures.VIEW)
     figures.trade_off(chart.out / "accuracy-bytes.png", rows, figures.SIZE)
@@ -57,16 +57,16 @@ def write_result(chart: Chart, rows: Sequence[Row]) -> None:
 def write_chart_page(chart: Chart, rows: Sequence[Row]) -> None:
     """Write ``chart.html``."""
     out, left = chart.out, sum(not chart.is_done(step) for step in chart.steps)
-    text = "Every point is a training run of its own, measured on views that it never saw."
+    text = "Every point is a separate training run, measured on views that it was not trained on."
     if left:
-        text += f" The runs are not all done: {left} steps are left."
+        text += f" Some runs are not finished: {left} steps are left."
     figures = [
         Picture("Accuracy against the time of a view", _ringed("as fast"), out / "accuracy-seconds.png", True),
         Picture("Accuracy against the size of the scene file", _ringed("as small"), out / "accuracy-bytes.png", True),
         Picture(
             "Accuracy against training time",
-            "Each point is a run whose schedule was shortened to its time limit: what a user gets who gives that "
-            "limit. It is not the course of one run, in which the learning rates would still be high.",
+            "Each point is a run whose schedule was shortened to its time limit: the result for a user who sets that "
+            "limit. It is not an intermediate state of one run, in which the learning rates would still be high.",
             out / "accuracy-training.png",
             True,
         ),
@@ -77,13 +77,13 @@ def write_chart_page(chart: Chart, rows: Sequence[Row]) -> None:
 
 def _ringed(what: str) -> str:
     return (
-        f"Ringed runs are on the Pareto front: no other is {what} and at least as accurate, and better in one of "
-        "the two. Each encoding's own front is its line; labels are time limits of training."
+        f"Ringed runs are on the Pareto front: no other run is {what} and at least as accurate, and better in one of "
+        "the two. Lines are the fronts of single encodings; labels are time limits of training."
     )
 
 
 def numbers(rows: Sequence[Row]) -> list[tuple[str, str]]:
-    """The most accurate run of each scene, and how its views' time compares with volume rendering's."""
+    """Return the most accurate run of each scene, and the time of its views relative to volume rendering."""
     cards = []
     for title, members in panels(rows):
         best = max(members, key=lambda row: row.psnr)
@@ -95,7 +95,7 @@ def numbers(rows: Sequence[Row]) -> list[tuple[str, str]]:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """All rows, the unknown as a dash."""
+    """Return the table of all rows, with dashes for unknown values."""
     best = {id(row): " ".join(fronts_of(row, members)) for _, members in panels(rows) for row in members}
     cells = [
         [
@@ -108,12 +108,12 @@ def table(rows: Sequence[Row]) -> Table:
         ]
         for row in rows
     ]  # fmt: skip
-    text = f"{PROTOCOL} Best in: on the Pareto front of PSNR against that."
+    text = f"{PROTOCOL} Best in: costs for which the run is on the Pareto front of PSNR."
     return Table("All runs", text, COLUMNS, cells)
 
 
 def fronts_of(row: Row, members: Sequence[Row]) -> list[str]:
-    """Against which costs a row is on the front of those that may be compared with it."""
+    """Return the costs for which a row is on the Pareto front of the rows that it can be compared with."""
     costs = {
         "view": [m.view_seconds for m in members],
         "bytes": [float(m.scene_bytes) for m in members],
@@ -124,7 +124,7 @@ def fronts_of(row: Row, members: Sequence[Row]) -> list[str]:
 
 
 def facts(rows: Sequence[Row]) -> list[tuple[str, str]]:
-    """On what the runs were made."""
+    """Return the circumstances of the runs."""
     loads = [row.load_average for row in rows]
     shares = [row.train_cpu_seconds / row.train_seconds for row in rows]
     found = [
@@ -132,13 +132,13 @@ def facts(rows: Sequence[Row]) -> list[tuple[str, str]]:
         ("Network", ", ".join(sorted({row.network for row in rows}))),
         ("Devices", ", ".join(sorted({row.device for row in rows}))),
         ("Machine", f"{platform.machine()}, {os.cpu_count()} CPUs, {rows[0].threads} threads"),
-        ("Load average when runs began", f"{min(loads):.1f} to {max(loads):.1f}; above 0 means that others used it"),
+        ("Load average when runs began", f"{min(loads):.1f} to {max(loads):.1f}; above 0 if the machine was shared"),
         ("CPUs used", f"{min(shares):.2f} to {max(shares):.2f} on average while training"),
-        ("Files", "runs.csv and runs.json hold every figure; runs/ the scene files"),
+        ("Files", "runs.csv and runs.json contain every figure, runs/ the scene files"),
     ]
     if any(row.resumed for row in rows):
         names = ", ".join(sorted({row.run for row in rows if row.resumed}))
-        found.append(("Stopped and gone on", names))
+        found.append(("Stopped and resumed", names))
     mappers = sorted({row.dvr_mapper for row in rows if row.dvr_mapper})
     if mappers:
         found.append(("Volume rendering", f"VTK's ray caster: {', '.join(mappers)}; the GPU's draws each view twice"))

@@ -1,4 +1,4 @@
-"""The scenes of a chart: folders of views, or volumes of which views are drawn."""
+"""The scenes of a chart: folders of views, or volumes from which views are drawn."""
 
 from __future__ import annotations
 
@@ -17,39 +17,40 @@ from svv.job.source import ViewSource, VolumeSource
 from svv.options.making import ViewOptions
 
 DRAWN_SIZE = 400
-"""Width of a volume's views where none is asked for: a chart is many runs."""
+"""Default width of a volume's views in pixels; small because a chart consists of many runs."""
 
 
 @dataclass(frozen=True)
 class ChartScene:
-    """A scene with a name of its own in the chart."""
+    """A scene with its unique name in the chart."""
 
     name: str
     source: ViewSource | VolumeSource
     own_width: int | None
     """Width of its views in pixels; None for a volume."""
     own_height: int | None
+    """Height of its views in pixels; None for a volume."""
 
     @property
     def volume(self) -> VolumeSource | None:
-        """The volume, where it is at hand."""
+        """The volume; None for a folder of views."""
         return self.source if isinstance(self.source, VolumeSource) else None
 
     def views_key(self, size: int, measure: Measure) -> str:
-        """Hash of what its training views of that width depend on."""
+        """Return a hash of everything that its training views of that width depend on."""
         drawn = {} if self.volume is None else {"n": measure.n, "mapper": measure.mapper}
         return digest({"source": self.source.identity(), "size": size, **drawn})
 
     def measured_key(self, size: int, measure: Measure) -> str:
-        """Hash of what the figures at a rendered width depend on besides the trained scene."""
+        """Return a hash of everything besides the trained scene that the figures at a rendered width depend on."""
         return digest({"size": size, "test": measure.test, "network": measure.network})
 
     def sizes(self, grid: Grid) -> tuple[int, ...]:
-        """Widths of its training views."""
+        """Return the widths of its training views in pixels."""
         return self._resolved(grid.sizes, self.own_width or DRAWN_SIZE)
 
     def render_sizes(self, grid: Grid, size: int) -> tuple[int, ...]:
-        """Widths at which a scene trained on views of a width is rendered."""
+        """Return the widths in pixels at which a scene trained on views ``size`` pixels wide is rendered."""
         return self._resolved(grid.render_sizes, size)
 
     def _resolved(self, sizes: Sequence[int | None], default: int) -> tuple[int, ...]:
@@ -64,13 +65,13 @@ class ChartScene:
         return chosen
 
     def views_folder(self, out: Path, size: int, measure: Measure) -> Path:
-        """Where its training views of a width are."""
+        """Return the folder of its training views of a width."""
         if isinstance(self.source, ViewSource):
             return self.source.folder
         return out / "views" / f"{self.name}-{size}px-{self.views_key(size, measure)}"
 
     def drawn(self, out: Path, size: int, measure: Measure) -> bool:
-        """Whether those views are there."""
+        """Return whether those views exist."""
         return (self.views_folder(out, size, measure) / "transforms_train.json").exists()
 
     def draw(self, out: Path, size: int, measure: Measure, progress: Progress) -> None:
@@ -81,15 +82,16 @@ class ChartScene:
 
 
 def read_scenes(sources: Sequence[Path], tfs: Sequence[Path], measure: Measure) -> list[ChartScene]:
-    """The scenes of a command.
+    """Return the scenes of a command.
 
     Args:
         sources: Folders of views with a train and a test split, and volumes.
-        tfs: Transfer functions: one a volume in their order, one for all of them, or none.
-        measure: How many test views are needed.
+        tfs: Transfer functions: one per volume in their order, one for all volumes, or none.
+        measure: Settings of the measurement, with the number of test views.
 
     Raises:
-        BadInput: a source or a function that is missing, too few test views, or functions that do not fit the volumes.
+        BadInput: A source or transfer function is missing, there are too few test views, or the number of transfer
+            functions does not fit the volumes.
     """
     if not sources:
         raise BadInput("Give at least one folder of views, or a volume.")
@@ -104,7 +106,7 @@ def read_scenes(sources: Sequence[Path], tfs: Sequence[Path], measure: Measure) 
             at = volumes.index(path)
             tf = None if not tfs else tfs[at] if len(tfs) > 1 else tfs[0]
             scene = ChartScene(path.name.split(".")[0], VolumeSource(path, tf), None, None)
-            scene.source.identity()  # tells what is missing
+            scene.source.identity()  # raises if something is missing
         taken = {other.name for other in scenes}
         names = (scene.name if k == 1 else f"{scene.name}-{k}" for k in range(1, len(sources) + 1))
         scenes.append(replace(scene, name=next(name for name in names if name not in taken)))
@@ -117,18 +119,18 @@ def _of_views(folder: Path, measure: Measure) -> ChartScene:
     test = ViewSet.read(folder, "test")
     if len(test) < measure.test:
         least = f" (at least {LEAST_VIEWS} are needed)" if len(test) < LEAST_VIEWS else f"; give --test {len(test)}"
-        raise BadInput(f"{folder} has {len(test)} test views and not {measure.test}{least}.")
+        raise BadInput(f"{folder} has {len(test)} test views, not {measure.test}{least}.")
     height, width = test.images.shape[1:3]
     return ChartScene(folder.resolve().name, source, width, height)
 
 
 def spread_over(count: int, test: int) -> list[int]:
-    """``test`` of ``count`` indices, evenly, first and last included."""
+    """Return ``test`` of ``count`` indices, evenly spread, with the first and the last."""
     return [int(i) for i in np.rint(np.linspace(0, count - 1, test))]
 
 
 def shrunk(views: ViewSet, size: int) -> ViewSet:
-    """The views ``size`` pixels wide: blocks of pixels averaged by their alpha, which divides the width as a whole."""
+    """Shrink views to a width of ``size`` pixels, which must divide theirs, by alpha-weighted means of blocks."""
     factor = views.images.shape[2] // size
     if factor == 1:
         return views
@@ -144,7 +146,7 @@ def shrunk(views: ViewSet, size: int) -> ViewSet:
 
 
 def unseen_cameras(folder: Path, test: int, size: int) -> list[Camera]:
-    """Test cameras around a volume of which we drew the views in ``folder``."""
+    """Return test cameras around a volume, given the folder of the views that were drawn of it."""
     from svv.dvr.views import ORBIT, unseen_numbers
 
     path = known(read_meta(folder).rig, "rig").orbit(ORBIT, size)

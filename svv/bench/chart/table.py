@@ -1,4 +1,4 @@
-"""The table of all runs: one row a run and rendered size, and which of them no other run beats."""
+"""The table of all runs, one row per run and rendered size, and the runs that no other run beats."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from svv.io.atomic import atomic_path, write_json
 
 LIMIT_REACHED = 0.1
-"""A training that ends this near to its time limit, as a part of it, took the time that it was given."""
+"""Relative difference from the time limit up to which a training counts as having reached it."""
 
 
 @dataclass(frozen=True)
@@ -24,50 +24,50 @@ class Row:
     preset: str
     encoding: str
     lighting: str
-    """What the scene was to be lit by: network, phong or auto."""
+    """Requested lighting: network, phong or auto."""
     light: str
-    """What it is lit by: network, phong, or none where the views show no light."""
+    """Lighting of the scene: network, phong, or none if the views show no light."""
     train_size: int
-    """Width of the training views, pixels."""
+    """Width of the training views in pixels."""
     render_size: int
-    """Width of the rendered views, pixels."""
+    """Width of the rendered views in pixels."""
     time_limit: float | None
-    """Seconds that training was allowed; None for the preset's whole schedule."""
+    """Time limit of training in seconds; None for the preset's whole schedule."""
     device: str
     kernels: str
-    """numba, triton or torch."""
+    """Kernels that ran: numba, triton or torch."""
     seed: int
     network: str
     psnr: float
-    """dB on white, mean over the unseen views."""
+    """PSNR over white in dB, mean over the unseen views."""
     psnr_foreground: float
-    """dB over the pixels whose true alpha is above 0."""
+    """PSNR in dB over the pixels whose true alpha is above 0."""
     ssim: float
     test_views: int
     train_seconds: float
-    """Of all stages of training."""
+    """Time of all stages of training."""
     train_cpu_seconds: float
-    """CPU seconds of all threads meanwhile: far below seconds x CPUs where others used the machine."""
+    """CPU time of all threads during training; far below seconds x CPUs if others used the machine."""
     hull_seconds: float
     base_seconds: float
     palette_seconds: float
     lighting_seconds: float
-    """Of the trial by which ``auto`` decides."""
+    """Time of the trial by which ``auto`` decides."""
     pcn_seconds: float
     sampling_seconds: float
     view_seconds: float
-    """Of a rendered view: median; least and most beside it."""
+    """Time of a rendered view, median."""
     view_seconds_least: float
     view_seconds_most: float
     view_cpu_seconds: float
-    """CPU seconds of all threads, median."""
+    """CPU time of all threads for a rendered view, median."""
     dvr_seconds: float | None
-    """Of the same view by volume rendering in the same run, right before: median; None without the volume."""
+    """Time of volume rendering for the same view, measured right before it, median; None without the volume."""
     dvr_seconds_least: float | None
     dvr_seconds_most: float | None
     dvr_cpu_seconds: float | None
     dvr_ratio: float | None
-    """Median over the views of view seconds / volume rendering's."""
+    """Median over the views of the view's time / the time of volume rendering."""
     dvr_mapper: str | None
     scene_bytes: int
     parameters: int
@@ -76,29 +76,29 @@ class Row:
     render_peak_bytes: int
     """Peak resident memory of rendering a view."""
     load_average: float
-    """Of the machine when training began: above 0, others used it."""
+    """Load average of the machine when training began; above 0 if others used it."""
     threads: int
     resumed: bool
-    """Whether training was stopped and went on: its peak memory is then that of the last part."""
+    """Whether training was stopped and resumed; its peak memory is then that of the last part."""
     run: str
-    """Its folder."""
+    """Name of its folder."""
 
     @property
     def training_cost(self) -> float:
-        """Seconds of training by which runs are compared: the limit where it was reached, for the rest is chance."""
+        """Training time in seconds by which runs are compared: the limit if it was reached, as the rest is chance."""
         if self.time_limit is not None and abs(self.train_seconds / self.time_limit - 1.0) < LIMIT_REACHED:
             return self.time_limit
         return self.train_seconds
 
     @property
     def kind(self) -> str:
-        """Its encoding, its light where that is not the network's, its kernels where they are the reference."""
+        """Its encoding, its lighting unless it is the network, and its kernels if they are the reference."""
         light = "" if self.lighting == "network" else f", {self.lighting}"
         return f"{self.encoding}{light}" + ", reference kernels" * (self.kernels == "reference")
 
     @property
     def limit(self) -> str:
-        """The time limit as people read it."""
+        """The time limit as text."""
         return "full" if self.time_limit is None else f"{self.time_limit:g} s"
 
 
@@ -106,7 +106,7 @@ COLUMNS = tuple(field.name for field in fields(Row))
 
 
 def read_row(training: Path, rendering: Path) -> Row:
-    """The row of a run from its two JSON files."""
+    """Read the row of a run from its two JSON files."""
     made, shown = (json.loads(path.read_text(encoding="utf-8")) for path in (training, rendering))
     run, seconds, view = made["run"], made["seconds"], shown["seconds_per_view"]
     dvr: dict[str, Any] = shown.get("dvr") or {}
@@ -158,19 +158,19 @@ def read_row(training: Path, rendering: Path) -> Row:
 
 
 def _number(value: float | None) -> float:
-    """JSON has no infinities and no nan: what is null was one of them."""
+    """Return a number of a JSON file; null stands for infinities and NaN, which JSON does not have."""
     return math.nan if value is None else float(value)
 
 
 def front(cost: Sequence[float], gain: Sequence[float]) -> list[bool]:
-    """Which points no other point beats: none costs at most as much and gains at least as much, and one of both better.
+    """Find the points that no other point beats by being at least as good in both values and better in one.
 
     Args:
         cost: Seconds or bytes; less is better.
-        gain: Accuracy; more is better. As many.
+        gain: Accuracy of the same points; more is better.
 
     Returns:
-        For each point whether it is on the Pareto front. A point with nan is not.
+        For each point whether it is on the Pareto front. Points with NaN are not.
     """
     best, on = -math.inf, [False] * len(cost)
     known = [k for k in range(len(cost)) if not (math.isnan(cost[k]) or math.isnan(gain[k]))]
@@ -183,7 +183,7 @@ def front(cost: Sequence[float], gain: Sequence[float]) -> list[bool]:
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:
-    """All rows as CSV, whole or not at all; what is unknown is empty."""
+    """Write all rows as CSV, completely or not at all; unknown values are empty."""
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
@@ -191,7 +191,7 @@ def write_csv(path: Path, rows: Sequence[Row]) -> None:
 
 
 def write_all(folder: Path, rows: Sequence[Row], protocol: str) -> None:
-    """``runs.csv`` and ``runs.json``."""
+    """Write ``runs.csv`` and ``runs.json``."""
     write_csv(folder / "runs.csv", rows)
     content = [{name: getattr(row, name) for name in COLUMNS} for row in rows]
     write_json(folder / "runs.json", {"protocol": protocol, "runs": content})

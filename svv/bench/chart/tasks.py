@@ -1,4 +1,4 @@
-"""What a process of a chart is asked to do, as it goes to its standard input."""
+"""Tasks of a chart's processes, which receive them on standard input."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any
 from svv.bench.chart.plan import Training
 
 Content = dict[str, Any]
-"""JSON. One process of ours writes it for another one, so a key that is missing is a defect and no bad input."""
+"""JSON that one of our processes writes for another; a missing key is therefore a defect, not bad input."""
 
 
 @dataclass(frozen=True)
 class TrainTask:
-    """Train a scene."""
+    """A task to train a scene."""
 
     folder: Path
-    """Of the run: for the scene and its figures."""
+    """Folder of the run, for the scene and its figures."""
     views: Path
     run: Training
 
@@ -33,21 +33,21 @@ class TrainTask:
 
 @dataclass(frozen=True)
 class RenderTask:
-    """Render unseen views of a trained scene, and score them."""
+    """A task to render unseen views of a trained scene and score them."""
 
     folder: Path
-    """Of the run, with its scene."""
+    """Folder of the run, with its scene."""
     views: Path
     file: str
-    """Name in the folder, for the figures."""
+    """Name of the file for the figures, in the folder."""
     size: int
-    """Width of the rendered views, pixels."""
+    """Width of the rendered views in pixels."""
     test: int
     """Number of views."""
     network: str
     device: str
     volume: Path | None
-    """The truth is drawn of it; None: the views' test split is the truth."""
+    """Volume from which the truth is drawn; None if the views' test split is the truth."""
 
     def to_json(self) -> Content:
         """With the name of the work."""

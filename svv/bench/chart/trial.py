@@ -1,7 +1,7 @@
-"""What one process does for a chart: train a scene, or render and score one.
+"""The work of one process for a chart: train a scene, or render and score one.
 
-Each run has a process of its own, so that its peak memory is its own. The task comes as JSON on standard input;
-progress goes out as lines of JSON, ``[fraction, label]``, on standard output; what went wrong is one sentence on
+Each run has a separate process, whose peak memory is therefore that of the run. The task is read as JSON from standard
+input; progress is written as lines of JSON, ``[fraction, label]``, to standard output; an error is one sentence on
 standard error.
 """
 
@@ -65,7 +65,7 @@ def train(task: TrainTask, progress: Progress) -> None:
 
 
 def warm_up(run: Training) -> None:
-    """Train for a moment on a ball, so that compiling is not part of the run's seconds."""
+    """Train briefly on a ball to exclude compiling from the run's seconds."""
     cameras = sphere_cameras(6, (0.0, 0.0, 0.0), 4.0, float(np.radians(30.0)), 32)
     images = np.zeros((6, 32, 32, 4), np.uint8)
     y, x = np.mgrid[:32, :32] - 15.5
@@ -99,11 +99,11 @@ def _train(
 
 
 def render(task: RenderTask, progress: Progress) -> None:
-    """Render unseen views of a trained scene, where the volume is at hand beside its DVR, and write the figures."""
+    """Render and time unseen views of a trained scene, with DVR of the volume if it is available; write the figures."""
     folder, size, network = task.folder, task.size, task.network
     scene = Scene.load(folder / "scene.svv").on(device_named(task.device))
     first = orbit(scene, 2, size, size)[0]
-    with measured() as cost:  # before views and volume are in memory; the warm-up too
+    with measured() as cost:  # before views and volume are in memory; also serves as the warm-up
         scene.render(first, network, WHITE)
     if task.volume is not None:
         cameras, truth = unseen_cameras(task.views, task.test, size), None
@@ -130,7 +130,7 @@ def render(task: RenderTask, progress: Progress) -> None:
 
 
 class Dvr:
-    """Direct volume rendering of the volume, as its views were drawn."""
+    """Direct volume rendering of the volume, with the settings of its views."""
 
     def __init__(self, volume: Path, views: Path) -> None:
         from svv.dvr.stage import set_stage
@@ -143,23 +143,23 @@ class Dvr:
         self.name = self._caster.name
 
     def draw(self, camera: Camera) -> NDArray[np.uint8]:
-        """(height, width, 4) uint8, straight alpha."""
+        """Draw an image, straight alpha. (height, width, 4) uint8"""
         return self._caster.render(camera)
 
     def close(self) -> None:
-        """Give back what it holds of the graphics system."""
+        """Release its graphics resources."""
         self._caster.close()
 
 
 @dataclass
 class Times:
-    """Seconds of a work and the CPU seconds of all its threads, view after view."""
+    """Time of a task and CPU time of all its threads, in seconds, one value per view."""
 
     seconds: list[float]
     cpu: list[float]
 
     def of(self, work: Callable[[], Any]) -> Any:
-        """Do the work and note its seconds."""
+        """Do the work, record its times, and return its result."""
         begin, begin_cpu = time.perf_counter(), time.process_time()
         result = work()
         self.seconds.append(time.perf_counter() - begin)
@@ -167,7 +167,7 @@ class Times:
         return result
 
     def summary(self) -> dict[str, Any]:
-        """Median, least and most, all of them, and the median of the CPU seconds."""
+        """Return the median, least, most and all times, and the median of the CPU times."""
         return {
             "median": float(np.median(self.seconds)),
             "least": min(self.seconds),
@@ -188,12 +188,12 @@ def race(
     """Score and time the network's views, each one right after the volume rendering of the same camera.
 
     Args:
-        scene: What is measured.
-        network: Whose colours.
-        cameras: Unseen ones.
-        truth: Their images (n, h, w, 4), straight alpha; None to take the volume renderings.
-        dvr: The volume's renderer, if there is one.
-        progress: Told after each view.
+        scene: Scene to measure.
+        network: Network whose colours are scored.
+        cameras: Cameras that the scene was not trained on.
+        truth: Their images (n, h, w, 4), straight alpha; None to use the volume renderings.
+        dvr: The volume's renderer, if available.
+        progress: Called before each view and at the end.
 
     Returns:
         ``psnr``, ``psnr_foreground``, ``ssim`` (means over the views), ``seconds_per_view``, and ``dvr``: its
@@ -221,12 +221,12 @@ WORKS: dict[str, Callable[[dict[str, Any], Progress], None]] = {
     "train": lambda content, progress: train(TrainTask.from_json(content), progress),
     "render": lambda content, progress: render(RenderTask.from_json(content), progress),
 }
-"""Name of a work -> what does it."""
+"""Name of a task -> function that does it."""
 
 
 def main() -> None:
     """Do the task on standard input."""
-    out, sys.stdout = sys.stdout, sys.stderr  # nothing else may write between the lines of progress
+    out, sys.stdout = sys.stdout, sys.stderr  # keeps other output out of the lines of progress
 
     def progress(fraction: float, label: str) -> None:
         print(json.dumps([fraction, label]), file=out, flush=True)

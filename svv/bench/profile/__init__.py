@@ -1,1 +1,1 @@
-"""Where the seconds of training go, beside what the machine could do at best."""
+"""The time of each stage of training and rendering, compared with the best that the machine could do."""

@@ -1,4 +1,4 @@
-"""What this machine can do at most, measured: streams of memory, products of matrices, and reads at random places."""
+"""Measured limits of this machine: memory streams, matrix products, and random reads."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ from svv.bench.profile.work import Work
 from svv.kernels.bfloat16 import cpu_has_bfloat16
 
 STREAM_NUMBERS = 1 << 25
-"""Numbers that are copied from one place to another: 128 MB, more than a cache of one's own."""
+"""Number of float32 values copied: 128 MB, more than a core's own caches hold."""
 
 MATRIX_SIDE = 1024
-"""Of the matrices that are multiplied."""
+"""Side of the matrices that are multiplied."""
 
 RANDOM_READS = 1 << 21
-"""Random reads of a measurement."""
+"""Number of random reads per measurement."""
 
 NEAR_NUMBERS, FAR_NUMBERS = 1 << 18, 1 << 24
-"""Numbers of the tables that are read: 1 MB, which the caches of the cores hold, and 64 MB, which they do not."""
+"""Float32 values of the tables that are read: 1 MB, which fits the cores' caches, and 64 MB, which does not."""
 
 REPEATS = 7
-"""Of every measurement; the best counts, for a ceiling is what would be reached undisturbed."""
+"""Repetitions of every measurement; the best counts because a ceiling is the rate without disturbance."""
 
 
 @dataclass(frozen=True)
 class Ceilings:
-    """All threads together, a second."""
+    """Highest rates of all threads together, per second."""
 
     bytes: float
-    """Read and written one after the other in memory."""
+    """Bytes read and written sequentially in memory."""
     operations: float
     """Additions and multiplications of a float32 matrix product."""
     half_operations: float | None
-    """Of a bfloat16 product; None where the CPU has no units for it."""
+    """Additions and multiplications of a bfloat16 product; None if the CPU has no units for it."""
     gathers: float
-    """Reads at random places of a table of 1 MB."""
+    """Random reads from a table of 1 MB."""
     far_gathers: float
-    """Reads at random places of a table of 64 MB."""
+    """Random reads from a table of 64 MB."""
 
     def floor(self, work: Work) -> tuple[float, str]:
-        """Seconds that a piece of work takes at least, and what bounds it: bytes, operations or reads."""
+        """Return the least time of some work in seconds, and its bound: bytes, operations or reads."""
         parts = {
             "bytes": work.bytes / self.bytes,
             "operations": work.operations / self.operations + work.products / (self.half_operations or self.operations),
@@ -61,7 +61,7 @@ class Ceilings:
 
 
 def measure_ceilings() -> Ceilings:
-    """Takes about two seconds and 0.3 GB."""
+    """Measure the ceilings; this takes about two seconds and 0.3 GB."""
     a, b = torch.zeros(STREAM_NUMBERS), torch.ones(STREAM_NUMBERS)
     stream = 8 * STREAM_NUMBERS / _best(partial(a.copy_, b))
     rate = {}
@@ -79,7 +79,7 @@ def measure_ceilings() -> Ceilings:
 
 
 def _best(work: Callable[[], object]) -> float:
-    """Seconds of the fastest of a few goes; the first, which may compile, does not count."""
+    """Return the seconds of the fastest of several runs; the first, which may compile, does not count."""
     work()
     seconds = []
     for _ in range(REPEATS):
@@ -91,7 +91,7 @@ def _best(work: Callable[[], object]) -> float:
 
 @njit(parallel=True, fastmath=True, cache=True)
 def _gather(table, rows, sums):  # type: ignore[no-untyped-def]
-    """Sum of a table's numbers at ``rows``, a part for each thread."""
+    """Sum a table's values at ``rows``, with one partial sum per thread."""
     parts = len(sums)
     for part in prange(parts):
         total = np.float32(0.0)

@@ -1,4 +1,4 @@
-"""``svv bench profile``: where the time of training and of an image goes, and how far each part is from its floor."""
+"""``svv bench profile``: how long each part of training and of an image takes, and how far it is from its floor."""
 
 from __future__ import annotations
 
@@ -31,32 +31,32 @@ from svv.train.reconstruct import Reconstruction, first_occupancy
 from svv.train.sampling import with_fewest_samples
 
 COUNTED_STEPS = 2
-"""Steps whose work is counted, after those that are timed."""
+"""Number of steps whose work is counted, after those that are timed."""
 
 
 def profile_views(
     views: ViewSet, preset_name: str | Preset, steps: int, timed: int, seed: int, progress: Progress
 ) -> dict[str, Any]:
-    """Train on views for a while and draw an image, and say where the time went.
+    """Train on views for a while, draw an image, and report how long each part took.
 
-    Stage 1 takes its schedule in ``steps`` steps, pruning and refinement included, and is looked at before the
-    refinement and at the end; stage 2 takes half as many and is looked at there. The networks learn little in so few
-    steps, but the steps have the size that they have in a training.
+    Stage 1 runs its whole schedule in ``steps`` steps, including pruning and refinement, and is profiled before the
+    refinement and at the end; stage 2 takes half as many steps and is profiled at its end. The networks learn little
+    in so few steps, but the steps are as large as in a real training.
 
     Args:
         views: Training views.
-        preset_name: Of the settings.
-        steps: Of stage 1.
-        timed: Steps and images of each profile that are timed.
-        seed: Of networks and rays.
-        progress: Called several times a second; stops when it raises.
+        preset_name: Preset, or its name.
+        steps: Number of steps of stage 1.
+        timed: Number of steps and images that are timed per profile.
+        seed: Seed of networks and rays.
+        progress: Called several times per second; the work stops if it raises.
 
     Returns:
         ``profiles`` (:class:`Profile`), ``ceilings`` (:class:`Ceilings`), ``threads``, ``half`` (whether colour
         networks are multiplied in half precision), ``preset``, ``views``, ``size`` [width, height].
 
     Raises:
-        BadInput: fewer steps than are needed, or what a training refuses.
+        BadInput: There are too few steps, or training rejects the views or settings.
     """
     if steps < (least := 2 * (timed + COUNTED_STEPS)):
         raise BadInput(f"{steps} steps are too few to time {timed} of each half; give at least {least}.")
@@ -77,7 +77,7 @@ def profile_views(
 
 
 class _Steps:
-    """Profiles that are taken one after the other."""
+    """The profiles taken so far, and what is needed to take more."""
 
     def __init__(self, watch: Watch, timed: int, ceilings: Ceilings) -> None:
         self.watch, self.timed, self.ceilings = watch, timed, ceilings
@@ -85,11 +85,11 @@ class _Steps:
 
     @property
     def looked_at(self) -> int:
-        """Steps that a profile takes."""
+        """Number of steps of a profile."""
         return self.timed + COUNTED_STEPS
 
     def take(self, name: str, rays: int, step: Callable[[], object]) -> None:
-        """Time and count a step, which is done again and again."""
+        """Time and count a step by repeating it."""
         with self.watch.on():
             times = self.watch.time(step, self.timed)
             work = self.watch.count(step, COUNTED_STEPS)

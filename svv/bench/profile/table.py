@@ -1,4 +1,4 @@
-"""What a profile says: stages of work, their times and floors, as data and as text."""
+"""Results of a profile: stages of work, their times and floors, as data and as text."""
 
 from __future__ import annotations
 
@@ -17,50 +17,50 @@ STAGES = (
     "composite", REST, "composite, backward", f"{NETWORKS}, backward", "encode, backward", REST_BACK, OPTIMISER,
     "Adam, tables", "prune", GLUE,
 )  # fmt: skip
-"""Every stage there can be, in the order of the work."""
+"""All possible stages, in the order of the work."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One part of a step; Adam's items are rows of the tables, the others' samples, or rays."""
+    """One part of a step. Its items are rows of the tables for Adam, and samples or rays for other stages."""
 
     name: str
     seconds: float
-    """Median over the steps."""
+    """Time in seconds, median over the steps."""
     best: float
-    """Least over the steps, seconds: what other programs did not disturb, as the ceilings are."""
+    """Shortest time in seconds over the steps: undisturbed by other programs, like the ceilings."""
     share: float
-    """Of the sum of all stages."""
+    """Fraction of the sum of all stages."""
     work: Work | None
-    """None where the least work is none: what those operations do could be done within others."""
+    """Least work; None for operations that could be merged into others and therefore need no work."""
     floor: float
-    """Seconds."""
+    """Least possible time in seconds."""
     bound: str
-    """What the floor comes from: bytes, operations or reads; empty without work."""
+    """Bound that determines the floor: bytes, operations or reads; empty without work."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Of one kind of step."""
+    """Profile of one kind of step."""
 
     name: str
     steps: int
     rays: int
-    """A step, or of the image."""
+    """Number of rays per step, or of the image."""
     stages: tuple[Stage, ...]
 
     @property
     def seconds(self) -> float:
-        """Of a step: the sum of its stages."""
+        """Time of a step in seconds, the sum of its stages."""
         return sum(stage.seconds for stage in self.stages)
 
     @property
     def floor(self) -> float:
-        """Sum of the stages' floors, seconds."""
+        """Sum of the stages' floors, in seconds."""
         return sum(stage.floor for stage in self.stages)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return plain values."""
         stages = [{**vars(s), "work": None if s.work is None else vars(s.work)} for s in self.stages]
         own = {"name": self.name, "steps": self.steps, "rays": self.rays}
         return {**own, "seconds": self.seconds, "floor": self.floor, "stages": stages}
@@ -69,7 +69,7 @@ class Profile:
 def profile_of(
     name: str, rays: int, times: list[dict[str, float]], work: Mapping[str, Work], ceilings: Ceilings
 ) -> Profile:
-    """Put together what :class:`Watch` found: seconds of the stages of each step, and their work."""
+    """Combine the results of :class:`Watch`: seconds of the stages of each step, and their work."""
     medians = {stage: float(np.median([t.get(stage, 0.0) for t in times])) for stage in STAGES}
     total = sum(medians.values())
     stages = []
@@ -83,7 +83,7 @@ def profile_of(
 
 
 def as_text(profiles: Iterable[Profile], ceilings: Ceilings) -> str:
-    """Tables to read: milliseconds a step, and everything else beside them."""
+    """Format tables for reading: milliseconds per step, and all other figures."""
     half = "none" if ceilings.half_operations is None else f"{ceilings.half_operations / 1e9:.0f}"
     lines = [
         f"memory {ceilings.bytes / 1e9:.1f} GB/s; products {ceilings.operations / 1e9:.0f} G operations/s in float32, "

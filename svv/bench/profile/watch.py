@@ -1,8 +1,8 @@
-"""Where the time of a step goes, seen from outside: nothing in the code that is measured knows of it.
+"""Timing of the parts of a step from outside, without any support in the measured code.
 
-The functions of :func:`svv.bench.profile.work.watched` are replaced for a while by ones that tell torch's profiler
-their stage, hooks on modules do the same for networks, and autograd's own names tell which part of the backward pass
-runs. Every moment is counted once, to the innermost stage: the times of a step's stages add up to the step's.
+The functions of :func:`svv.bench.profile.work.watched` are temporarily replaced by ones that report their stage to
+torch's profiler. Hooks on modules do the same for networks, and autograd's names identify the parts of the backward
+pass. All time is assigned once, to the innermost stage, so the times of a step's stages add up to that of the step.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ MARK = "svv:"
 NETWORKS = "networks"
 NODE = "autograd::engine::evaluate_function: "
 OF_NETWORKS = ("MmBackward0", "TBackward0", "ReluBackward0", "HalfNetworkBackward", "torch::autograd::AccumulateGrad")
-"""Nodes of the graph that only the networks have."""
+"""Nodes of autograd's graph that occur only in the networks."""
 
 REST, REST_BACK = "other torch operations", "other torch operations, backward"
 OPTIMISER, GLUE = "Adam, networks", "between (Python, NumPy)"
 
 
 class Watch:
-    """Times and counts steps; only within ``with watch.on():``."""
+    """Timer and counter of steps, for use within ``with watch.on():``."""
 
     def __init__(self, functions: list[Watched]) -> None:
         self._functions = functions
@@ -40,7 +40,7 @@ class Watch:
 
     @contextmanager
     def on(self) -> Iterator[None]:
-        """Replace the functions; all is as before afterwards, whatever happens."""
+        """Replace the functions; they are restored in any case."""
         with ExitStack() as stack:
             for one in self._functions:
                 before = getattr(one.owner, one.name)
@@ -80,7 +80,7 @@ class Watch:
         return told
 
     def _count_network(self, network: nn.Sequential, x: torch.Tensor, y: torch.Tensor) -> None:
-        """Forward and, with a graph, backward: the products of the gradients of inputs and of weights."""
+        """Count the forward pass and, with a graph, the backward pass: products for gradients of inputs and weights."""
         ends = 4.0 * len(x) * (x.shape[1] + y.shape[1])
         forward = Work(len(x), ends)
         for layer in network:
@@ -91,7 +91,7 @@ class Watch:
             self._found[f"{NETWORKS}, backward"] += forward.times(2)
 
     def count(self, step: Callable[[], object], repeats: int) -> dict[str, Work]:
-        """Mean work of a step's stages."""
+        """Return the mean work of a step's stages."""
         self._found.clear()
         self._counting = True
         try:
@@ -102,7 +102,7 @@ class Watch:
         return {stage: work.times(1 / repeats) for stage, work in self._found.items()}
 
     def time(self, step: Callable[[], object], repeats: int) -> list[dict[str, float]]:
-        """Seconds of every stage of each step."""
+        """Return the seconds of every stage of each step."""
         with torch.profiler.profile(activities=[torch.profiler.ProfilerActivity.CPU]) as profile:
             for _ in range(repeats):
                 with record_function(STEP):
@@ -117,7 +117,7 @@ class Watch:
 
 
 def _add(event: Any, stage: str, seconds: dict[str, float]) -> None:
-    """Add an event's own time, and that of what it calls, to their stages."""
+    """Add the times of an event and of its children to their stages."""
     name = event.name
     if name.startswith(MARK):
         stage = name.removeprefix(MARK)

@@ -1,8 +1,8 @@
 """The least work of the stages of a training step and of an image: bytes that must move, operations, random reads.
 
-It is counted from the arguments of the functions that do the work, which are watched from outside. "Least" is what is
-left if whatever is used twice stays in the cache: every input is read once and every output written once, and of a
-table only the distinct rows come from memory. Letters: S samples, R rays, L levels, F features a level, C channels,
+It is counted from the arguments of the functions that do the work, which are watched from outside. "Least" assumes
+that everything used twice stays in the cache: every input is read once, every output is written once, and only the
+distinct rows of a table come from memory. Letters: S samples, R rays, L levels, F features per level, C channels,
 V rows of a table, P palette colours.
 """
 
@@ -22,10 +22,10 @@ from svv.train.ranges import Owners
 from svv.train.reconstruct import Reconstruction
 
 FLOAT_BYTES = 4
-"""Bytes."""
+"""Bytes of a float32 value."""
 
 READS_A_CELL = 4
-"""A cell's eight vertices lie in pairs side by side: so many random reads, and as many more for where they lie."""
+"""Random reads of a cell's eight vertices, which lie in adjacent pairs; locating them takes as many again."""
 
 EXPONENTIAL_OPERATIONS = 15
 """Operations of an exponential in single precision: a polynomial, and the scaling before and after it."""
@@ -36,16 +36,16 @@ LOCATE_OPERATIONS = 30
 
 @dataclass(frozen=True)
 class Work:
-    """What a stage has to do at least."""
+    """The least work of a stage."""
 
     items: float = 0
-    """Samples, rays or rows that it is about."""
+    """Samples, rays or rows that it processes."""
     bytes: float = 0
     """Bytes that must move between memory and CPU."""
     operations: float = 0
     """Additions and multiplications in single precision."""
     gathers: float = 0
-    """Reads at places that only the data tell, each of one cache line."""
+    """Reads at data-dependent addresses, each of one cache line."""
     products: float = 0
     """Additions and multiplications of matrix products, which may be in half precision."""
 
@@ -53,23 +53,23 @@ class Work:
         return Work(*(getattr(self, k) + getattr(other, k) for k in self.__dataclass_fields__))
 
     def times(self, factor: float) -> Work:
-        """The work of ``factor`` such stages."""
+        """Return the work of ``factor`` such stages."""
         return Work(*(getattr(self, k) * factor for k in self.__dataclass_fields__))
 
 
 @dataclass(frozen=True)
 class Watched:
-    """A function that is replaced, while a profile is taken, by one that says when it runs."""
+    """A function that is replaced, while a profile is taken, by one that reports when it runs."""
 
     owner: Any
     name: str
     stage: str
     count: Callable[[Sequence[Any]], Work] | None = None
-    """Work of a call, from its arguments; called before it. Without it what the function calls is not looked at."""
+    """Returns the work of a call from its arguments, before the call; None excludes all functions that it calls."""
 
 
 def watched(kernels: Kernels) -> list[Watched]:
-    """What is looked at: the kernels that run, and the functions of the training that do work of their own."""
+    """Return the functions to watch: the kernels that run, and the functions of training that do work themselves."""
     march = kernels.march
     return [
         Watched(RayPool, "batch", "draw pixels", lambda a: Work(a[2], 40 * a[2], 0, a[2])),
@@ -100,12 +100,12 @@ def _watched_image(image: ImageKernels) -> list[Watched]:
 
 
 def linear_layer(samples: int, inputs: int, outputs: int) -> Work:
-    """A product (S, inputs) x (inputs, outputs); what goes from layer to layer need not leave the cache."""
+    """Return the work of a product (S, inputs) x (inputs, outputs); values between layers stay in the cache."""
     return Work(products=2 * samples * inputs * outputs)
 
 
 def _march(march: Callable[..., Any], a: Sequence[Any]) -> Work:
-    """Of the points looked at: those in occupied cells up to where each ray ends, which another march tells."""
+    """Return the work for the points visited: those in occupied cells up to each ray's end, found by another march."""
     limits = replace(a[8], least_weight=-1.0, merge=False)
     seen, _ = march(*a[:8], limits, *a[9:])
     kept, _ = march(*a)
@@ -122,7 +122,7 @@ def _march(march: Callable[..., Any], a: Sequence[Any]) -> Work:
 
 
 def _distinct(x: Tensor, lattice: Lattice) -> int:
-    """Rows of a lattice's table that positions read."""
+    """Return the number of rows of a lattice's table that are read for the positions."""
     levels = zip(lattice.shapes, lattice.scales, lattice.bases, strict=True)
     return sum(len(lattice_corners(x, *level, lattice.index)[0].unique()) for level in levels)
 
@@ -132,7 +132,7 @@ def _choose(samples: int) -> Work:
 
 
 def _encode(x: Tensor, lattice: Lattice, features: int, passes: int) -> Work:
-    """Forward (1) or backward (2: rows are read and written)."""
+    """Return the work of encoding, forward (1) or backward (2: rows are read and written)."""
     samples, levels = len(x), len(lattice.scales)
     rows = _distinct(x, lattice)
     moved = samples * (12 + FLOAT_BYTES * levels * features) + rows * FLOAT_BYTES * (1 + passes * features)
@@ -142,7 +142,7 @@ def _encode(x: Tensor, lattice: Lattice, features: int, passes: int) -> Work:
 
 
 def _hash(samples: int, levels: int, features: int, passes: int) -> Work:
-    """As :func:`_encode`; every corner is hashed to a place of its own, and may be read only once."""
+    """Return the work of encoding as :func:`_encode` does; every corner has its own hashed row, read once at least."""
     corners = 8 * samples * levels
     moved = samples * (12 + FLOAT_BYTES * levels * features)
     return Work(samples, moved, samples * levels * (LOCATE_OPERATIONS + 40 + 16 * features), corners)
@@ -162,7 +162,7 @@ def _material(samples: int, outputs: int) -> Work:
 
 
 def _composite(samples: int, rays: int, channels: int, passes: int) -> Work:
-    """Forward (1), or backward (2: values are read and their gradients written)."""
+    """Return the work of compositing, forward (1) or backward (2: values are read, their gradients written)."""
     moved = samples * FLOAT_BYTES * (3 + passes * channels) + rays * FLOAT_BYTES * (5 + 2 * passes * channels)
     return Work(samples, moved, samples * (2 * EXPONENTIAL_OPERATIONS + 4 + 4 * passes * channels))
 

@@ -1,1 +1,1 @@
-"""Training and palettes where they could fail: scenes, cases and what counts as failure."""
+"""Stability of training and palettes in difficult cases: scenes, cases and criteria of failure."""

@@ -1,4 +1,4 @@
-"""The cases of ``svv bench stability``: on which scene, with which settings, and what is measured there."""
+"""The cases of ``svv bench stability``: their scenes, settings and measures."""
 
 from __future__ import annotations
 
@@ -32,48 +32,48 @@ from svv.train.correct import correct_palette
 from svv.train.pipeline import stylize_scene, train_scene
 
 Measures = dict[str, Any]
-"""What a run found: ``psnr``, ``psnr_foreground``, ``base_foreground``, ``overlap`` (mean) and ``overlaps``,
+"""Results of a run: ``psnr``, ``psnr_foreground``, ``base_foreground``, ``overlap`` (mean) and ``overlaps``,
 ``colour_error``, ``regions``, ``ranges``, ``finite``; for some cases ``lost``, ``style_error``, ``refused``."""
 
 INSIDE, NEAR, FAR = 0.05, 0.4, 4.0
-"""Distances of cameras from the scene's middle, as parts of that of the training cameras. The first are in the hole of
-the easy scene's ring: what a camera within its matter would look at, no view has ever shown."""
+"""Distances of cameras from the scene's middle, as fractions of the training cameras'. The first are in the hole of
+the easy scene's ring; a camera inside its matter would see surfaces that no view shows."""
 
 WIDE = np.pi / 2
-"""Angle of view from inside, radians."""
+"""Field of view from inside, in radians."""
 
 LARGER = 3
-"""How many times larger the views are on which a scene trained on small ones is tested."""
+"""Factor on the size of the views in the test with views larger than those of training."""
 
 STYLE_STEPS: dict[str, Any] = {"distil_iterations": 100, "style_iterations": 20, "style_views": 20}
-"""Stylization is shortened to this, whatever the preset: what is asked is whether it stays in bounds."""
+"""Settings that shorten stylization with every preset: the only question is whether it stays in bounds."""
 
 STYLE_SIZE = 128
-"""Pixels along the side of the style pictures."""
+"""Side of the style pictures in pixels."""
 
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """What all runs have in common."""
+    """Settings that all runs share."""
 
     n: int = 92
-    """Training views, where the case does not say another number."""
+    """Number of training views, unless the case has its own."""
     test: int = 6
-    """Unseen views for the scores."""
+    """Number of unseen views for the scores."""
     size: int = 200
     """Width and height of the views in pixels."""
     resolution: int = 64
     """Voxels along each side of a volume."""
     time_limit: float = 15.0
-    """Seconds that the training of a run may take, the same for each preset."""
+    """Time limit of training per run in seconds, the same for each preset."""
     steps: tuple[tuple[str, int, int], ...] = ()
-    """(preset, steps of stage 1, of stage 2) instead of a time limit, for a machine that does other work too: then the
-    same seed gives the same figures."""
+    """(preset, steps of stage 1, of stage 2) instead of a time limit: the same seed then gives the same figures, even
+    on a machine that does other work as well."""
     samples: int | None = None
-    """Visible samples a step at most, and an eighth as many rays; None: as many as the preset draws."""
+    """Maximum number of visible samples per step, with an eighth as many rays; None for the preset's numbers."""
 
     def applied(self, preset: Preset) -> tuple[Preset, float | None]:
-        """The preset with these settings, and its time limit in seconds if it has one."""
+        """Return the preset with these settings, and its time limit in seconds if it has one."""
         base, palette = preset.reconstruct, preset.recolour
         if self.samples is not None:
             rays = max(1, self.samples // 8)
@@ -88,18 +88,18 @@ class BenchSettings:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A scene's volume and views, with what is true of them."""
+    """A scene's volume and views, with their ground truth."""
 
     known: KnownScene
     volume: vtkImageData
     train: ViewSet
     test: ViewSet
     classes: NDArray[np.int16]
-    """Of the pixels of the test views, see :meth:`KnownScene.class_maps`."""
+    """Class of each pixel of the test views; see :meth:`KnownScene.class_maps`."""
 
 
 class Bench:
-    """Draws scenes and trains on them; holds what the next run may need again."""
+    """Draws scenes and trains on them; caches results that the next run may need again."""
 
     def __init__(self, settings: BenchSettings) -> None:
         self.settings = settings
@@ -107,7 +107,7 @@ class Bench:
         self._trained: tuple[Any, Scene] | None = None
 
     def drawn(self, scene: str, views: int, progress: Progress) -> Drawn:
-        """The views of a known scene."""
+        """Return the views of a known scene."""
         if (scene, views) not in self._drawn:
             s, known = self.settings, SCENES[scene]
             volume = known.volume(s.resolution)
@@ -118,7 +118,7 @@ class Bench:
         return self._drawn[scene, views]
 
     def trained(self, case: Case, preset: Preset, seed: int, progress: Progress) -> tuple[Drawn, Scene]:
-        """A case's views and the scene trained on them; the last one is kept for cases that share it."""
+        """Return a case's views and the scene trained on them; the last scene is cached for cases that share it."""
         views = case.views or self.settings.n
         drawn = self.drawn(case.scene, views, part(progress, 0.0, 0.1))
         if case.views_only:
@@ -135,36 +135,36 @@ class Bench:
 
 @dataclass(frozen=True)
 class Case:
-    """One thing that may go wrong. Cases that differ only in ``measure`` share one training."""
+    """A situation in which something may go wrong. Cases that differ only in ``measure`` share one training."""
 
     title: str
     measure: Callable[[Bench, Case, Preset, int, Progress], Measures]
     scene: str = "easy"
     """One of :data:`svv.bench.stability.scenes.SCENES`."""
     views: int | None = None
-    """Training views; None: as many as are usual."""
+    """Number of training views; None for the usual number."""
     change: Callable[[Preset], Preset] = lambda preset: preset
-    """Of the preset's settings."""
+    """Change of the preset's settings."""
     encoding: str | None = None
-    """Only for presets with this encoding; others have no such thing."""
+    """Encoding that a preset must have for the case to apply; None for any."""
     views_only: bool = False
-    """Whether the training sees the images alone, without the volume."""
+    """Whether training uses only the images, without the volume."""
 
     def concerns(self, preset: Preset) -> bool:
-        """Whether the case makes sense with a preset."""
+        """Return whether the case applies to a preset."""
         return self.encoding in (None, preset.field.encoding)
 
 
-# --- what is measured --------------------------------------------------------------------------------------------
+# --- measures ----------------------------------------------------------------------------------------------------
 
 
 def as_saved(scene: Scene) -> Scene:
-    """The scene as it comes back from its file."""
+    """Return the scene as it would be read from its file."""
     return Scene.from_bytes(scene.to_bytes())
 
 
 def scores(scene: Scene, known: KnownScene, views: ViewSet, classes: NDArray[np.int16]) -> Measures:
-    """A scene against the truth on views, by the protocol of :func:`svv.train.evaluate.evaluate_scene`."""
+    """Score a scene against the truth on views, by the protocol of :func:`svv.train.evaluate.evaluate_scene`."""
     ours, theirs, maps, finite = [], [], [], True
     for camera, truth in zip(views.cameras, views.images, strict=True):
         view = scene.render(camera, "pcn")
@@ -192,15 +192,15 @@ def scores(scene: Scene, known: KnownScene, views: ViewSet, classes: NDArray[np.
 
 
 def on_unseen_views(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
-    """The usual scores."""
+    """Measure the usual scores."""
     drawn, scene = bench.trained(case, preset, seed, progress)
     return scores(as_saved(scene), drawn.known, drawn.test, drawn.classes)
 
 
 def corrected_by_hand(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
-    """The scores after somebody has set the palette to the transfer function's colours.
+    """Measure the scores after the palette was set to the transfer function's colours by hand.
 
-    ``found`` is how many regions there were before.
+    ``found`` is the number of regions before the correction.
     """
     drawn, scene = bench.trained(case, preset, seed, part(progress, 0.0, 0.6))
     truth = np.array([r.colour for r in drawn.known.ranges])
@@ -218,7 +218,7 @@ def corrected_by_hand(bench: Bench, case: Case, preset: Preset, seed: int, progr
 
 
 def before_and_after_saving(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
-    """The scores from the file, whose tables are in bytes or half precision, and how many dB it has ``lost``."""
+    """Measure the scores of the saved scene, with tables in bytes or half precision, and the loss ``lost`` in dB."""
     drawn, scene = bench.trained(case, preset, seed, progress)
     after = scores(as_saved(scene), drawn.known, drawn.test, drawn.classes)
     before = scores(scene, drawn.known, drawn.test, drawn.classes)
@@ -226,7 +226,7 @@ def before_and_after_saving(bench: Bench, case: Case, preset: Preset, seed: int,
 
 
 def from_cameras(place: Callable[[Bench, Drawn], Sequence[Camera]]) -> Callable[..., Measures]:
-    """The scores on views from other cameras than the usual ones."""
+    """Return a measure of the scores on views from other cameras than the usual ones."""
 
     def measure(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
         drawn, scene = bench.trained(case, preset, seed, progress)
@@ -239,7 +239,7 @@ def from_cameras(place: Callable[[Bench, Drawn], Sequence[Camera]]) -> Callable[
 
 
 def at_distance(factor: float, fov: float | None = None) -> Callable[[Bench, Drawn], list[Camera]]:
-    """Cameras on the test path at another distance from the middle."""
+    """Return a function that places cameras on the test path at another distance from the middle."""
 
     def place(bench: Bench, drawn: Drawn) -> list[Camera]:
         rig, s = known(drawn.train.meta.rig, "rig"), bench.settings
@@ -250,13 +250,13 @@ def at_distance(factor: float, fov: float | None = None) -> Callable[[Bench, Dra
 
 
 def larger(bench: Bench, drawn: Drawn) -> list[Camera]:
-    """The test cameras with larger images."""
+    """Return the test cameras with larger images."""
     side = LARGER * bench.settings.size
     return [camera.resized(side, side) for camera in drawn.test.cameras]
 
 
 def refusal(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
-    """Whether a transfer function that shows nothing is refused in one sentence."""
+    """Check whether a transfer function that shows nothing is refused in one sentence."""
     volume = TRANSPARENT.volume(bench.settings.resolution)
     try:
         make_views(volume, TRANSPARENT.transfer_function(), n=12, size=32, mapper="cpu", rescale=False)
@@ -267,7 +267,7 @@ def refusal(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progr
 
 
 def painted_like(picture: Callable[[], NDArray[np.float32]]) -> Callable[..., Measures]:
-    """Whether a stylization stays finite and in gamut, and how far the regions' mean colour is from the style's."""
+    """Return a measure of a stylization: whether it is finite and in gamut, and the error of its mean colour."""
 
     def measure(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
         drawn, scene = bench.trained(case, preset, seed, part(progress, 0.0, 0.6))
@@ -296,34 +296,34 @@ def painted_like(picture: Callable[[], NDArray[np.float32]]) -> Callable[..., Me
 
 
 def strokes() -> NDArray[np.float32]:
-    """A painting of the project's own, (h, w, 3) in [0, 1]."""
+    """Return a painting made by this package, (h, w, 3) in [0, 1]."""
     from svv.styles.textures import style_picture
 
     return style_picture("brush strokes", STYLE_SIZE).astype(np.float32)
 
 
 def flat() -> NDArray[np.float32]:
-    """One colour."""
+    """Return a picture of one colour."""
     return np.full((STYLE_SIZE, STYLE_SIZE, 3), (0.2, 0.55, 0.5), np.float32)
 
 
 def dark() -> NDArray[np.float32]:
-    """Nearly black."""
+    """Return a nearly black picture."""
     return np.float32(0.06) * strokes()
 
 
 def grey() -> NDArray[np.float32]:
-    """Without colours."""
+    """Return a picture in shades of grey."""
     return np.repeat(strokes().mean(axis=2, keepdims=True), 3, axis=2)
 
 
 def tiny() -> NDArray[np.float32]:
-    """The smallest picture that is taken: 16 x 16."""
+    """Return a picture of the smallest accepted size, 16 x 16."""
     return strokes()[:16, :16]
 
 
 def barely_masked() -> NDArray[np.float32]:
-    """A picture that is transparent but for 1 % of it, as it comes from its file."""
+    """Return a picture, read from a file, that is transparent except for 1 % of its area."""
     rgba = np.zeros((STYLE_SIZE, STYLE_SIZE, 4), np.uint8)
     rgba[..., :3] = np.rint(255 * strokes())
     side = STYLE_SIZE // 10
@@ -338,17 +338,17 @@ def barely_masked() -> NDArray[np.float32]:
 
 
 def offset_weight(value: float) -> Callable[[Preset], Preset]:
-    """Another lambda_delta."""
+    """Return a change of the preset to another lambda_delta."""
     return lambda preset: replace(preset, recolour=replace(preset.recolour, offset_weight=value))
 
 
 def small_tables(preset: Preset) -> Preset:
-    """Hash tables of 1,024 rows, so that many places share one."""
+    """Reduce the preset's hash tables to 1,024 rows, each shared by many positions."""
     return replace(preset, field=replace(preset.field, log2_entries=10))
 
 
 EASIEST = "easy"
-"""The case that the others are compared with."""
+"""Name of the case that the others are compared with."""
 
 COUNTS = range(1, 9)
 """Numbers of regions."""
@@ -396,4 +396,4 @@ CASES: dict[str, Case] = {
 """Name -> case."""
 
 USUAL = tuple(name for name in CASES if not name.startswith("regions-"))
-"""What is looked at by default: all but the numbers of regions, of which docs/measurements/palette.md has the table."""
+"""Cases that run by default: all except the numbers of regions, whose table is in docs/measurements/palette.md."""

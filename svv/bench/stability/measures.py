@@ -1,4 +1,4 @@
-"""Measures against a known truth: colours of a palette, regions of an image; and which of their values are failures.
+"""Measures against a known truth, for colours of a palette and regions of an image, and limits of failure.
 
 Letters: T true ranges, F regions found.
 """
@@ -17,28 +17,30 @@ from svv.core.colour import colour_differences
 Array = NDArray[np.float64]
 
 FOREGROUND_DROP = 6.0
-"""dB of foreground PSNR below the mean of the easy case with the same preset: "blurred"."""
+"""Drop of the foreground PSNR below the easy case's mean with the same preset, in dB, above which a run is
+"blurred"."""
 
 LEAST_OVERLAP = 0.7
-"""Mean intersection over union of the regions with the truth below this: "wrong regions"."""
+"""Mean intersection over union of the regions with the truth below which a run has "wrong regions"."""
 
 MOST_COLOUR = 10.0
-"""Mean CIEDE2000 of the palette above this, a clearly different colour: "wrong colours"."""
+"""Mean CIEDE2000 of the palette above which a run has "wrong colours": a clearly different colour."""
 
 MOST_STYLE = 20.0
-"""CIEDE2000 between the mean colours of a painted region and of its style above this: "off its style"."""
+"""CIEDE2000 between the mean colours of painted regions and of their style above which a run is "off its style"."""
 
 MOST_SPREAD = 2.0
-"""Standard deviation of the foreground PSNR over the seeds in dB above this: "unsteady"."""
+"""Standard deviation of the foreground PSNR over the seeds, in dB, above which a case is "unsteady"."""
 
 MOST_LOST = 0.5
-"""dB of foreground PSNR that saving may cost; more: "lost in the file"."""
+"""Loss of foreground PSNR by saving, in dB, above which a run is "lost in the file"."""
 
 
 def palette_error(found: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
-    """Mean CIEDE2000 of the true colours (T, 3) to the palette (F, 3), F >= 1, in the best assignment of one to one.
+    """Return the mean CIEDE2000 from the true colours (T, 3) to the palette (F, 3), F >= 1, in the best assignment.
 
-    Where the palette is the shorter, true colours are left over; each is compared with the nearest palette colour.
+    The assignment is one to one. If the palette is the shorter, the remaining true colours are compared with the
+    nearest palette colour.
     """
     cost = colour_differences(truth, found)
     errors = cost.min(axis=1)
@@ -48,13 +50,16 @@ def palette_error(found: NDArray[np.floating], truth: NDArray[np.floating]) -> f
 
 
 def overlaps(truth: NDArray[np.integer], shown: NDArray[np.integer], ranges: int, regions: int) -> Array:
-    """Intersection over union of each true class with each region over all pixels of some views. (T, F)
+    """Compute the intersection over union of each true class with each region over all pixels of some views.
 
     Args:
         truth: Class of each pixel, -1 empty, -2 unknown (left out).
-        shown: Region of each pixel, -1 empty. Of one shape with ``truth``.
-        ranges: T.
-        regions: F.
+        shown: Region of each pixel, -1 empty. Same shape as ``truth``.
+        ranges: Number of true classes T.
+        regions: Number of regions F.
+
+    Returns:
+        Intersection over union, in [0, 1]. (T, F)
     """
     known = truth >= -1
     t, s = truth[known].astype(np.int64), shown[known].astype(np.int64)
@@ -65,7 +70,7 @@ def overlaps(truth: NDArray[np.integer], shown: NDArray[np.integer], ranges: int
 
 
 def matched(overlap: Array) -> list[float]:
-    """Overlap of each true class with its region in the best assignment of one to one; 0 for one without. (T,)"""
+    """Return the overlap of each true class with its region in the best one-to-one assignment; 0 without one. (T,)"""
     result = np.zeros(len(overlap))
     rows, columns = linear_sum_assignment(-overlap)
     result[rows] = overlap[rows, columns]
@@ -73,11 +78,11 @@ def matched(overlap: Array) -> list[float]:
 
 
 def failures(measures: dict[str, Any], easy: float | None) -> list[str]:
-    """What is wrong with one run, in words; the limits are the constants of this module.
+    """Return the failures of one run in words; the limits are the constants of this module.
 
     Args:
-        measures: Of the run, see :mod:`svv.bench.stability.runs`; what was not measured is missing or None.
-        easy: Mean foreground PSNR of the easy case with the same preset, dB.
+        measures: Measures of the run (:data:`svv.bench.stability.cases.Measures`), missing or None if not measured.
+        easy: Mean foreground PSNR of the easy case with the same preset, in dB.
     """
     if measures.get("crash"):
         return ["crash"]

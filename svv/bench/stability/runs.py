@@ -1,7 +1,7 @@
-"""Stability: every case, with every preset, from every seed, measured against a known truth.
+"""Stability: every case with every preset and seed, measured against a known truth.
 
-A run is one file ``runs/CASE-PRESET-SEED.json``, written when it is done and not repeated as long as what it depends on
-stays the same. A run that breaks down is a result, too: its error is in the file.
+Each run has a file ``runs/CASE-PRESET-SEED.json``, which is written when the run is finished. It is not repeated unless
+something that it depends on changes. A run that crashes is also a result: its error is in the file.
 """
 
 from __future__ import annotations
@@ -21,34 +21,34 @@ from svv.measure import measured
 from svv.train.config import Preset, preset
 
 Record = dict[str, Any]
-"""A run: ``case``, ``preset``, ``seed``, ``settings``, ``changed`` (the preset's settings), ``seconds``,
+"""Record of a run: ``case``, ``preset``, ``seed``, ``settings``, ``changed`` (the preset's settings), ``seconds``,
 ``peak_rss_bytes`` and ``measures`` (see :data:`svv.bench.stability.cases.Measures`, or ``crash``: the error)."""
 
 
 @dataclass(frozen=True)
 class Matrix:
-    """Which runs there are to be."""
+    """The runs to be made: every combination of cases, presets and seeds."""
 
     cases: Sequence[str] = USUAL
-    """Names, or patterns of names: ``regions-*``."""
+    """Names, or patterns of names such as ``regions-*``."""
     presets: Sequence[str] = ("draft", "paper")
     seeds: int = 5
-    """Seeds 0 to ``seeds`` - 1."""
+    """Number of seeds, which are 0 to ``seeds`` - 1."""
 
     def __post_init__(self) -> None:
         for name in self.cases:
             if not fnmatch.filter(CASES, name):
-                raise BadInput(f"There is no case '{name}'; choose of {', '.join(CASES)}.")
+                raise BadInput(f"There is no case '{name}'; choose from {', '.join(CASES)}.")
         for name in self.presets:
             preset(name)
         if self.seeds < 1:
             raise BadInput(f"At least one seed is needed, not {self.seeds}.")
         if not self.runs:
-            raise BadInput("None of these cases concerns any of these presets: add a case or a preset.")
+            raise BadInput("None of these cases applies to any of these presets: add a case or a preset.")
 
     @property
     def runs(self) -> list[tuple[str, str, int]]:
-        """Case, preset and seed of each run; seed after seed, so that a run cut short has every case."""
+        """Case, preset and seed of each run, seed by seed: interrupted work then covers every case."""
         named = {name for pattern in self.cases for name in fnmatch.filter(CASES, pattern)}
         cases = [name for name in CASES if name in named]  # in the order in which they share a training
         return [
@@ -61,20 +61,20 @@ class Matrix:
 
 
 def run_stability(out: Path, matrix: Matrix, settings: BenchSettings, progress: Progress = silent) -> list[Record]:
-    """Do all runs that are not there yet.
+    """Do all runs that are not finished yet.
 
     Args:
         out: Folder of the results.
-        matrix: Which runs.
-        settings: What they have in common.
-        progress: Called several times a second; stops the work when it raises, and the same call goes on after the
-            last run that was finished.
+        matrix: The runs to be made.
+        settings: Settings that all runs share.
+        progress: Called several times per second; the work stops if it raises, and the same call resumes it after the
+            last finished run.
 
     Returns:
         The records of all runs in ``matrix``.
 
     Raises:
-        BadInput: the folder cannot be written to.
+        BadInput: The folder cannot be written to.
     """
     runs = make_folder(out / "runs")
     bench = Bench(settings)
@@ -87,7 +87,7 @@ def run_stability(out: Path, matrix: Matrix, settings: BenchSettings, progress: 
         each(0.0, label)
         record = {**_run(bench, case, preset(name), seed, _labelled(each, label)), "key": _key(*run, settings)}
         write_json(_path(runs, *run), record)
-        found[run] = json.loads(to_json(record))  # as it is read again: plain values, None for what is not finite
+        found[run] = json.loads(to_json(record))  # as read from the file: plain values, None for infinities and NaN
     progress(1.0, f"{len(left)} runs")
     return [record for record in found.values() if record is not None]
 
@@ -98,7 +98,7 @@ def _run(bench: Bench, case: str, chosen: Preset, seed: int, progress: Progress)
             measures = CASES[case].measure(bench, CASES[case], chosen, seed, progress)
         except (Cancelled, OSError):
             raise
-        except Exception as error:  # what breaks down is what is looked for; the record says how
+        except Exception as error:  # crashes are results; the record contains the error
             measures = {"crash": f"{type(error).__name__}: {error}"}
     return {
         "case": case,
@@ -113,7 +113,7 @@ def _run(bench: Bench, case: str, chosen: Preset, seed: int, progress: Progress)
 
 
 def _changes(case: str, chosen: Preset) -> dict[str, Any]:
-    """The settings in which a case departs from the preset: stage -> setting -> value."""
+    """Return the settings in which a case differs from the preset: stage -> setting -> value."""
     before, after = asdict(chosen), asdict(CASES[case].change(chosen))
     stages = [k for k in before if isinstance(before[k], dict)]
     changes = {s: {k: v for k, v in after[s].items() if v != before[s][k]} for s in stages}
@@ -121,7 +121,7 @@ def _changes(case: str, chosen: Preset) -> dict[str, Any]:
 
 
 def _key(case: str, name: str, seed: int, settings: BenchSettings) -> str:
-    """What a run depends on."""
+    """Return the key of everything that a run depends on."""
     known = CASES[case]
     return key_of_measure(
         [case, known.scene, known.views, known.views_only], asdict(known.change(preset(name))), seed, asdict(settings)

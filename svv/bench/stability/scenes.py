@@ -1,7 +1,7 @@
-"""Generated scenes of which everything is known: the volume, the transfer function, and so the class of every value.
+"""Generated scenes with known volume and transfer function, and therefore a known class of every value.
 
-They are the cases of which radiance fields are said to fail, each as small and as plain as it can be: few shapes in
-the cube [-1, 1]^3, visible ranges of values with one colour each, nothing read from anywhere.
+They represent cases in which radiance fields are said to fail, as small and simple as possible: a few shapes in the
+cube [-1, 1]^3 and visible ranges of values with one colour each; nothing is read from files.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ Array = NDArray[np.float64]
 RGB = tuple[float, float, float]
 
 SOFT = 0.05
-"""Values over which a range's opacity rises from 0 and falls to it."""
+"""Width in values of the ramps of opacity at both ends of a range."""
 
 EDGE = 0.05
-"""Width of the way from a shape's value to that of its surroundings; 1 is half a side of the volume."""
+"""Width of the transition from a shape's value to that of its surroundings; 1 is half a side of the volume."""
 
 LEAST_ALPHA = 0.1
-"""Opacity from which on a pixel belongs to a class; what is fainter belongs to none and is left out of the scores."""
+"""Alpha from which a pixel belongs to a class; fainter pixels belong to none and are left out of the scores."""
 
 BLUE, GOLD, RED, GREEN = (0.1, 0.35, 0.95), (1.0, 0.7, 0.1), (0.9, 0.12, 0.15), (0.2, 0.8, 0.3)
 ORANGE, AMBER = (0.95, 0.45, 0.1), (0.95, 0.72, 0.1)
@@ -39,12 +39,12 @@ WHITE, GREY = (0.95, 0.95, 0.95), (0.4, 0.4, 0.4)
 
 @dataclass(frozen=True)
 class Range:
-    """A visible range of values: the class of what lies between ``low`` and ``high``."""
+    """A visible range of values: the class of all values between ``low`` and ``high``."""
 
     low: float
     high: float
     opacity: float
-    """In a slab of one opacity unit distance (a voxel's diagonal)."""
+    """Opacity of a slab of one opacity unit distance (a voxel's diagonal)."""
     colour: RGB
 
 
@@ -54,11 +54,11 @@ class KnownScene:
 
     Args:
         field: Values at points (3: x, y, z; ...) of the cube [-1, 1]^3.
-        ranges: The visible ranges in ascending order; what lies between them is empty.
+        ranges: The visible ranges in ascending order; values between them are invisible.
         noise: Standard deviation of normal noise that is added to every voxel.
-        spacing: Size of a voxel in world units; None: the volume is 2 units wide.
-        stretch: How many times longer a voxel is along z; as many times fewer there are.
-        shift: Where the volume's middle is, in sides of the volume.
+        spacing: Size of a voxel in world units; None makes the volume 2 units wide.
+        stretch: Factor on the length of voxels along z, and divisor of their number.
+        shift: Position of the volume's middle, in sides of the volume.
     """
 
     field: Callable[[Array], Array]
@@ -69,7 +69,7 @@ class KnownScene:
     shift: RGB = (0.0, 0.0, 0.0)
 
     def volume(self, resolution: int) -> vtkImageData:
-        """The volume with ``resolution`` voxels along x and y, float32."""
+        """Return the volume with ``resolution`` voxels along x and y, float32."""
         counts = np.array([resolution, resolution, (resolution - 1) // self.stretch + 1])
         axes = [np.linspace(-1.0, 1.0, n) for n in counts]
         z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
@@ -80,7 +80,7 @@ class KnownScene:
         return from_array(values.astype(np.float32), list(side / (counts - 1)), list(origin), "value")
 
     def transfer_function(self, colours: Sequence[RGB] | None = None) -> TransferFunction:
-        """Trapezoids of opacity, each in one colour: its own, or those given."""
+        """Return trapezoids of opacity, each in one colour: by default that of its range."""
         points: list[tuple[float, ...]] = []
         paints: list[tuple[float, ...]] = []
         for number, r in enumerate(self.ranges):
@@ -91,24 +91,24 @@ class KnownScene:
         return TransferFunction(tuple(paints), tuple(points), name="known")
 
     def classes(self, values: NDArray[np.floating]) -> NDArray[np.int16]:
-        """Class of each value: the number of its range, -1 where it is invisible. Of the values' shape."""
+        """Return the class of each value: the number of its range, or -1 if it is invisible. Same shape as values."""
         found = np.full(np.shape(values), -1, np.int16)
         for number, r in enumerate(self.ranges):
             found[(values > r.low) & (values < r.high)] = number
         return found
 
     def class_maps(self, volume: vtkImageData, cameras: Sequence[Camera]) -> NDArray[np.int16]:
-        """The class of each pixel: the range with the largest share of what is seen there.
+        """Return the class of each pixel: the range that contributes most to it.
 
         The volume is drawn without light and with up to three ranges in pure red, green and blue, the others black:
-        the colour of a pixel is then the share of each.
+        the colour of a pixel then gives the contribution of each.
 
         Args:
-            volume: What :meth:`volume` made.
-            cameras: All of one size.
+            volume: The volume from :meth:`volume`.
+            cameras: Cameras of one image size.
 
         Returns:
-            (n, height, width): the range, -1 where nothing is visible, -2 where the alpha is below ``LEAST_ALPHA``.
+            The range, -1 where nothing is visible, -2 where alpha is below ``LEAST_ALPHA``. (n, height, width)
         """
         shares = []
         for first in range(0, len(self.ranges), 3):
@@ -123,7 +123,7 @@ class KnownScene:
 
 
 def _shape(distance: Array) -> Array:
-    """1 inside of a shape, 0 outside, half on its surface (distance 0, negative inside)."""
+    """Return 1 inside a shape, 0 outside, and 0.5 on its surface (distance 0, negative inside)."""
     return 0.5 - 0.5 * np.tanh(2.0 * distance / EDGE)
 
 
@@ -137,18 +137,18 @@ def _ring(point: Array) -> Array:
 
 
 def ring_and_balls(point: Array) -> Array:
-    """A ring (values near 1) and three balls (near 0) in 0.5, so that neither has a skin of the other's values."""
+    """Return a ring (values near 1) and three balls (near 0) in 0.5, so neither has a skin of the other's values."""
     balls = np.min([_ball(point, (0.0, 0.0, h), 0.22) for h in (-0.65, 0.0, 0.65)], axis=0)
     return np.asarray(0.5 + 0.5 * _shape(_ring(point)) - 0.5 * _shape(balls))
 
 
 def ring(point: Array) -> Array:
-    """The ring alone."""
+    """Return only the ring."""
     return 0.5 + 0.5 * _shape(_ring(point))
 
 
 def shells(point: Array) -> Array:
-    """A field that falls from 1 in the middle to 0 at the sides, in dented shells."""
+    """Return a field that falls from 1 in the middle to 0 at the sides, in dented shells."""
     x, y, z = point
     radius = np.sqrt(x * x + y * y + z * z)
     dents = 1.0 + 0.1 * np.sin(4.0 * x + 1.0) * np.sin(4.0 * y) * np.cos(3.0 * z)
@@ -156,7 +156,7 @@ def shells(point: Array) -> Array:
 
 
 def wires(point: Array) -> Array:
-    """A stent: twelve wires, six a way, wound around a tube; a wire is 0.06 thick."""
+    """Return a stent: twelve wires, six in each direction, wound around a tube; a wire is 0.06 thick."""
     x, y, z = point
     across, angle = np.hypot(x, y), np.arctan2(y, x)
     distance = np.full(across.shape, np.inf)
@@ -168,10 +168,9 @@ def wires(point: Array) -> Array:
 
 
 def layers(count: int) -> Callable[[Array], Array]:
-    """A pile of ``count`` wavy layers that fills the cube, from the bottom up.
+    """Return the field of ``count`` wavy layers that fill the cube from the bottom up.
 
-    Layer k has values of about k + 0.5, and each is seen alone on four sides, so that no pixel has to tell a mixture
-    from a colour.
+    Layer k has values of about k + 0.5. Each layer is visible by itself on four sides, so pixels do not mix colours.
     """
 
     def field(point: Array) -> Array:
@@ -183,11 +182,11 @@ def layers(count: int) -> Callable[[Array], Array]:
 
 
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-"""The golden section: multiples of it leave no two of eight hues closer than 32 degrees, and no neighbours alike."""
+"""The golden section: of its first eight multiples as hues, no two are closer than 32 degrees, no neighbours alike."""
 
 
 def distinct(count: int) -> KnownScene:
-    """``count`` opaque layers of as many distinct hues."""
+    """Return ``count`` opaque layers of distinct hues."""
     hues = np.arange(count) * GOLDEN % 1.0
     colours = rgb_array(np.stack([hues, np.full(count, 0.85), np.full(count, 0.95)], axis=1))
     ranges = (Range(k + 0.15, k + 0.85, 0.9, (r, g, b)) for k, (r, g, b) in enumerate(colours.tolist()))
@@ -195,7 +194,7 @@ def distinct(count: int) -> KnownScene:
 
 
 def similar(apart: float = 0.03) -> KnownScene:
-    """Three opaque layers, two of whose hues are closer than a palette tells apart; 1 is the full circle."""
+    """Return three opaque layers, two of them with hues ``apart``, too close for a palette; 1 is the full circle."""
     known = distinct(3)
     middle, top = known.ranges[1:]
     (colour,) = rgb_array(np.array([[GOLDEN + apart, 0.85, 0.95]])).tolist()
@@ -228,4 +227,4 @@ SCENES: dict[str, KnownScene] = {
 """Name -> scene."""
 
 TRANSPARENT = replace(EASY, ranges=tuple(replace(r, opacity=0.0) for r in EASY.ranges))
-"""A transfer function that shows nothing, which has to be refused."""
+"""A scene whose transfer function shows nothing, which must be refused."""

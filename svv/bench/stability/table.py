@@ -1,4 +1,4 @@
-"""What the runs of ``svv bench stability`` add up to: a table, a heat map, CSV and JSON."""
+"""The summary of the runs of ``svv bench stability``: a table, a heat map, CSV and JSON."""
 
 from __future__ import annotations
 
@@ -29,51 +29,51 @@ FILES = ("stability.csv", "stability.json", "stability.md", "stability.png")
 
 RULES = (
     f"**blurred**: foreground PSNR more than {FOREGROUND_DROP:g} dB below the easy case's mean with the same preset",
-    "**N regions for M**: the palette has not as many colours as the transfer function has visible ranges",
+    "**N regions for M**: the palette's number of colours is not the transfer function's number of visible ranges",
     f"**wrong regions**: mean intersection over union of the region maps with the truth below {LEAST_OVERLAP:g}",
     f"**wrong colours**: mean CIEDE2000 of the palette to the transfer function's colours above {MOST_COLOUR:g}",
-    f"**off its style**: CIEDE2000 between the mean colours of what was painted and of its style above {MOST_STYLE:g}",
+    f"**off its style**: CIEDE2000 between the mean colours of painted regions and of their style above {MOST_STYLE:g}",
     f"**lost in the file**: saving costs more than {MOST_LOST:g} dB of foreground PSNR",
     f"**unsteady**: standard deviation of the foreground PSNR over the seeds above {MOST_SPREAD:g} dB",
-    "**not refused**, **not finite**, **out of gamut**, **crash**: what they say",
+    "**not refused**, **not finite**, **out of gamut**, **crash**: as the words say",
 )
-"""What counts as a failure; of a run, but for the spread."""
+"""Criteria of failure; all apply to single runs except the spread."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """All seeds of a case with a preset; what was not measured is None."""
+    """Results of a case with a preset over all seeds; values that were not measured are None."""
 
     case: str
     preset: str
     runs: int
     foreground: float | None
     spread: float | None
-    """Standard deviation of the foreground PSNR over the seeds, dB."""
+    """Standard deviation of the foreground PSNR over the seeds, in dB."""
     drop: float | None
-    """dB of foreground PSNR below the easy case."""
+    """Drop of the foreground PSNR below the easy case, in dB."""
     overlap: float | None
     colour: float | None
     """CIEDE2000 of the palette to the transfer function's colours."""
     style: float | None
-    """CIEDE2000 of what was painted to its style."""
+    """CIEDE2000 between painted regions and their style."""
     seconds: float
     failed: dict[str, int]
-    """Failure -> in how many runs."""
+    """Failure -> number of runs in which it occurred."""
 
     @property
     def shown_colour(self) -> float | None:
-        """``colour``, or ``style`` where something was painted."""
+        """``style`` if regions were painted, otherwise ``colour``."""
         return self.colour if self.style is None else self.style
 
     @property
     def failed_runs(self) -> int:
-        """Runs in which the most frequent failure was met."""
+        """Number of runs with the most frequent failure."""
         return max(self.failed.values(), default=0)
 
 
 def summary(records: Sequence[Record]) -> list[Row]:
-    """One row a case and preset, cases in the order of the list."""
+    """Return one row per case and preset, with cases in the order of the list."""
     presets = list(dict.fromkeys(r["preset"] for r in records))
     groups = {
         (case, name): [r for r in records if (r["case"], r["preset"]) == (case, name)]
@@ -109,10 +109,10 @@ def _mean(runs: Sequence[Record], key: str) -> float | None:
 
 
 def write_summary(out: Path, records: Sequence[Record]) -> list[Row]:
-    """Write ``FILES`` into a folder that is there.
+    """Write ``FILES`` into an existing folder.
 
     Raises:
-        BadInput: a file cannot be written, or matplotlib is missing.
+        BadInput: A file cannot be written, or matplotlib is missing.
     """
     rows = summary(records)
     text = _csv(records)
@@ -146,7 +146,7 @@ def _csv(records: Sequence[Record]) -> str:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The table and the rules, as Markdown."""
+    """Format the table and the rules as Markdown."""
     presets = list(dict.fromkeys(row.preset for row in rows))
     found = {(row.case, row.preset): row for row in rows}
     heads = ("foreground, dB", "regions", "colours", "failures")
@@ -183,7 +183,7 @@ COLUMNS: tuple[Column, ...] = (
      lambda row: _part(row.shown_colour, MOST_COLOUR if row.style is None else MOST_STYLE), "{:.1f}"),
     ("failed\nruns", lambda row: row.failed_runs / row.runs, lambda row: row.failed_runs / row.runs, "{:.0%}"),
 )  # fmt: skip
-"""Heading, number shown, how far it is on the way to a failure (1 and more: the darkest colour), format."""
+"""Heading, number shown, the number relative to its limit of failure (1 and above: the darkest colour), and format."""
 
 
 def _part(value: float | None, worst: float) -> float | None:
@@ -191,7 +191,7 @@ def _part(value: float | None, worst: float) -> float | None:
 
 
 def heat_map(path: Path, rows: Sequence[Row]) -> None:
-    """Cases downwards; presets and, in each, what was measured across. The darkest cells are failures.
+    """Draw a heat map: one row per case, one column per preset and measure. The darkest cells are failures.
 
     Raises:
         BadInput: matplotlib is missing, or the file cannot be written.

@@ -1,18 +1,19 @@
-# From nothing but make and python3 with venv:
+# These targets need only make and python3 with venv:
 #   make demo       the whole job on generated data; the result is demo/report.html
-#   make test       style, types and tests, those in ParaView included
-#   make test-processors   the tests outside ParaView with the arithmetic of other processors
-#   make coverage   all tests, and which lines and branches they leave out, as pages in build/coverage
+#   make test       style, types and tests, including those in ParaView
+#   make test-processors   the tests outside ParaView with the arithmetic of other CPUs
+#   make coverage   all tests, and a report of the lines and branches that they miss, as pages in build/coverage
 #   make docs       the documentation, as pages in build/docs
-#   make paraview   what ParaView needs to run svv; with PARAVIEW=DIR for one that is unpacked in DIR
-# TORCH=cpu|cuda|keep chooses torch's build; else cuda where there is an NVIDIA GPU, cpu elsewhere, and what is there stays.
+#   make paraview   the packages that ParaView needs to run svv; PARAVIEW=DIR names a ParaView unpacked in DIR
+# TORCH=cpu|cuda|keep selects torch's build. By default an installed torch is kept, and otherwise the build is cuda with
+# an NVIDIA GPU and cpu without.
 PYTHON ?= python3
 VENV   ?= .venv
 OUT    ?= demo
 export SVV_PARAVIEW := $(or $(PARAVIEW),$(SVV_PARAVIEW))
 export TORCH
 
-# Paths may hold spaces: escaped where make reads them, in quotes where the shell does.
+# Paths may contain spaces: they are escaped for make and quoted for the shell.
 space     := $(subst ,, )
 BIN       := $(VENV)/bin
 HERE      := $(subst $(space),\ ,$(VENV))
@@ -31,8 +32,8 @@ demo: $(INSTALLED)
 test: check paraview
 	$(PYTEST)
 
-# Sums are rounded in another order on every processor, and some have half precision. Here is one without AVX on one thread,
-# one with AVX2 on two, and one with AMX.
+# Every CPU rounds sums in a different order, and some have half precision. These runs imitate a CPU without AVX on one
+# thread, one with AVX2 on two threads, and one with AMX.
 test-processors: $(TOOLS)
 	ATEN_CPU_CAPABILITY=default ONEDNN_MAX_CPU_ISA=SSE41 MKL_CBWR=COMPATIBLE OPENBLAS_CORETYPE=Nehalem \
 		NUMBA_CPU_NAME=generic NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PYTEST) --ignore=tests/paraview
@@ -48,7 +49,7 @@ check: $(TOOLS)
 	"$(BIN)/ruff" format --check .
 	"$(BIN)/mypy"
 
-# Warnings are errors: a link that leads nowhere, a page that is in no contents.
+# Warnings, such as a broken link or a page that is in no table of contents, are errors.
 docs: $(DOCS)
 	"$(BIN)/python" -m sphinx -W --keep-going -q -b html docs build/docs
 	@echo build/docs/index.html
@@ -64,7 +65,7 @@ paraview: $(INSTALLED)
 clean:
 	rm -rf "$(VENV)" .venv-paraview build svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-# The oldest Python stands in pyproject.toml alone.
+# The oldest supported Python is defined only in pyproject.toml.
 $(HERE)/bin/python:
 	@"$(PYTHON)" -c 'import re, sys; oldest = re.search(r"requires-python = \">=3\.(\d+)", open("pyproject.toml").read())[1]; \
 		sys.exit("make needs python3 3.%s or newer; name one, for example: make test PYTHON=python3.12" % oldest \
@@ -72,7 +73,7 @@ $(HERE)/bin/python:
 	@"$(PYTHON)" -m venv "$(VENV)" || \
 		{ rm -rf "$(VENV)"; echo "python3 lacks venv; install it first, for example: sudo apt-get install python3-venv" >&2; exit 1; }
 
-# torch goes first: nothing after it can pull in another build.
+# torch comes first, so that no later installation brings in another build.
 $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@.ci/offscreen
 	@rm -f "$(VENV)"/installed* "$(VENV)"/tools* "$(VENV)"/docs*
@@ -80,17 +81,17 @@ $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@"$(BIN)/python" -m svv.pv.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
 	@$(PIP) --no-build-isolation -e '.[standalone,bench]'
-	@echo 'Fetching weights for style features and LPIPS, 64 MB, unless they are here or SVV_OFFLINE=1 says no.'
-	@"$(BIN)/svv" features --get --small || echo 'Going on without them: styles are matched by patches of pixels.'
+	@echo 'Fetching weights for style features and LPIPS, 64 MB, unless they are here or SVV_OFFLINE=1 is set.'
+	@"$(BIN)/svv" features --get --small || echo 'Continuing without them: styles are matched by patches of pixels.'
 	@touch "$@"
 
 $(DOCS): $(INSTALLED)
-	@echo 'Installing what the documentation needs.'
+	@echo 'Installing the packages that the documentation needs.'
 	@$(PIP) --no-build-isolation -e '.[standalone,bench,docs]'
 	@touch "$@"
 
-# What only tests need, triton's 0.7 GB above all.
+# Packages that only the tests need, such as triton with 0.7 GB.
 $(TOOLS): $(INSTALLED)
-	@echo 'Installing what the tests need.'
+	@echo 'Installing the packages that the tests need.'
 	@$(PIP) --no-build-isolation -e '.[standalone,bench,dev]'
 	@touch "$@"

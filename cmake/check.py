@@ -1,4 +1,4 @@
-"""What CTest runs in pvpython, as installed: check.py loads | views."""
+"""Test of the installed plugin, which CTest runs in pvpython: check.py loads | views."""
 
 import sys
 from pathlib import Path

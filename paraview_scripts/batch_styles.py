@@ -1,7 +1,6 @@
-"""Many styles over one scene: a stylized scene and a picture for each, and all of them on one contact sheet.
+"""Paint one scene in many styles: write a stylized scene and a picture for each, and a contact sheet of them all.
 
-Run it with `svv pvpython`. Stopped with Ctrl-C, the same command goes on where it was; what is finished is not done
-again.
+Run it with `svv pvpython`. After Ctrl-C, the same command resumes; finished paintings are not painted again.
 """
 
 from pathlib import Path
@@ -27,18 +26,18 @@ def main() -> None:
     parser = scripts.parser(__doc__, *EXAMPLES)
     parser.add_argument("scene", type=Path, help="a trained scene (.svv)")
     parser.add_argument("styles", type=Path, nargs="+", help="pictures, or folders of pictures")
-    parser.add_argument("--out", "-o", type=Path, required=True, help="folder of the results")
-    parser.add_argument("--map", help="region=0 pairs: which regions are painted; by default all")
-    parser.add_argument("--keep", type=int, nargs="+", default=[], metavar="K", help="regions that stay as they are")
+    parser.add_argument("--out", "-o", type=Path, required=True, help="folder for the results")
+    parser.add_argument("--map", help="regions to paint, as pairs such as 0=0,2=0; by default all")
+    parser.add_argument("--keep", type=int, nargs="+", default=[], metavar="K", help="regions to leave unpainted")
     add_arguments(parser, PaintOptions(preset="fast"), {"preset": "--preset", "seed": "--seed"})
-    parser.add_argument("--size", type=int, default=400, help="pixels along a side of the pictures (400)")
-    parser.add_argument("--frame", type=int, default=76, help="from which of the orbit's 181 views (76)")
+    parser.add_argument("--size", type=int, default=400, help="width and height of the pictures, in pixels (400)")
+    parser.add_argument("--frame", type=int, default=76, help="the orbit's view that the pictures show, 0 to 180 (76)")
     chosen = parser.parse_args()
     scripts.run(lambda: paint(chosen), __file__)
 
 
 def paint(chosen) -> None:
-    """Paint style after style, each a stage that is not done twice."""
+    """Paint one style after another; each is a stage, which is not repeated once it is finished."""
     from svv.cli.options import parse_mapping
     from svv.fields.scene import Scene
     from svv.io.images import read_style
@@ -54,7 +53,7 @@ def paint(chosen) -> None:
     if not 0 <= chosen.frame <= 180:
         raise BadInput(f"The orbit has the frames 0 to 180, not {chosen.frame}.")
     files = pictures(chosen.styles)
-    read = [read_style(file) for file in files]  # what cannot be read is told before minutes of work
+    read = [read_style(file) for file in files]  # report unreadable files before minutes of work
     mapping = None if chosen.map is None else parse_mapping(chosen.map)
     options = options_of(PaintOptions, chosen, mapping=mapping, keep=tuple(chosen.keep))
     scene = Scene.load(chosen.scene)
@@ -86,20 +85,20 @@ def paint(chosen) -> None:
 
 
 def pictures(paths: list[Path]) -> list[Path]:
-    """The pictures among files and folders; raises BadInput where there is none, or two have one name."""
+    """Return the pictures among files and folders; raise BadInput if a folder has none or two have the same name."""
     found: list[Path] = []
     for path in paths:
         if path.is_dir():
             inside = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
             if not inside:
-                raise BadInput(f"{path} holds no pictures ({', '.join(SUFFIXES)}).")
+                raise BadInput(f"The folder {path} contains no pictures ({', '.join(SUFFIXES)}): name another.")
             found += inside
         else:
             found.append(path)
     names = [path.stem for path in found]
     for name in names:
         if names.count(name) > 1:
-            raise BadInput(f"Two pictures have the name {name}; rename one, for results are named after them.")
+            raise BadInput(f"Two pictures have the name {name}: rename one, because the results are named after them.")
     return found
 
 

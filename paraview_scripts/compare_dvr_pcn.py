@@ -1,8 +1,8 @@
-"""Direct volume rendering against a scene's palette network: time, memory and likeness over the size of the volume.
+"""Compare direct volume rendering (DVR) with a scene's palette network (PCN) by volume size: time, memory, similarity.
 
-One generated field is sampled at several resolutions. For each, a scene is trained on 92 views, and both sides render
-the same unseen views, each in a process of its own: DVR with VTK's ray caster on the volume, the palette colour network
-(PCN) from the scene file alone. What was measured is not measured again; stopped with Ctrl-C, the same command goes on.
+A generated field is sampled at several resolutions. For each, a scene is trained on 92 views, and both sides render the
+same unseen views in separate processes: DVR with VTK's ray caster on the volume, and the palette network from the scene
+file alone. After Ctrl-C, the same command resumes; nothing is measured twice.
 
 Run it with `svv pvpython`, or with a Python that has vtk and svv. The results are compare.csv, compare.md (a table) and
 compare.png (a chart).
@@ -29,7 +29,7 @@ EXAMPLES = (
     "svv pvpython compare_dvr_pcn.py --volumes 128 256 --images 400 --preset draft --out quick",
 )
 VIEWS = 7
-"""Unseen views, each rendered once on either side after a warm-up; the median is over them."""
+"""Number of unseen views, each rendered once by each side after a warm-up; the median is taken over them."""
 
 COLUMNS = (
     "side", "volume", "image", "seconds_median", "seconds_least", "seconds_most", "psnr", "psnr_foreground", "ssim",
@@ -40,21 +40,21 @@ COLUMNS = (
 def main() -> None:
     """Read the arguments and measure."""
     parser = scripts.parser(__doc__, *EXAMPLES)
-    parser.add_argument("--out", "-o", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--out", "-o", type=Path, required=True, help="folder for the results")
     many = {"type": int, "nargs": "+", "metavar": "N"}
-    parser.add_argument("--volumes", **many, default=[128, 256, 512, 1024], help="voxels along a side")
-    parser.add_argument("--images", **many, default=[400, 800, 1200], help="pixels along a side")
+    parser.add_argument("--volumes", **many, default=[128, 256, 512, 1024], help="voxels along each side")
+    parser.add_argument("--images", **many, default=[400, 800, 1200], help="pixels along each side")
     training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed"}
     add_arguments(parser, TrainOptions(preset="fast"), training)
     parser.add_argument("--views", type=int, default=92, metavar="N", help="training views of 800 x 800 pixels (92)")
-    parser.add_argument("--ray-caster", default="auto", choices=("auto", "gpu", "cpu"), help="of DVR (auto)")
-    parser.add_argument("--step", help="one step of the work, in a process of its own (the script calls itself)")
+    parser.add_argument("--ray-caster", default="auto", choices=("auto", "gpu", "cpu"), help="ray caster of DVR (auto)")
+    parser.add_argument("--step", help="run a single step of the work (used when the script calls itself)")
     chosen = parser.parse_args()
     scripts.run(lambda: STEPS[chosen.step](chosen) if chosen.step else compare(chosen), __file__)
 
 
 def compare(chosen) -> None:
-    """Do every step that has not been done, then write table and chart."""
+    """Do every step that is not finished yet, then write table and chart."""
     from svv.job.stages import Stages
 
     if min(chosen.volumes) < 16 or min(chosen.images) < 16:
@@ -84,7 +84,7 @@ def compare(chosen) -> None:
 
 
 def in_a_process(chosen, step: str, volume: int) -> None:
-    """Run one step of this script in another process; its progress goes to the same standard error."""
+    """Run one step of this script in another process, which shows its progress on the same standard error."""
     print(f"{volume}^3: {step}", file=sys.stderr, flush=True)
     command = [
         scripts.interpreter(), __file__, "--step", step, "--out", chosen.out / str(volume), "--volumes", volume,
@@ -96,20 +96,20 @@ def in_a_process(chosen, step: str, volume: int) -> None:
     if code == 130:
         raise Cancelled
     if code:
-        raise BadInput(f"The step {step} for {volume}^3 voxels ended with code {code}; what it said stands above.")
+        raise BadInput(f"The step {step} for {volume}^3 voxels ended with code {code}; its messages are above.")
 
 
-# --- steps, each in a process of its own ------------------------------------------------------------------------------
+# --- steps, each in a separate process --------------------------------------------------------------------------------
 
 
 def generate(chosen) -> None:
-    """Write the volume, one byte a voxel."""
+    """Write the volume, with one byte per voxel."""
     from vtkmodules.vtkIOImage import vtkMetaImageWriter
 
     from svv.dvr.demo_volume import demo_volume
     from svv.io.atomic import atomic_path
 
-    # No .vti: beside an updated expat ParaView 5.11 reads none with appended data, and other data is a third larger.
+    # Not .vti: with a newer expat, ParaView 5.11 cannot read appended data, and other encodings are a third larger.
     with atomic_path(chosen.out / "volume.mha") as temporary:
         writer = vtkMetaImageWriter()
         writer.SetFileName(str(temporary))
@@ -137,7 +137,7 @@ def train(chosen) -> None:
 
 
 def dvr(chosen) -> None:
-    """Render the volume from unseen cameras; keep the images, which are the truth for the other side."""
+    """Render the volume from unseen cameras; keep the images as the ground truth for the other side."""
     from svv.dvr.mappers import Shading, choose_mapper
     from svv.dvr.stage import set_stage
     from svv.dvr.views import STEP
@@ -150,7 +150,7 @@ def dvr(chosen) -> None:
         stage = set_stage(read_volume(file), function())
         kind = choose_mapper(chosen.ray_caster)
         mapper = kind(stage, Shading(), STEP[kind.name] * stage.voxel)
-        mapper.render(unseen(chosen, 64)[0])  # gradients and tables are computed for the first image
+        mapper.render(unseen(chosen, 64)[0])  # the first image computes gradients and tables
     rows = []
     for size in chosen.images:
         images, row = timed(mapper.render, unseen(chosen, size))
@@ -189,14 +189,14 @@ STEPS = {"generate": generate, "train": train, "dvr": dvr, "pcn": pcn}
 
 
 def function():
-    """The demo's transfer function, for whole numbers of 0 to 255."""
+    """Return the demo's transfer function for integer values from 0 to 255."""
     from svv.dvr.demo_volume import demo_transfer_function
 
     return demo_transfer_function().mapped(255.0, 0.0)
 
 
 def unseen(chosen, size: int) -> list:
-    """Views from the orbit, none of which is a training view."""
+    """Return cameras on the orbit, none of which is a training view's."""
     from svv.fields.scene import Scene
     from svv.render.frames import orbit
 
@@ -205,7 +205,7 @@ def unseen(chosen, size: int) -> list:
 
 
 def timed(render, cameras) -> tuple[list, dict]:
-    """Images from all cameras, and what one costs: seconds, and the peak memory of the process meanwhile."""
+    """Return the images from all cameras, and their cost: seconds per image, and the peak memory of the process."""
     import time
 
     from svv.measure import measured
@@ -224,7 +224,7 @@ def timed(render, cameras) -> tuple[list, dict]:
 
 
 def gpu_bytes() -> int | None:
-    """Memory that this process holds on the graphics card; None where no nvidia-smi tells."""
+    """Return the GPU memory of this process in bytes; None if nvidia-smi does not report it."""
     import os
 
     tool = shutil.which("nvidia-smi")
@@ -240,7 +240,7 @@ def gpu_bytes() -> int | None:
 
 
 def write_results(out: Path, rows: list[dict]) -> None:
-    """All rows as CSV, as a table and as a chart."""
+    """Write all rows as CSV, as a table and as a chart."""
     from svv.io.atomic import atomic_path
 
     with atomic_path(out / "compare.csv") as temporary, temporary.open("w", newline="") as file:
@@ -254,7 +254,7 @@ def write_results(out: Path, rows: list[dict]) -> None:
 
 
 def table(rows: list[dict]) -> str:
-    """Both sides in one line for each size, like the paper's table, and where they cross."""
+    """Return a table with both sides in one line per size, as in the paper, and the sizes at which they cross."""
     head = ["volume", "image", "DVR time", "DVR memory", "volume file", "PCN time", "PCN memory", "scene file"]
     head += ["PSNR", "foreground", "SSIM"]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
@@ -268,7 +268,7 @@ def table(rows: list[dict]) -> str:
 
 
 def costs(row: dict) -> list[str]:
-    """Time with its spread, memory and file of one side."""
+    """Return one side's time with its range, memory, and file size, as texts."""
     seconds = [1e3 * row[f"seconds_{name}"] for name in ("median", "least", "most")]
     return [
         f"{seconds[0]:.0f} ms ({seconds[1]:.0f} to {seconds[2]:.0f})", f"{row['memory_bytes'] / 1e9:.2f} GB",
@@ -277,7 +277,7 @@ def costs(row: dict) -> list[str]:
 
 
 def crossing(rows: list[dict], key: str, name: str) -> str:
-    """A sentence about where the curves of both sides cross, at the largest image."""
+    """Return a sentence about the volume size at which the two sides' curves cross, for the largest image."""
     image = max(row["image"] for row in rows)
     sides = [{r["volume"]: r[key] for r in rows if (r["side"], r["image"]) == (side, image)} for side in ("DVR", "PCN")]
     volumes = sorted(sides[0])
@@ -293,7 +293,7 @@ def crossing(rows: list[dict], key: str, name: str) -> str:
 
 
 def draw_chart(rows: list[dict], path: Path) -> None:
-    """Time and memory over the size of the volume, both axes logarithmic: VTK's charts, as they are in ParaView too."""
+    """Draw time and memory over the size of the volume, on logarithmic axes, with VTK's charts, which ParaView has."""
     from vtkmodules.vtkCommonDataModel import vtkRectf
     from vtkmodules.vtkIOImage import vtkPNGWriter
     from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
@@ -324,7 +324,7 @@ def draw_chart(rows: list[dict], path: Path) -> None:
 
 
 def chart_of(rows: list[dict], key: str, title: str):
-    """One chart: DVR in reds, the PCN in blues, darker for larger images."""
+    """Return a chart with DVR in red and the PCN in blue, darker for larger images."""
     from vtkmodules.vtkChartsCore import vtkAxis, vtkChart, vtkChartLegend, vtkChartXY
     from vtkmodules.vtkCommonDataModel import vtkTable
 
@@ -342,7 +342,7 @@ def chart_of(rows: list[dict], key: str, title: str):
             data.AddColumn(column("x", np.log2([point[0] for point in points])))
             data.AddColumn(column(f"{side}, {image}^2", np.log10([point[1] for point in points])))
             light = 0.55 * (len(images) - 1 - step) / max(len(images) - 1, 1)
-            line = chart.AddPlot(vtkChart.LINE if len(points) > 1 else vtkChart.POINTS)  # VTK complains of lines of one
+            line = chart.AddPlot(vtkChart.LINE if len(points) > 1 else vtkChart.POINTS)  # VTK warns of one-point lines
             line.SetInputData(data, 0, 1)
             line.SetColor(*(int(c + (255 - c) * light) for c in colour), 255)
             line.SetWidth(2.5)
@@ -366,7 +366,7 @@ def chart_of(rows: list[dict], key: str, title: str):
 
 
 def column(name: str, values):
-    """Numbers as VTK keeps them."""
+    """Return numbers as a VTK array."""
     from vtkmodules.vtkCommonCore import vtkDoubleArray
 
     array = vtkDoubleArray()
@@ -377,7 +377,7 @@ def column(name: str, values):
 
 
 def words(texts):
-    """Texts as VTK keeps them."""
+    """Return texts as a VTK array."""
     from vtkmodules.vtkCommonCore import vtkStringArray
 
     array = vtkStringArray()

@@ -1,4 +1,4 @@
-"""Colours, opacities and lighting of a scene's regions: a pipeline of StyleRF's filters, without any training.
+"""Edit colours, opacities and lighting of a scene's regions with a pipeline of StyleRF filters, without any training.
 
 Run it with `svv pvpython`. Without an edit it lists the regions.
 """
@@ -26,19 +26,19 @@ def main() -> None:
     parser.add_argument("--colour", nargs="+", default=[], metavar="K=#rrggbb", help="a region's new colour")
     parser.add_argument("--opacity", nargs="+", default=[], metavar="K=F", help="factor on a region's opacity; 0 hides")
     parser.add_argument("--lighting", nargs="+", default=[], metavar="K=F", help="factor on a region's lighting")
-    parser.add_argument("--hide", type=int, nargs="+", default=[], metavar="K", help="regions that are not seen")
-    parser.add_argument("--isolate", default="", metavar="K,...", help="regions that alone are seen")
+    parser.add_argument("--hide", type=int, nargs="+", default=[], metavar="K", help="regions to hide")
+    parser.add_argument("--isolate", default="", metavar="K,...", help="the only regions to show")
     parser.add_argument("--show", default="image", choices=SHOWN, help="what the picture shows")
-    parser.add_argument("--out", "-o", type=Path, help="write the edited scene here")
-    parser.add_argument("--picture", type=Path, help="write a picture of it here (.png or .vti)")
-    parser.add_argument("--size", type=int, default=800, help="pixels along a side of the picture (800)")
-    parser.add_argument("--state", type=Path, help="write the pipeline here, for ParaView's File > Load State")
+    parser.add_argument("--out", "-o", type=Path, help="file for the edited scene")
+    parser.add_argument("--picture", type=Path, help="file for a picture of it (.png or .vti)")
+    parser.add_argument("--size", type=int, default=800, help="width and height of the picture, in pixels (800)")
+    parser.add_argument("--state", type=Path, help="file for the pipeline, for ParaView's File > Load State")
     chosen = parser.parse_args()
     scripts.run(lambda: edit(chosen), __file__)
 
 
 def edit(chosen) -> None:
-    """Build the pipeline scene - edit - image, and write what is asked for."""
+    """Build the pipeline scene - edit - image, and write the requested files."""
     from paraview import simple
 
     from svv.io.atomic import check_writable
@@ -63,7 +63,7 @@ def edit(chosen) -> None:
         setattr(edited, f"Region{region}Hide", 1)
     for row in scripts.table_of(edited):
         print(", ".join(f"{name} {value}" for name, value in row.items()))
-    # The orbit's frame from the front, a little above.
+    # This frame of the orbit looks from the front, slightly from above.
     image = simple.StyleRFRender(Input=edited, ImageSize=[chosen.size] * 2, Show=chosen.show, Frame=76)
     if chosen.picture is not None:
         scripts.update(image)
@@ -75,12 +75,12 @@ def edit(chosen) -> None:
 
 
 def pairs(texts: list[str], count: int) -> list[tuple[int, str]]:
-    """['0=a', '2=b'] as [(0, 'a'), (2, 'b')]; raises BadInput for other text, and regions that are not there."""
+    """Parse ['0=a', '2=b'] as [(0, 'a'), (2, 'b')]; raise BadInput for other text and for missing regions."""
     found = []
     for text in texts:
         number, _, value = text.partition("=")
         if not (number.isdecimal() and value):
-            raise BadInput(f"'{text}' is no edit; write region=value, for example 0=0.5.")
+            raise BadInput(f"'{text}' is not an edit: write region=value, for example 0=0.5.")
         if int(number) >= count:
             raise BadInput(f"There is no region {number}; the scene has {count}, counted from 0.")
         found.append((int(number), value))
@@ -88,7 +88,7 @@ def pairs(texts: list[str], count: int) -> list[tuple[int, str]]:
 
 
 def factor(text: str) -> float:
-    """A number of at least 0; raises BadInput for anything else."""
+    """Parse a number that is at least 0; raise BadInput for anything else."""
     try:
         value = float(text)
     except ValueError:

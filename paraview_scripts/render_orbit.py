@@ -1,4 +1,4 @@
-"""The way around a scene, as a movie or as frames; beside it, if you like, the volume as ParaView renders it.
+"""Render an orbit around a scene as a movie or as frames, optionally next to the volume as ParaView renders it.
 
 Run it with `svv pvpython`.
 """
@@ -21,20 +21,22 @@ def main() -> None:
     """Read the arguments and render."""
     parser = scripts.parser(__doc__, *EXAMPLES)
     parser.add_argument("scene", type=Path, help="a trained scene (.svv)")
-    parser.add_argument("--out", "-o", type=Path, required=True, help="an .mp4, or a folder of frames")
-    parser.add_argument("--network", nargs="+", choices=("base", "pcn", "styled"), help="columns; by default the last")
-    parser.add_argument("--volume", type=Path, help="one column more: this volume, or this state's (.pvsm)")
+    parser.add_argument("--out", "-o", type=Path, required=True, help="an .mp4 file, or a folder for the frames")
+    parser.add_argument(
+        "--network", nargs="+", choices=("base", "pcn", "styled"), help="a column for each; by default the last network"
+    )
+    parser.add_argument("--volume", type=Path, help="an additional column: this volume, or that of this state (.pvsm)")
     parser.add_argument("--tf", type=Path, help="its transfer function, a ParaView preset; by default as it is shown")
-    parser.add_argument("--array", help="name of its array, where the file has several")
-    parser.add_argument("--frames", type=int, default=181, metavar="N", help="views on the way (181)")
-    parser.add_argument("--size", type=int, default=400, metavar="PIXELS", help="of each column (400)")
-    parser.add_argument("--fps", type=float, default=30.0, help="frames a second of a movie (30)")
+    parser.add_argument("--array", help="name of its array, if the file has several")
+    parser.add_argument("--frames", type=int, default=181, metavar="N", help="number of frames (181)")
+    parser.add_argument("--size", type=int, default=400, metavar="PIXELS", help="width and height of each column (400)")
+    parser.add_argument("--fps", type=float, default=30.0, help="frames per second of a movie (30)")
     chosen = parser.parse_args()
     scripts.run(lambda: render(chosen), __file__)
 
 
 def render(chosen) -> None:
-    """Render frame by frame."""
+    """Render the orbit frame by frame."""
     from svv.fields.scene import Scene
     from svv.io.atomic import check_writable, make_folder
     from svv.io.output import write_mp4, write_png
@@ -43,7 +45,7 @@ def render(chosen) -> None:
     from svv.render.pictures import over_white, sheet
 
     if chosen.frames < 2 or not 16 <= chosen.size <= 4096:
-        raise BadInput("An orbit needs at least 2 frames, of 16 to 4096 pixels.")
+        raise BadInput("An orbit needs at least 2 frames, and a size of 16 to 4096 pixels.")
     movie = chosen.out.suffix == ".mp4"
     if movie:
         check_writable(chosen.out)
@@ -72,7 +74,7 @@ def render(chosen) -> None:
 
 
 def as_paraview_renders(view, camera) -> np.ndarray:
-    """What a 3D view of ParaView shows from a camera, on white, (height, width, 3) uint8."""
+    """Return what a 3D view of ParaView shows from a camera, on white. (height, width, 3) uint8"""
     from paraview import simple
     from vtkmodules.util.numpy_support import vtk_to_numpy
 

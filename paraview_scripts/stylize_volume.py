@@ -1,6 +1,6 @@
-"""From a volume as ParaView shows it to stylized images: views, a scene, styles, an orbit, and a page about it all.
+"""Make stylized images of a volume as ParaView shows it: views, a scene, paintings, an orbit, and a report page.
 
-Run it with `svv pvpython`. Stopped with Ctrl-C, the same command goes on where it was.
+Run it with `svv pvpython`. After Ctrl-C, the same command resumes.
 """
 
 from pathlib import Path
@@ -20,10 +20,10 @@ def main() -> None:
     """Read the arguments and do the job."""
     parser = scripts.parser(__doc__, *EXAMPLES)
     parser.add_argument("volume", type=Path, help="a volume that ParaView reads, or a state (.pvsm) that shows one")
-    parser.add_argument("--out", "-o", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--out", "-o", type=Path, required=True, help="folder for the results")
     parser.add_argument("--tf", type=Path, help="transfer function, a ParaView preset; by default as it is shown")
-    parser.add_argument("--array", help="name of the array, where the file has several")
-    parser.add_argument("--style", type=Path, action="append", default=[], help="a picture; may be given several times")
+    parser.add_argument("--array", help="name of the array, if the file has several")
+    parser.add_argument("--style", type=Path, action="append", default=[], help="a style picture; may be repeated")
     training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed", "lighting": "--lighting"}
     add_arguments(parser, TrainOptions(preset="fast"), training)
     add_arguments(parser, ViewOptions(test=8), {"n": "--views", "test": "--test", "size": "--size"})
@@ -33,7 +33,7 @@ def main() -> None:
 
 
 def stylize(chosen) -> None:
-    """Do the job, then render the scene as the view saw the volume."""
+    """Do the job, then render the scene from the camera of the view."""
     from svv.fields.scene import Scene
     from svv.job.run import run_job
     from svv.job.steps import JobSettings

@@ -165,7 +165,7 @@ BAD = {
     ("render_orbit.py", "out/scene.svv", "--frames", "1", "--out", "orbit"): "at least 2 frames",
     ("edit_palette.py", "out/scene.svv", "--colour", "99=#ff0000"): "no region 99",
     ("edit_palette.py", "out/scene.svv", "--opacity", "0=-1"): "at least 0",
-    ("batch_styles.py", "out/scene.svv", "out/orbit", "--out", "painted"): "holds no pictures",
+    ("batch_styles.py", "out/scene.svv", "out/orbit", "--out", "painted"): "contains no pictures",
     ("batch_styles.py", "out/scene.svv", "brush.png", "out/../brush.png", "--out", "painted"): "rename one",
     ("compare_dvr_pcn.py", "--volumes", "4", "--out", "compared"): "at least 16",
 }

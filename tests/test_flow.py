@@ -61,7 +61,7 @@ def test_what_is_unknown_or_behind_has_no_flow() -> None:
     assert np.isnan(camera_flow(camera, back, depth)).all()  # 6 units behind it
     depth[3, 5] = np.nan
     assert np.argwhere(np.isnan(camera_flow(camera, camera, depth)).all(-1)).tolist() == [[3, 5]]
-    with pytest.raises(BadInput, match="render it anew"):
+    with pytest.raises(BadInput, match="render it again"):
         camera_flow(camera, camera, depth[1:])
 
 

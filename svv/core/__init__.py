@@ -1,1 +1,1 @@
-"""Pure maths on NumPy and torch: no VTK, no files, no devices, no globals."""
+"""Pure mathematics on NumPy and torch: no VTK, no files, no devices, no globals."""

@@ -1,8 +1,8 @@
-"""The one mapping between a volume's world and the box in which everything is trained and rendered.
+"""The mapping between a volume's world and the unit box in which everything is trained and rendered.
 
 Whatever a volume's spacing, origin or direction, its visible part lies in a box whose longest side is 1. Positions in
-that box are box coordinates, lengths are box units. The mapping is a shift and one scale, so directions are the same
-in both. It is done in float64: a world may be 1e-9 or 1e6 units wide.
+that box are box coordinates and lengths are box units. The mapping is a shift and a uniform scale, so directions are
+the same in both. It is computed in float64, because a world may be 1e-9 or 1e6 units wide.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from svv.errors import BadInput
 
 @dataclass(frozen=True)
 class Box:
-    """An axis-aligned box of the world.
+    """An axis-aligned box in the world.
 
-    ``low`` is its lowest corner and ``size`` its longest side, both in world units; ``extent`` are its sides in box
+    ``low`` is its lowest corner and ``size`` its longest side, both in world units; ``extent`` holds its sides in box
     units, in (0, 1], the longest being 1.
     """
 
@@ -29,10 +29,10 @@ class Box:
 
     @classmethod
     def of_bounds(cls, low: ArrayLike, high: ArrayLike) -> Box:
-        """The box between two corners, each (3,) in world units.
+        """Return the box between two corners, each (3,) in world units.
 
         Raises:
-            BadInput: the corners are not finite or enclose nothing.
+            BadInput: The corners are not finite or enclose no volume.
         """
         a, b = np.asarray(low, np.float64), np.asarray(high, np.float64)
         sides = b - a
@@ -43,14 +43,14 @@ class Box:
         return cls((float(a[0]), float(a[1]), float(a[2])), size, (x, y, z))
 
     def to_box(self, points: ArrayLike) -> NDArray[np.float64]:
-        """World points (..., 3) to box coordinates (..., 3)."""
+        """Convert world points (..., 3) to box coordinates (..., 3)."""
         return (np.asarray(points, np.float64) - self.low) / self.size
 
     def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Box coordinates (..., 3) to world points (..., 3)."""
+        """Convert box coordinates (..., 3) to world points (..., 3)."""
         return np.asarray(points, np.float64) * self.size + self.low
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """Lowest and highest corner in world units. (2, 3)"""
+        """Lowest and highest corners in world units. (2, 3)"""
         return self.to_world(np.stack([np.zeros(3), np.asarray(self.extent)]))

@@ -1,8 +1,7 @@
-"""Pinhole cameras and the directions from which a volume is looked at.
+"""Pinhole cameras and the directions from which a volume is viewed.
 
 Convention: OpenGL camera-to-world matrices (x right, y up, the camera looks along -z), world y up, square
-pixels, the principal point in the middle of the image. Lengths are in the volume's own world units, angles in
-radians.
+pixels, the principal point at the centre of the image. Lengths are in the volume's world units, angles in radians.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ from svv.errors import BadInput
 Array = NDArray[np.float64]
 
 ROTATION_TOLERANCE = 1e-3
-"""Largest entry of |R^T R - I| that still counts as a rotation: view sets round theirs to 1e-8 ... 1e-4."""
+"""Largest entry of |R^T R - I| for which R counts as a rotation: view sets round theirs to 1e-8 ... 1e-4."""
 
 POLE_LIMIT = np.radians(89.99)
-"""Latitude at which the orbit stops short of the pole, where 'up' is undefined (as the paper's code does)."""
+"""Largest latitude of the orbit, in radians: 'up' is undefined at the poles (as in the paper's code)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class Camera:
         height: Pixels, >= 1.
 
     Raises:
-        BadInput: The matrix is not finite, its 3x3 part is no rotation, or an angle or size is out of range.
+        BadInput: The matrix is not finite, its 3x3 part is not a rotation, or an angle or size is out of range.
     """
 
     camera_to_world: Array
@@ -55,7 +54,7 @@ class Camera:
         off = np.abs(rotation.T @ rotation - np.eye(3)).max()
         if off > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
             raise BadInput(
-                "A camera matrix must hold a rotation (no scale, shear or mirror), but its 3x3 part is none "
+                "A camera matrix must contain a rotation (no scale, shear or mirror), but its 3x3 part is not one "
                 f"(R^T R is off by {off:.3g}, its determinant is {np.linalg.det(rotation):.3g}); "
                 "check transform_matrix."
             )
@@ -63,13 +62,13 @@ class Camera:
             raise BadInput(f"A camera's angle of view must lie between 0 and pi radians, not {self.fov_x}.")
         if self.width < 1 or self.height < 1:
             raise BadInput(f"A camera's image needs at least one pixel, not {self.width} x {self.height}.")
-        matrix[3] = (0.0, 0.0, 0.0, 1.0)  # other people's files carry 1e-8 here
+        matrix[3] = (0.0, 0.0, 0.0, 1.0)  # files from other programs have 1e-8 here
         matrix.setflags(write=False)
         object.__setattr__(self, "camera_to_world", matrix)
 
     @cached_property
     def position(self) -> Array:
-        """Where the camera stands, (3,) world units."""
+        """Position of the camera in world units. (3,)"""
         return self.camera_to_world[:3, 3]
 
     @property
@@ -78,7 +77,7 @@ class Camera:
         return 0.5 * self.width / float(np.tan(0.5 * self.fov_x))
 
     def rays(self) -> tuple[Array, Array]:
-        """Rays through the pixel centres, row 0 at the top.
+        """Return the rays through the pixel centres, row 0 at the top.
 
         Returns:
             Origins (height, width, 3) in world units and unit directions (height, width, 3).
@@ -91,19 +90,19 @@ class Camera:
         return np.broadcast_to(self.position, directions.shape).copy(), directions
 
     def resized(self, width: int, height: int) -> Camera:
-        """The same camera with another image size; the horizontal angle of view stays."""
+        """Return the camera with another image size and the same horizontal angle of view."""
         return replace(self, width=width, height=height)
 
 
 def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0.0)) -> Array:
-    """Camera-to-world matrix of a camera at ``position`` that looks at ``target``.
+    """Return the camera-to-world matrix of a camera at ``position`` that looks at ``target``.
 
-    Where ``up`` is parallel to the view direction, the axis least parallel to it stands in.
+    If ``up`` is parallel to the view direction, the z axis replaces it; for views close to the z axis, the x axis.
 
     Args:
         position: (3,) world units.
         target: (3,) world units, different from ``position``.
-        up: (3,) direction that shall point up in the image.
+        up: (3,) direction that points up in the image.
 
     Returns:
         (4, 4) float64.
@@ -128,7 +127,7 @@ def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0
 
 
 def geodesic_class(n: int) -> tuple[int, int] | None:
-    """The (h, k), h >= k >= 0, with n = 10 (h^2 + h k + k^2) + 2, or None where n is no geodesic count."""
+    """Return (h, k), h >= k >= 0, with n = 10 (h^2 + h k + k^2) + 2, or None if n is not of this form."""
     t, rest = divmod(n - 2, 10)
     if rest or t < 1:
         return None
@@ -140,9 +139,9 @@ def geodesic_class(n: int) -> tuple[int, int] | None:
 
 
 def geodesic_directions(n: int) -> Array:
-    """``n`` directions spread evenly over the sphere.
+    """Return ``n`` directions spread evenly over the sphere.
 
-    Vertices of the geodesic icosahedron of class (h, k) (Caspar & Klug 1962) where n = 10 T + 2 with
+    They are the vertices of the geodesic icosahedron of class (h, k) (Caspar & Klug 1962) if n = 10 T + 2 with
     T = h^2 + h k + k^2 (12, 32, 42, 72, 92, 122, 132, 162, 192, 212, ..., 312); the 92, 42 and 312 viewpoints
     of StyleRF-VolVis are of this kind. Any other n gives a Fibonacci spiral.
 
@@ -166,7 +165,7 @@ def geodesic_directions(n: int) -> Array:
     h, k = found
     t = h * h + h * k + k * k
     # Barycentric coordinates (times T) of the triangular lattice's points (i, j) in the triangle (0, 0),
-    # (h, k), (-k, h + k): whole numbers, so that the points on an edge are told exactly.
+    # (h, k), (-k, h + k): integers, so that points on an edge are identified exactly.
     i, j = np.meshgrid(np.arange(-k, h + 1), np.arange(h + k + 1), indexing="ij")
     b, c = (h + k) * i + k * j, h * j - k * i
     inside = (b >= 0) & (c >= 0) & (b + c <= t)
@@ -180,7 +179,7 @@ def geodesic_directions(n: int) -> Array:
 
 
 def icosahedron() -> tuple[Array, NDArray[np.intp]]:
-    """Vertices (12, 3) on the unit sphere and faces (20, 3), all turning the same way seen from outside."""
+    """Return vertices (12, 3) on the unit sphere and faces (20, 3), all with the same winding seen from outside."""
     golden = 0.5 * (1.0 + np.sqrt(5.0))
     signs = [(a, b) for a in (-1.0, 1.0) for b in (-golden, golden)]
     corners = np.array([np.roll((0.0, b, a), shift) for shift in range(3) for a, b in signs])
@@ -196,7 +195,7 @@ def icosahedron() -> tuple[Array, NDArray[np.intp]]:
 
 
 def sphere_cameras(n: int, centre: ArrayLike, radius: float, fov_x: float, size: int) -> list[Camera]:
-    """``n`` cameras on a sphere (see ``geodesic_directions``) that look at its centre.
+    """Return ``n`` cameras on a sphere (see ``geodesic_directions``) that look at its centre.
 
     Args:
         n: Number of cameras, >= 3.
@@ -219,11 +218,11 @@ def orbit_cameras(
     size: int = 800,
     frames: Sequence[int] | None = None,
 ) -> list[Camera]:
-    """The path on which results are shown and tested: from the south to the north pole in one whole turn.
+    """Return the camera path for showing and testing results: from the south to the north pole in one full turn.
 
     phi = -90 ... 90 degrees in n steps, theta = 2 phi, direction
-    (cos phi cos theta, sin phi, -cos phi sin theta): the 181 inference views of StyleRF-VolVis. Its first and
-    last view stand 0.01 degree off the poles.
+    (cos phi cos theta, sin phi, -cos phi sin theta): the 181 inference views of StyleRF-VolVis. The first and
+    last views are 0.01 degrees from the poles.
 
     Args:
         n: Number of views, >= 2.
@@ -231,7 +230,7 @@ def orbit_cameras(
         radius: World units, > 0.
         fov_x: Full horizontal angle in radians.
         size: Width and height of the square images, pixels.
-        frames: Which of the n views, 0 to n - 1; by default all.
+        frames: Numbers of the views to return, 0 to n - 1; all by default.
 
     Raises:
         BadInput: Fewer than 2 views, or a radius, an angle or a size out of range.
@@ -249,20 +248,20 @@ def orbit_cameras(
 
 @dataclass(frozen=True)
 class CameraRig:
-    """Where cameras stand around what they look at; from there, other cameras look at it as well.
+    """The sphere on which a scene's cameras lie; other cameras can be placed on it, too.
 
     Raises:
-        BadInput: A centre, a radius, an angle of view or a size that is none.
+        BadInput: The centre, radius or angle of view is not finite or out of range.
     """
 
     centre: tuple[float, float, float]
-    """The point that they look at, world units."""
+    """The point that the cameras look at, in world units."""
     radius: float
-    """Their distance from it, world units, >= 0."""
+    """Distance of the cameras from the centre in world units, >= 0."""
     fov_x: float
-    """Their full horizontal angle of view in radians, in (0, pi)."""
+    """Full horizontal angle of view in radians, in (0, pi)."""
     size: tuple[int, int] | None = None
-    """Width and height of their images in pixels, where that is known."""
+    """Width and height of the images in pixels, if known."""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.centre).all():
@@ -274,10 +273,10 @@ class CameraRig:
 
     @classmethod
     def of(cls, cameras: Sequence[Camera]) -> CameraRig:
-        """That of some cameras: the point nearest to all their axes, and the medians of their distances and angles."""
+        """Return the rig of some cameras: the point nearest to all axes, and the median distance and angle of view."""
         positions = np.stack([c.camera_to_world[:3, 3] for c in cameras])
         axes = np.stack([-c.camera_to_world[:3, 2] for c in cameras])
-        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # removes what lies along the axis
+        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # removes the component along the axis
         centre = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, positions), rcond=None)[0]
         x, y, z = (float(v) for v in centre)
         radius = float(np.median(np.linalg.norm(positions - centre, axis=1)))
@@ -286,14 +285,14 @@ class CameraRig:
 
     @classmethod
     def from_json(cls, content: object, name: str = "camera_rig") -> CameraRig:
-        """The inverse of :meth:`to_json`.
+        """Create a rig from the output of :meth:`to_json`.
 
         Args:
-            content: What a file holds.
-            name: What errors call it.
+            content: The JSON value read from a file.
+            name: Name of the value in error messages.
 
         Raises:
-            BadInput: a value that is missing or none.
+            BadInput: A value is missing or invalid.
         """
         values = object_in(content, name)
         centre = vector_in(needed(values, "centre", name), f"{name}.centre")
@@ -308,28 +307,28 @@ class CameraRig:
             raise BadInput(f"{name}: {error}") from None
 
     def to_json(self) -> dict[str, object]:
-        """As plain values under the names of the fields, without a size that is not known."""
+        """Return the fields as plain values under their names, without the size if it is unknown."""
         content: dict[str, object] = {"centre": list(self.centre), "radius": self.radius, "fov_x": self.fov_x}
         return content if self.size is None else {**content, "size": list(self.size)}
 
     @property
     def view_width(self) -> float:
-        """Width of what a camera sees at the centre, world units."""
+        """Width of the area that a camera sees at the centre, in world units."""
         return float(2.0 * self.radius * np.tan(self.fov_x / 2.0))
 
     def sphere(self, n: int, size: int) -> list[Camera]:
-        """Cameras all around, see :func:`sphere_cameras`."""
+        """Return cameras spread over the sphere; see :func:`sphere_cameras`."""
         return sphere_cameras(n, self.centre, self.radius, self.fov_x, size)
 
     def orbit(self, n: int, size: int, frames: Sequence[int] | None = None) -> list[Camera]:
-        """Cameras on the path on which results are shown, see :func:`orbit_cameras`."""
+        """Return cameras on the path for showing results; see :func:`orbit_cameras`."""
         return orbit_cameras(n, self.centre, self.radius, self.fov_x, size, frames)
 
 
 def _on_sphere(direction: Array, centre: ArrayLike, radius: float, fov_x: float, size: int) -> Camera:
     if not (np.isfinite(radius) and radius > 0):
         raise BadInput(f"The cameras' distance must be a positive number, not {radius}.")
-    # The rotation comes from the direction alone, so it is the same however small or far off the volume is.
+    # The rotation depends on the direction alone, so it is the same however small or far from the origin the volume is.
     matrix = look_at(direction, np.zeros(3))
     matrix[:3, 3] = np.asarray(centre, dtype=np.float64) + radius * direction
     return Camera(matrix, fov_x, size, size)

@@ -1,4 +1,4 @@
-"""Cells of the box: the references for what is asked of the occupied ones. Letters: (X, Y, Z) cells."""
+"""Operations on the occupied cells of the box: the reference for the kernels. Letters: (X, Y, Z) cells."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from torch import Tensor
 
 
 def leaps(occupied: Tensor) -> Tensor:
-    """How far a ray may leap: 0 in occupied cells, else the chessboard distance to the nearest, at most 255.
+    """Return how far a ray may leap: the chessboard distance to the nearest occupied cell, at most 255.
 
     Args:
         occupied: uint8, on the CPU. (X, Y, Z)
 
     Returns:
-        uint8; 255 everywhere if no cell is occupied. (X, Y, Z)
+        uint8; 0 in occupied cells, 255 everywhere if no cell is occupied. (X, Y, Z)
     """
     if not occupied.any():
         return torch.full_like(occupied, 255)
@@ -24,7 +24,7 @@ def leaps(occupied: Tensor) -> Tensor:
 
 
 def widened(chosen: Tensor) -> Tensor:
-    """Chosen cells and their 26 neighbours. (X, Y, Z) bool -> (X, Y, Z) bool"""
+    """Add the 26 neighbours of each chosen cell. (X, Y, Z) bool -> (X, Y, Z) bool"""
     for axis, length in enumerate(chosen.shape):
         before, after = chosen.narrow(axis, 0, length - 1), chosen.narrow(axis, 1, length - 1)
         chosen = chosen.clone()

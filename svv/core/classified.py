@@ -1,8 +1,8 @@
-"""A volume after classification: what its transfer function makes of each point, before anything is learned.
+"""A classified volume: the extinction and range that the transfer function gives each point, before any training.
 
-A view shows what lies behind one another only as a sum, so a field learned from views alone has to find out where a
-faint shell is, and where the views say little it finds noise. Whoever has the volume knows it: the extinction of a
-point is that of its scalar value, and so is the range of the transfer function that it belongs to.
+A view shows overlapping structures only as a sum, so a field learned from views alone has to discover where a faint
+shell is, and it finds noise where the views say little. If the volume is available, this is known: its scalar value
+determines the extinction of a point and the range of the transfer function that the point belongs to.
 """
 
 from __future__ import annotations
@@ -18,23 +18,24 @@ from svv.errors import BadInput
 
 
 def grid_shape(box: Box, cells: int) -> NDArray[np.int64]:
-    """Cells along each side of a grid over a box with ``cells`` per box unit. (3,)"""
+    """Return the number of cells along each side of a grid over a box with ``cells`` per box unit. (3,)"""
     return np.maximum(1, np.ceil(np.asarray(box.extent) * cells - 1e-6).astype(np.int64))
 
 
 @dataclass(frozen=True)
 class ValueRange:
-    """Values that the transfer function shows alike: a region of the scene.
+    """Scalar values that the transfer function shows alike: a region of the scene.
 
     Raises:
-        BadInput: numbers that are not finite, no interval, or a colour that is none.
+        BadInput: A value is not finite, the interval is empty, or the colour is outside [0, 1].
     """
 
     low: float
+    """Smallest scalar value of the range."""
     high: float
-    """Scalar values of the volume."""
+    """Largest scalar value of the range."""
     colour: tuple[float, float, float]
-    """Mean colour of its extinction, RGB in [0, 1]."""
+    """Mean colour of the range, weighted by extinction, RGB in [0, 1]."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.low, self.high]).all() and self.low <= self.high):
@@ -48,17 +49,17 @@ class ClassifiedVolume:
     """Extinction and range of the transfer function on the vertices of a grid over the visible box.
 
     Args:
-        box: The box, world units.
+        box: The visible box in world units.
         cells: Cells of the grid per box unit, a power of two.
         exponent: Natural logarithm of the extinction in 1 / box unit, from :data:`EMPTY_LOG_EXTINCTION` to
             :data:`OPAQUE_LOG_EXTINCTION`; vertex (i, j, k) lies at (i, j, k) / ``cells`` of the box.
             (X + 1, Y + 1, Z + 1) float16
-        owner: The range that most of a vertex' extinction is of, also where there is none: the next one in value.
-            (X + 1, Y + 1, Z + 1) uint8
+        owner: Number of the range that contributes most of a vertex's extinction; at an empty vertex, the nearest
+            range in value. (X + 1, Y + 1, Z + 1) uint8
         ranges: The visible ranges of the transfer function, in ascending order of their values.
 
     Raises:
-        BadInput: a box, a number of cells, exponents or owners that cannot be, or that do not fit each other.
+        BadInput: The box, the number of cells, the exponents or the owners are invalid or do not fit each other.
     """
 
     box: Box
@@ -73,10 +74,10 @@ class ClassifiedVolume:
         sides = np.asarray(self.box.extent)
         place = np.isfinite([*self.box.low, self.box.size]).all() and self.box.size > 0
         if not (place and len(self.box.low) == len(sides) == 3 and (sides > 0).all() and sides.max() <= 1.0):
-            raise BadInput("The box of a classified volume must be finite, its sides in (0, 1] of its size.")
+            raise BadInput("The box of a classified volume must be finite, with sides in (0, 1] of its size.")
         expected = tuple(grid_shape(self.box, self.cells) + 1)
         if self.exponent.dtype != np.float16 or self.exponent.shape != expected:
-            raise BadInput(f"The exponents of this extinction must be float16 on {expected} vertices.")
+            raise BadInput(f"The exponents of the extinction must be float16 on {expected} vertices.")
         if self.owner.dtype != np.uint8 or self.owner.shape != expected or self.owner.max() >= len(self.ranges):
             raise BadInput(f"The owners must be numbers of the {len(self.ranges)} ranges, on {expected} vertices.")
         if not ((self.exponent >= EMPTY_LOG_EXTINCTION) & (self.exponent <= OPAQUE_LOG_EXTINCTION)).all():
@@ -85,9 +86,9 @@ class ClassifiedVolume:
             )
 
     def at_vertices(self, vertices: NDArray[np.integer], resolution: int) -> NDArray[np.float32]:
-        """Exponents at ``vertices / resolution``: (V, 3) whole numbers -> (V,).
+        """Return the exponents at ``vertices / resolution``: (V, 3) integers -> (V,).
 
-        ``resolution`` must divide ``cells``. Outside the grid it is ``EMPTY_LOG_EXTINCTION``.
+        ``resolution`` must divide ``cells``. Vertices outside the grid get ``EMPTY_LOG_EXTINCTION``.
         """
         if self.cells % resolution:
             raise ValueError(f"resolution {resolution} does not divide {self.cells}")
@@ -97,19 +98,19 @@ class ClassifiedVolume:
         return np.where(((i >= 0) & (i <= last)).all(axis=1), values, np.float32(EMPTY_LOG_EXTINCTION))
 
     def occupied(self, cells: int, least: float) -> NDArray[np.uint8]:
-        """Cells of a grid with ``cells`` per box unit in which an extinction reaches ``least`` (1 / box unit).
+        """Mark the cells of a grid with ``cells`` per box unit where the extinction reaches ``least`` (1 / box unit).
 
         (X, Y, Z) uint8. ``cells`` must be a power of two.
         """
         shape = grid_shape(self.box, cells)
-        parts = max(1, self.cells // cells)  # cells of this grid in one of the other, along an axis
+        parts = max(1, self.cells // cells)  # cells of this grid per cell of the other, along an axis
         copies = max(1, cells // self.cells)
         coarse = -(-shape // copies)
         seen = np.zeros(coarse * parts + 1, bool)
         there = self.exponent >= np.log(least)
         kept = tuple(slice(0, min(a, b)) for a, b in zip(seen.shape, there.shape))
         seen[kept] = there[kept]
-        for axis in range(3):  # a cell has the vertices 0 to `parts`, both included
+        for axis in range(3):  # a cell has the vertices 0 to `parts`, inclusive
             seen = np.moveaxis(seen, axis, 0)
             inner = seen[:-1].reshape(-1, parts, *seen.shape[1:]).any(axis=1)
             seen = np.moveaxis(inner | seen[parts::parts], 0, axis)

@@ -1,6 +1,6 @@
-"""Colours: RGB to HSB and back, hue on its circle, the palette edit, hex codes, blending.
+"""Colours: conversion between RGB and HSB, circular hue, palette edits, hex codes, blending.
 
-RGB is gamma-encoded sRGB as it stands in an image, in [0, 1]. HSB (also called HSV) is hue, saturation and
+RGB is gamma-encoded sRGB as stored in an image, in [0, 1]. HSB (also called HSV) is hue, saturation and
 brightness, all in [0, 1]; hue is a circle on which 0 and 1 are the same red.
 """
 
@@ -18,16 +18,16 @@ WHITE = (1.0, 1.0, 1.0)
 """Background over which images are compared and shown."""
 
 GREY_SATURATION = 0.02
-"""Below it a hue is noise: eight bits cannot tell it."""
+"""Saturation below which a hue is noise, because eight bits cannot resolve it."""
 
 Hue = TypeVar("Hue", float, NDArray[np.float64], Tensor)
 
 
 def rgb_to_hsb(rgb: Tensor) -> Tensor:
-    """Hue, saturation and brightness of RGB colours (Smith 1978).
+    """Convert RGB to hue, saturation and brightness (Smith 1978).
 
     Negative components are read as 0 and brightness may exceed 1, since offset palette colours leave the
-    gamut. Grey has hue 0, black also saturation 0. Gradients are finite everywhere.
+    gamut. Grey has hue 0; black has saturation 0, too. Gradients are finite everywhere.
 
     Args:
         rgb: Colours. (..., 3)
@@ -47,14 +47,14 @@ def rgb_to_hsb(rgb: Tensor) -> Tensor:
         torch.where(value == green, 2 + (blue - red) / divisor, 4 + (red - green) / divisor),
     )
     hue = torch.remainder(sector / 6, 1.0)
-    # a hue a rounding error below 0 comes out of remainder as exactly 1
+    # remainder turns a hue that is a rounding error below 0 into exactly 1
     hue = torch.where((chroma > tiny) & (hue < 1), hue, 0.0)
     saturation = torch.where(value > tiny, chroma / torch.where(value > tiny, value, 1.0), 0.0)
     return torch.stack((hue, saturation, value), -1)
 
 
 def hsb_to_rgb(hsb: Tensor) -> Tensor:
-    """RGB of HSB colours; the hue may lie outside [0, 1) and wraps. (..., 3) -> (..., 3)."""
+    """Convert HSB to RGB; a hue outside [0, 1) wraps around. (..., 3) -> (..., 3)."""
     hue, saturation, value = hsb.unbind(-1)
     k = torch.remainder(torch.tensor([5.0, 3.0, 1.0]).to(hsb) + 6 * hue[..., None], 6.0)
     drop = torch.minimum(k, 4 - k).clamp(0, 1)
@@ -62,17 +62,17 @@ def hsb_to_rgb(hsb: Tensor) -> Tensor:
 
 
 def hsb_array(rgb: NDArray[np.floating]) -> NDArray[np.float64]:
-    """:func:`rgb_to_hsb` of an array. (..., 3) -> (..., 3)."""
+    """Apply :func:`rgb_to_hsb` to an array. (..., 3) -> (..., 3)."""
     return np.asarray(rgb_to_hsb(torch.from_numpy(np.array(rgb, dtype=np.float64))).numpy())
 
 
 def rgb_array(hsb: NDArray[np.floating]) -> NDArray[np.float64]:
-    """:func:`hsb_to_rgb` of an array. (..., 3) -> (..., 3)."""
+    """Apply :func:`hsb_to_rgb` to an array. (..., 3) -> (..., 3)."""
     return np.asarray(hsb_to_rgb(torch.from_numpy(np.array(hsb, dtype=np.float64))).numpy())
 
 
 def hue_distance(a: Hue, b: Hue) -> Hue:
-    """Distance of two hues along the shorter arc of the circle, in [0, 0.5]."""
+    """Return the distance of two hues along the shorter arc of the circle, in [0, 0.5]."""
     return abs((a - b + 0.5) % 1.0 - 0.5)
 
 
@@ -81,8 +81,8 @@ def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
 
     hsb(target_i) - hsb(palette_i) is added to the HSB of the samples P_i + delta_i; the hue wraps, saturation
     and brightness are clamped to [0, 1]. Colours of palette entries that were not edited are returned
-    untouched. A grey has no hue: samples of a grey palette colour take the target's hue, and a grey target
-    leaves the hue alone.
+    unchanged. Grey has no hue: samples of a grey palette colour take the target's hue, and a grey target
+    leaves the hue unchanged.
 
     Args:
         colours: Offset palette colours P_i + delta_i of samples. (..., P, 3)
@@ -90,7 +90,7 @@ def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
         target: Colours after the edit, RGB in [0, 1]. (P, 3)
 
     Returns:
-        Recoloured samples; in [0, 1] where their palette colour was edited. (..., P, 3)
+        Recoloured samples, in [0, 1] where their palette colour was edited. (..., P, 3)
     """
     before, after = rgb_to_hsb(palette), rgb_to_hsb(target)
     was_grey, is_grey = before[:, 1] < GREY_SATURATION, after[:, 1] < GREY_SATURATION
@@ -104,7 +104,7 @@ def shift_colours(colours: Tensor, palette: Tensor, target: Tensor) -> Tensor:
 
 
 def to_hex(rgb: NDArray[np.floating] | tuple[float, float, float]) -> str:
-    """'#rrggbb' of an RGB colour, rounded and clamped to [0, 1]."""
+    """Return an RGB colour as '#rrggbb', rounded and clamped to [0, 1]."""
     return "#" + bytes(np.rint(np.clip(rgb, 0, 1) * np.float64(255)).astype(np.uint8)).hex()
 
 
@@ -115,16 +115,16 @@ def over(rgba: NDArray[np.floating], background: Sequence[float] = WHITE) -> NDA
 
 
 def colour_differences(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Colour difference CIEDE2000 (Sharma et al. 2005) of every colour of one list and every colour of another.
+    """Return the CIEDE2000 difference (Sharma et al. 2005) of each colour in one list and each in another.
 
     Args:
-        a: sRGB in [0, 1]; values beyond are clipped. (A, 3)
-        b: Likewise. (B, 3)
+        a: sRGB; values outside [0, 1] are clipped. (A, 3)
+        b: sRGB; values outside [0, 1] are clipped. (B, 3)
 
     Returns:
-        Differences >= 0; 1 is about the least that is seen. (A, B)
+        Differences >= 0; 1 is just about noticeable. (A, B)
     """
-    from skimage.color import deltaE_ciede2000, rgb2lab  # half a second that most uses of this module need not wait
+    from skimage.color import deltaE_ciede2000, rgb2lab  # takes half a second, so imported only here
 
     first, second = (rgb2lab(np.clip(np.asarray(c, np.float64), 0.0, 1.0)[None])[0] for c in (a, b))
     return np.asarray(deltaE_ciede2000(first[:, None], second[None]), np.float64)

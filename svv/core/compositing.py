@@ -1,6 +1,6 @@
 """Compositing along rays: the reference that the compiled kernels must match in value and gradient.
 
-Letters: ... rays, S samples on a ray.
+Letters: ... rays, S samples per ray.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 LEAST_ALPHA = 1.0 / 512.0
-"""Half a step of 8 bits: a pixel whose alpha is not above it counts as empty."""
+"""Half an 8-bit step: a pixel whose alpha does not exceed it counts as empty."""
 
 
 def ray_weights(sigma: Tensor, delta: Tensor) -> tuple[Tensor, Tensor]:
-    """Weight of each sample on a ray, ordered front to back.
+    """Return the weight of each sample on a ray, ordered front to back.
 
     w_i = T_i (1 - exp(-sigma_i delta_i)),  T_i = exp(-sum_{j<i} sigma_j delta_j)
     (Mildenhall et al. 2020, eq. 3; optical model of Max 1995).
@@ -23,8 +23,7 @@ def ray_weights(sigma: Tensor, delta: Tensor) -> tuple[Tensor, Tensor]:
         delta: Sample spacing, >= 0, in box units. (..., S)
 
     Returns:
-        Weights in [0, 1], (..., S), and the transmittance behind the last
-        sample, (...,). Together they sum to 1.
+        Weights in [0, 1], (..., S), and the transmittance behind the last sample, (...,). Together they sum to 1.
     """
     behind = torch.cumsum(sigma * delta, dim=-1)  # optical depth behind each sample (..., S)
     before = torch.cat([torch.zeros_like(behind[..., :1]), behind[..., :-1]], dim=-1)
@@ -34,21 +33,21 @@ def ray_weights(sigma: Tensor, delta: Tensor) -> tuple[Tensor, Tensor]:
 def composite_samples(
     sigma: Tensor, values: Tensor, skipped: Tensor, start: Tensor, count: Tensor, tail: Tensor, step: float
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Composite values of R rays whose S samples lie one after another.
+    """Composite values along R rays whose S samples are stored one after another.
 
-    As :func:`ray_weights`, with the optical depth ``skipped`` in front of each sample and ``tail`` behind the last.
+    Works as :func:`ray_weights`, with an optical depth ``skipped`` before each sample and ``tail`` behind the last.
 
     Args:
         sigma: Extinction, >= 0, in 1 / box unit. (S,)
-        values: What is composited. (S, C)
-        skipped: Optical depth without value in front of each sample. (S,)
-        start: First sample of each ray, int64. (R,)
-        count: Samples of each ray, int64. (R,)
+        values: Values to composite. (S, C)
+        skipped: Optical depth before each sample that has no value. (S,)
+        start: Index of the first sample of each ray, int64. (R,)
+        count: Number of samples of each ray, int64. (R,)
         tail: Optical depth behind the last sample of each ray. (R,)
         step: Sample spacing in box units.
 
     Returns:
-        Sum of weight times value (R, C), transmittance behind the rays (R,), and the weights (S,).
+        Sum of weight times value (R, C), transmittance behind the rays (R,), and weights (S,).
     """
     k = torch.arange(int(count.max()) if len(count) else 0, device=sigma.device)
     there = k < count[:, None]  # (R, longest ray)

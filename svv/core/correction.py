@@ -1,7 +1,7 @@
-"""A palette corrected by hand: colours added, merged, removed, set, and taken apart.
+"""Manual correction of a palette: add, merge, remove, set and split colours.
 
-The palette that is found in views joins what is too similar in hue, and a transfer function's ranges are not always the
-regions that somebody wants to edit. The paper's cure is to say so, and to train the palette colour network alone again.
+A palette extracted from views joins colours of similar hue, and the ranges of a transfer function are not always the
+regions that a user wants to edit. The paper's remedy is to correct the palette and retrain only the palette network.
 
 Letters: P palette colours before, Q after, R ranges of the transfer function.
 """
@@ -21,38 +21,39 @@ from svv.errors import BadInput
 RGB = tuple[float, float, float]
 
 ALIKE_DIFFERENCE = 2.5 / 255.0
-"""Colours whose channels are no farther apart count as the same."""
+"""Largest channel difference of colours that count as the same."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A colour of a palette, and what it stands for."""
+    """A colour of a palette and the parts of the scene that it represents."""
 
     colour: RGB
+    """RGB in [0, 1]."""
     share: float = 0.0
-    """Part of the visible light that is its own; a weight where colours are merged."""
+    """Share of the visible light; the weight when colours are merged."""
     origin: tuple[int, ...] = ()
-    """Colours of the palette before that it takes over, the one with the largest share first; none: it is new."""
+    """Numbers of the previous colours that it replaces, the largest share first; empty for a new colour."""
     ranges: tuple[int, ...] = ()
-    """Ranges of the transfer function that it shows, where they are known. Of a range that several colours share, the
-    views decide which part is whose."""
+    """Ranges of the transfer function that it shows, if known. If several colours share a range, the views decide which
+    part belongs to which."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """What is to be done to a palette. All numbers are those of the palette before."""
+    """Changes to a palette. All numbers refer to the palette before the correction."""
 
     merge: tuple[tuple[int, ...], ...] = ()
-    """Colours that become one: their mean, weighted by their shares."""
+    """Groups of colours to merge into their mean, weighted by their shares."""
     remove: tuple[int, ...] = ()
-    """Colours that are none; what they showed goes to the neighbouring ranges, or where the views see it fit."""
+    """Colours to remove. Their ranges go to the colours of neighbouring ranges; if unknown, the views decide."""
     colours: Mapping[int, RGB] = field(default_factory=dict)
-    """Colours to be set; that of a merged one may be set by any of its numbers."""
+    """New colours by number; a merged colour can be set under any of its numbers."""
     split: tuple[int, ...] = ()
-    """Colours of several known ranges, each of which gets a colour of its own."""
+    """Colours to split: each shows several known ranges, and each range gets its own colour."""
     add: tuple[RGB, ...] = ()
-    """New colours. Where ranges are known, a new colour takes the range whose colour is the most like it from a colour
-    that has others as well, or else shares it."""
+    """Colours to add. If ranges are known, a new colour takes the range of the most similar colour from its owner, or
+    shares it if the owner has no other range."""
 
     def __bool__(self) -> bool:
         return bool(self.merge or self.remove or self.colours or self.split or self.add)
@@ -61,27 +62,26 @@ class Correction:
 def corrected(
     palette: Sequence[Entry], correction: Correction, ranges: Sequence[ValueRange] = ()
 ) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
-    """The palette after a correction.
+    """Apply a correction to a palette.
 
     Args:
         palette: P colours.
-        correction: What to do; in the order merge, remove, set, split, add.
-        ranges: R ranges of the transfer function in ascending order, where they are known; else the palette is taken
-            as it comes out.
+        correction: Changes, applied in the order merge, remove, set, split, add.
+        ranges: R ranges of the transfer function in ascending order, if known; otherwise colours have no ranges.
 
     Returns:
-        Q colours, in the order of the palette with new ones at the end, and a sentence for each thing that was done.
+        Q colours, in the order of the palette with new ones at the end, and a description of each change.
 
     Raises:
-        BadInput: there is no such colour, a colour is merged with itself or named twice, the last colour is removed, a
-            colour is added that is there, two become alike though nothing else tells them apart, a colour of one
-            range is to be split, or there are too many.
+        BadInput: A colour does not exist, is merged with itself or named twice; the last colour is removed; an added
+            colour exists already; two colours become the same and no ranges distinguish them; a colour of one range
+            is split; or there are too many colours.
     """
     if not correction:
         raise BadInput("Nothing to correct: merge, remove, set, split or add a colour.")
     _check(len(palette), correction, bool(ranges))
     done: list[str] = []
-    place = {old: old for old in range(len(palette))}  # the colour that a number stands for: the first that it joined
+    place = {old: old for old in range(len(palette))}  # number -> the colour that it was merged into
     entries = {old: replace(entry, origin=(old,)) for old, entry in enumerate(palette)}
     for group in correction.merge:
         first = min(group)
@@ -103,39 +103,39 @@ def corrected(
     result = _handed_on(result, [r for entry in removed for r in entry.ranges])
     most = PaletteSettings().max_colours
     if len(result) > most:
-        raise BadInput(f"The palette would have {len(result)} colours; {most} are the most.")
+        raise BadInput(f"The palette would have {len(result)} colours; it can have at most {most}.")
     _check_apart(result, bool(ranges))
     return tuple(result), tuple(done)
 
 
 def _check(count: int, correction: Correction, known: bool) -> None:
-    """Whether the numbers can be meant."""
+    """Raise BadInput if the numbers of a correction are invalid."""
     merged = [old for group in correction.merge for old in group]
     for old in (*merged, *correction.remove, *correction.colours, *correction.split):
         if not 0 <= old < count:
             raise BadInput(f"There is no region {old}: the scene has the regions 0 to {count - 1}.")
     for group in filter(None, correction.merge):
         if len(set(group)) < 2:
-            raise BadInput(f"A region cannot be merged with itself: name another one beside {group[0]}.")
+            raise BadInput(f"A region cannot be merged with itself: name another one besides {group[0]}.")
     for names, what in ((merged, "merged"), (correction.remove, "removed"), (correction.split, "split")):
         twice = [old for old in names if list(names).count(old) > 1]
         if twice:
             raise BadInput(f"Region {twice[0]} is {what} twice; name it once.")
     for old in correction.remove:
         if old in {*merged, *correction.colours, *correction.split}:
-            raise BadInput(f"Region {old} is to be removed and changed at once; do one of the two.")
+            raise BadInput(f"Region {old} cannot be removed and changed at the same time; do one of the two.")
     for old in correction.split:
         if old in {*merged, *correction.colours}:
-            raise BadInput(f"Region {old} is to be split and changed at once; do one after the other.")
+            raise BadInput(f"Region {old} cannot be split and changed at the same time; do one after the other.")
         if not known:
             raise BadInput(
-                f"Region {old} cannot be split: which ranges of the transfer function it shows is not known; "
-                "add the colour of the part that you mean."
+                f"Region {old} cannot be split because its ranges of the transfer function are unknown; "
+                "add the colour of the part that you want to separate."
             )
     groups = [tuple(sorted(g)) for g in correction.merge]
     for group in groups:
         if sum(old in correction.colours for old in group) > 1:
-            raise BadInput(f"Regions {_and(group)} become one, so one colour can be set for them.")
+            raise BadInput(f"Regions {_and(group)} become one region: set only one colour for them.")
 
 
 def _rgb(colour: Sequence[float]) -> RGB:
@@ -155,21 +155,21 @@ def _merged(parts: list[Entry]) -> Entry:
 
 
 def _split(old: int, entry: Entry, ranges: Sequence[ValueRange], done: list[str]) -> list[Entry]:
-    """A colour for each range of one, in its colour."""
+    """Return one entry per range of an entry, in the colour of the range."""
     if len(entry.ranges) < 2:
         raise BadInput(
-            f"Region {old} cannot be split: it is one range of the transfer function; add the colour of the part that "
-            "you mean."
+            f"Region {old} cannot be split because it is a single range of the transfer function; add the colour of "
+            "the part that you want to separate."
         )
     done.append(f"region {old} split into its {len(entry.ranges)} ranges")
     return [Entry(ranges[r].colour, entry.share / len(entry.ranges), entry.origin, (r,)) for r in entry.ranges]
 
 
 def _added(entries: list[Entry], colour: RGB, ranges: Sequence[ValueRange], done: list[str]) -> list[Entry]:
-    """The palette with one more colour, which takes or shares the range that is the most like it."""
+    """Add a colour to the palette; it takes or shares the range of the most similar colour."""
     for entry in entries:
         if _alike(entry.colour, colour):
-            raise BadInput(f"The palette holds {to_hex(colour)} already: add another colour.")
+            raise BadInput(f"The palette already contains {to_hex(colour)}: add another colour.")
     if not ranges:
         done.append(f"{to_hex(colour)} added")
         return [*entries, Entry(colour)]
@@ -186,7 +186,7 @@ def _added(entries: list[Entry], colour: RGB, ranges: Sequence[ValueRange], done
 
 
 def _handed_on(entries: list[Entry], left: list[int]) -> list[Entry]:
-    """Give ranges whose colour is gone to the colour of the nearest range in value."""
+    """Give the ranges of removed colours to the colour of the nearest range in value."""
     there = {r: number for number, entry in enumerate(entries) for r in entry.ranges}
     for r in left:
         if there and r not in there:
@@ -196,7 +196,7 @@ def _handed_on(entries: list[Entry], left: list[int]) -> list[Entry]:
 
 
 def _check_apart(entries: list[Entry], known: bool) -> None:
-    """Whether colours differ, or the ranges that they show do."""
+    """Raise BadInput if two entries have the same colour and no ranges distinguish them."""
     for number, entry in enumerate(entries):
         for other in entries[:number]:
             if _alike(entry.colour, other.colour) and not (known and set(entry.ranges).isdisjoint(other.ranges)):

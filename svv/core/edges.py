@@ -1,13 +1,13 @@
-"""Edges of an image of a scene, in its depth, alpha and regions: what a draughtsman would draw.
+"""Edges in the depth, alpha and regions of a scene's image: the lines that a draughtsman would draw.
 
-Not edges of colours but of what is seen (Saito and Takahashi 1990): where alpha ends, the region changes, depth jumps,
-and the surface turns sharply. An edge is a ridge of a measure of such change, found to a fraction of a pixel as
-Steger (1998) finds lines. Along the ridge its strength is averaged, so that lines are even and what is too short for
-one is none. Nothing is random, and strengths and places go smoothly with the images, so lines move as what they
-outline.
+These are edges of the visible surfaces rather than of colours (Saito and Takahashi 1990): places where alpha ends, the
+region changes, depth jumps or the surface turns sharply. An edge is a ridge of a measure of such change, located to a
+fraction of a pixel with the line detector of Steger (1998). Strengths are averaged along the ridge, which makes lines
+even and suppresses very short ones. Nothing is random, and strengths and positions vary smoothly with the images, so
+lines move with the shapes that they outline.
 
-Lengths that are constants here are in pixels of an image whose shorter side has :data:`VIEW`; ``scale`` is the shorter
-side of the image at hand in that. Letters: H, W rows and columns of an image, E points of edges.
+Constant lengths in this module are in pixels of an image whose shorter side has :data:`VIEW` pixels; ``scale`` is the
+shorter side of the actual image divided by that. Letters: H, W rows and columns of an image, E points of edges.
 """
 
 from __future__ import annotations
@@ -23,57 +23,57 @@ Floats = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
 VIEW = 800
-"""Shorter side of the image in whose pixels lengths are given."""
+"""Shorter side, in pixels, of the image in whose pixels lengths are given."""
 
 CHANGE_DEVIATION = 1.6
-"""Standard deviation over which change is measured,"""
+"""Standard deviation of the Gaussian with which change is measured."""
 SMOOTHING_DEVIATION = 1.2
-"""and of what smooths the measure, so that its ridges are continuous;"""
+"""Standard deviation of the Gaussian that smooths the measure, so that its ridges are continuous."""
 LEAST_DEVIATION = 0.8
-"""in pixels of the image itself, neither is less."""
+"""Lower bound of both deviations, in pixels of the actual image."""
 SAMPLING_VARIANCE = 5.0 / 12.0
 """Variance, in pixels squared, by which a pixel and a difference between its neighbours widen an edge."""
 
 DEPTH_JUMP = 0.2
-"""Jump in depth, in sides of the box, that counts as much as the end of what is opaque,"""
+"""Jump in depth, in sides of the box, that counts as much as the edge of an opaque object."""
 DEPTH_JUMP_PIXELS = 8.0
-"""but at least so many pixels at that depth; of rendered fields, depth is noisy by about one."""
+"""Lower bound of that jump, in pixels at that depth: the depth of rendered fields is noisy by about one pixel."""
 
 WEAK_CHANGE, STRONG_CHANGE = 0.14, 0.4
-"""Between these measures of change, see :func:`_silhouettes`, a line's strength goes from 0 to 1."""
+"""Measures of change, see :func:`_silhouettes`, between which a line's strength rises from 0 to 1."""
 
 FOLD_BOUNDS = (1.2, 1.5)
-"""Likewise of a crease: the length by which the unit normal changes across it, 1 for 60 degrees, 1.4 for 90."""
+"""Changes of the unit normal across a crease between which strength rises from 0 to 1; 1 is 60, 1.4 is 90 degrees."""
 FOLD_DEVIATION = 4.5
-"""Standard deviation over which normals are averaged,"""
+"""Standard deviation of the Gaussian that averages normals."""
 FOLD_BOX = 0.011
-"""and at least so much of the box: the noise of depth is a part of the sampling distance, however near one looks."""
+"""Lower bound of that deviation, in sides of the box: depth noise scales with the sampling distance, even close up."""
 BAND_DEVIATION = 2.0
-"""Standard deviation of the band beside silhouettes in which normals are not used: depth mixes two surfaces there."""
+"""Standard deviation of the band along silhouettes in which normals are ignored: depth mixes two surfaces there."""
 
 OPAQUE_ALPHAS = (0.93, 0.995)
-"""Between these alphas depth begins to count; in fog it is the depth of nothing in particular."""
+"""Alphas between which the weight of depth rises from 0 to 1; in fog, depth belongs to no surface."""
 
 EVENING_DEVIATION = 4.0
-"""Standard deviation along a line over which its strength is averaged, in pixels of the image itself at least that;
-along creases 1.8 times that of normals."""
+"""Standard deviation of the Gaussian that averages strength along a line, also the minimum in pixels of the actual
+image; along creases it is 1.8 times the deviation of normals."""
 WHOLE_BOUNDS = (0.3, 0.55)
-"""Between these parts of a line's surroundings along itself that are there, ink goes from 0 to 1; at an end half is."""
+"""Fractions of a line's neighbourhood along itself that exist, between which ink rises from 0 to 1; half at an end."""
 STRIDE = 1.5
-"""Distance in pixels of the image between places that are averaged."""
+"""Distance in pixels of the actual image between the points that are averaged along a line."""
 TURN_COSINES = (0.4, 0.8)
-"""Cosines of the angle between two neighbours of an edge from which on they are of one line."""
+"""Cosines of the angle between neighbouring edge points between which their weight as one line rises from 0 to 1."""
 
 PARTED_REACH = 2.0
-"""How far from an edge one looks for what it parts."""
+"""Distance from an edge at which the two sides that it separates are looked up."""
 
 
 @dataclass(frozen=True)
 class Edges:
     """Points of edges, (E,) each.
 
-    ``x`` and ``y`` are in pixels from the middle of the first, right and down; ``nx`` and ``ny`` are the unit normal;
-    ``change`` is the measure's height there.
+    ``x`` and ``y`` are in pixels from the centre of the first pixel, to the right and down; ``nx`` and ``ny`` are the
+    unit normal; ``change`` is the height of the measure there.
     """
 
     x: Floats
@@ -82,15 +82,15 @@ class Edges:
     ny: Floats
     change: Floats
     spacing: int = 1
-    """Distance of neighbours in pixels, or a little more."""
+    """Distance between neighbouring points in pixels, or slightly more."""
 
     def chosen(self, which: NDArray[np.bool_]) -> Edges:
-        """Some of the points."""
+        """Return a subset of the points."""
         x, y, nx, ny, change = (v[which] for v in (self.x, self.y, self.nx, self.ny, self.change))
         return Edges(x, y, nx, ny, change, self.spacing)
 
     def scaled(self, factor: int) -> Edges:
-        """The edges of an image ``factor`` times as large."""
+        """Return the edges in an image ``factor`` times as large."""
         centre = 0.5 * (factor - 1)
         return Edges(self.x * factor + centre, self.y * factor + centre, self.nx, self.ny, self.change, factor)
 
@@ -98,15 +98,15 @@ class Edges:
 def lines_of(
     alpha: Floats, depth: Floats, region: NDArray[np.int16], footprint: float, box: float, scale: float
 ) -> tuple[tuple[Edges, Floats], tuple[Edges, Floats]]:
-    """Silhouettes and creases, each with the strength in [0, 1] of its points (E,).
+    """Find silhouettes and creases, each with the strength in [0, 1] of its points (E,).
 
     Args:
-        alpha: In [0, 1]. (H, W)
+        alpha: Opacity in [0, 1]. (H, W)
         depth: Distance from the camera in world units, nan where nothing is visible. (H, W)
-        region: -1 where nothing is visible. (H, W)
+        region: Number of the region, -1 where nothing is visible. (H, W)
         footprint: Size of a pixel at distance 1, in world units.
         box: Longest side of the scene's box in world units.
-        scale: Shorter side of the whole image in :data:`VIEW`; the images may be a part of it.
+        scale: Shorter side of the whole image divided by :data:`VIEW`; the images may be a crop of it.
     """
     sigma = max(LEAST_DEVIATION, CHANGE_DEVIATION * scale)
     share = _gauss(alpha, sigma)
@@ -116,13 +116,13 @@ def lines_of(
     strength = _along(
         edges, _ramp(edges.change, WEAK_CHANGE, STRONG_CHANGE), alpha.shape, EVENING_DEVIATION * max(scale, 1.0)
     )
-    # A translucent shell has as faint a line as it is itself.
+    # The line of a translucent shell is as faint as the shell itself.
     strength *= maximum_filter(alpha, 2 * int(np.ceil(PARTED_REACH * scale)) + 1)[pixels_of(edges, alpha.shape)]
     return (edges, strength), _creases(edges, strength, smooth, share, footprint, box, scale)
 
 
 def pixels_of(edges: Edges, shape: tuple[int, ...], reach: float = 0.0) -> tuple[Indices, Indices]:
-    """Row and column of the pixels in which the points lie, or ``reach`` beside them along the normal."""
+    """Return row and column of the pixels that contain the points, moved by ``reach`` pixels along the normal."""
     row, column = (np.rint(at + reach * n).astype(np.intp) for at, n in ((edges.y, edges.ny), (edges.x, edges.nx)))
     return np.clip(row, 0, shape[0] - 1), np.clip(column, 0, shape[1] - 1)
 
@@ -130,10 +130,10 @@ def pixels_of(edges: Edges, shape: tuple[int, ...], reach: float = 0.0) -> tuple
 def _silhouettes(
     alpha: Floats, depth: Floats, share: Floats, region: NDArray[np.int16], footprint: float, box: float, scale: float
 ) -> Edges:
-    """Edges of alpha, regions and depth together, so that where several change there is one line.
+    """Find edges of alpha, regions and depth together, so that several coinciding changes give one line.
 
-    The measure is log(1 + s), s the length of the gradient that a jump of 1 from one region's alpha to another's, or of
-    :data:`DEPTH_JUMP` in depth, has at its middle. A logarithm, for a high jump would hide the lower ones beside it.
+    The measure is log(1 + s). s is the gradient's length, scaled to 1 at the middle of a jump of 1 from one region's
+    alpha to another's, or of :data:`DEPTH_JUMP` in depth. The logarithm keeps high jumps from hiding low ones nearby.
     """
     sigma = max(LEAST_DEVIATION, CHANGE_DEVIATION * scale)
     square = np.zeros_like(alpha)
@@ -150,12 +150,12 @@ def _silhouettes(
 def _creases(
     silhouettes: Edges, ink: Floats, depth: Floats, share: Floats, footprint: float, box: float, scale: float
 ) -> tuple[Edges, Floats]:
-    """Edges of the surface's normal, and how much ink each point of them gets. (E,)"""
+    """Find edges of the surface normal, and the strength of each of their points. (E,)"""
     away = float((share * depth).sum() / max(float(share.sum()), 1e-30))
     sigma = max(
         2.0 * LEAST_DEVIATION, FOLD_DEVIATION * scale, min(FOLD_BOX * box / max(footprint * away, 1e-30), 32.0 * scale)
     )
-    factor = min(max(1, int(sigma / 1.5)), 3)  # so smooth an image loses nothing by being smaller
+    factor = min(max(1, int(sigma / 1.5)), 3)  # an image this smooth loses nothing by being smaller
     right, down = _gradient(depth)
     toward = footprint * depth
     length = np.sqrt(right**2 + down**2 + toward**2)
@@ -181,10 +181,10 @@ def _creases(
 
 
 def _ridges(change: Floats, sigma: float, again: float, least: float) -> Edges:
-    """Points where the measure, smoothed by ``again``, is largest along the direction in which it bends most.
+    """Find points where the measure, smoothed by ``again``, is largest along the direction of its largest curvature.
 
-    ``change`` of the edges is the height that a Gaussian ridge which bends as much has where it was made of a jump by
-    differences over ``sigma``.
+    ``change`` of the edges is the height of the Gaussian ridge with this curvature that a jump produces when it is
+    differentiated over ``sigma``.
     """
     spread = _spread(sigma)
     image = _gauss(change, again)
@@ -195,23 +195,23 @@ def _ridges(change: Floats, sigma: float, again: float, least: float) -> Edges:
     yy = around[2][1] - 2.0 * around[1][1] + around[0][1]
     xy = 0.25 * (around[2][2] - around[2][0] - around[0][2] + around[0][0])
     bend = 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)  # the smaller eigenvalue of the Hessian
-    height = -bend * (spread**2 + again**2 + 1.0 / 6.0) ** 1.5 / spread  # 1/6: of the second difference
+    height = -bend * (spread**2 + again**2 + 1.0 / 6.0) ** 1.5 / spread  # 1/6: variance of the second difference
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi
     nx, ny = np.cos(angle), np.sin(angle)
     along = -(gx * nx + gy * ny) / np.minimum(bend, -1e-12)
-    # A little more than half a pixel: a point found twice does no harm, one that is missed is a gap.
+    # Slightly more than half a pixel: a point found twice does no harm, but a missed one leaves a gap.
     kept = (height > least) & (np.abs(along * nx) <= 0.6) & (np.abs(along * ny) <= 0.6)
     return Edges(columns + along * nx, rows + along * ny, nx, ny, height).chosen(kept)
 
 
 def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) -> Floats:
-    """Strength averaged along the lines, whose points follow one another, twice; see :data:`EVENING_DEVIATION`. (E,)"""
+    """Average strengths twice along the lines, following their points; see :data:`EVENING_DEVIATION`. (E,)"""
     count, (height, width) = len(edges.x), shape
     at = np.full((height + 2, width + 2), count, np.intp)
     row, column = pixels_of(edges, shape)
-    for i, j in ((0, 0), (0, 2), (2, 0), (2, 2), (0, 1), (2, 1), (1, 0), (1, 2), (1, 1)):  # its own pixel last
+    for i, j in ((0, 0), (0, 2), (2, 0), (2, 2), (0, 1), (2, 1), (1, 0), (1, 2), (1, 1)):  # each point's own pixel last
         at[row + i, column + j] = np.arange(count)
-    # One more, which stands for no edge: a line goes straight on there.
+    # The extra entry stands for "no edge": a line continues straight there.
     x, y, tx, ty = (np.append(v, 0.0) for v in (edges.x, edges.y, -edges.ny, edges.nx))
     steps = int(np.ceil(2.0 * even / STRIDE))
     weights = np.exp(-0.5 * (np.arange(1, steps + 1) * STRIDE / max(even, 1e-3)) ** 2)
@@ -240,18 +240,18 @@ def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) 
 
 
 def _spread(sigma: float) -> float:
-    """Standard deviation, in pixels, of the gradient across a jump in an image that was smoothed by ``sigma``."""
+    """Return the standard deviation in pixels of the gradient across a jump in an image smoothed by ``sigma``."""
     return float(np.sqrt(sigma**2 + SAMPLING_VARIANCE))
 
 
 def _ramp(values: Any, low: float, high: float) -> Any:
-    """0 below ``low``, 1 above ``high``, smooth between."""
+    """Return 0 below ``low``, 1 above ``high`` and a smooth ramp between."""
     t = np.clip((values - low) * (1.0 / (high - low)), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
 def _gauss(image: Floats, sigma: float) -> Floats:
-    """Smoothed; beyond its edges the image goes on as steep as it comes, or a slope would seem to end there."""
+    """Smooth an image; beyond its borders it is extrapolated with the same slope, or slopes would seem to end there."""
     radius = int(np.ceil(2.7 * sigma))
     kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
     kernel /= kernel.sum()
@@ -265,19 +265,19 @@ def _gauss(image: Floats, sigma: float) -> Floats:
 
 
 def _gradient(image: Floats) -> tuple[Floats, Floats]:
-    """Change to the right and down by a pixel. (H, W) each"""
+    """Return the change per pixel to the right and down. (H, W) each"""
     down, right = (np.gradient(image, axis=axis) if image.shape[axis] > 1 else np.zeros_like(image) for axis in (0, 1))
     return right, down
 
 
 def _square(image: Floats) -> Floats:
-    """Squared length of the gradient."""
+    """Return the squared length of the gradient."""
     right, down = _gradient(image)
     return right * right + down * down
 
 
 def _pooled(image: Floats, factor: int) -> Floats:
-    """Means of ``factor`` x ``factor`` pixels, the last row and column repeated where they lack some."""
+    """Average ``factor`` x ``factor`` pixels; the last row and column are repeated to fill incomplete blocks."""
     if factor == 1:
         return image
     height, width = image.shape

@@ -1,6 +1,6 @@
 """Encodings of positions and directions: the plain references that the compiled kernels must match.
 
-Letters: S samples, L levels, F features a level, V stored vertices (over all levels).
+Letters: S samples, L levels, F features per level, V stored vertices (over all levels).
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ HASH_PRIMES = (1, 2654435761, 805459861)
 """Factors of the spatial hash (Müller et al. 2022, eq. 4)."""
 
 SH_DEGREES = (1, 2, 3, 4)
+"""Supported degrees of spherical harmonics."""
 
 CORNERS = tuple(itertools.product((0, 1), repeat=3))
-"""Of a cell, as steps along x, y and z."""
+"""Corners of a cell as steps along x, y and z."""
 
 
 def spherical_harmonics(directions: Tensor, degree: int = 4) -> Tensor:
-    """Real spherical harmonics of unit directions, bands 0 to ``degree`` - 1.
+    """Evaluate the real spherical harmonics of unit directions, bands 0 to ``degree`` - 1.
 
     Args:
         directions: Unit vectors. (..., 3)
         degree: 1 to 4; StyleRF-VolVis and Instant-NGP use 4.
 
     Returns:
-        Orthonormal basis functions on the sphere. (..., degree ** 2)
+        Values of basis functions that are orthonormal on the sphere. (..., degree ** 2)
     """
     if degree not in SH_DEGREES:
         raise ValueError(f"degree must be one of {SH_DEGREES}, not {degree}")
@@ -58,14 +59,14 @@ def spherical_harmonics(directions: Tensor, degree: int = 4) -> Tensor:
 
 
 def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
-    """Spherical harmonics of degree 4 of each sample's ray.
+    """Return the spherical harmonics of degree 4 of each sample's ray.
 
     Args:
         directions: Unit vectors of R rays. (R, 3)
-        ray: Of S samples. (S,)
+        ray: Ray of each of S samples. (S,)
 
     Returns:
-        (S, 16)
+        Values of the basis functions. (S, 16)
     """
     if len(ray) < len(directions):
         return spherical_harmonics(directions[ray.long()], 4)
@@ -73,14 +74,14 @@ def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
 
 
 def lattice_corners(x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-    """Rows of the eight vertices around positions on one level of a lattice, and their trilinear weights.
+    """Return the rows of the eight vertices around positions on a lattice level, and their trilinear weights.
 
     Args:
         x: Box coordinates, in the lattice's occupied cells. (S, 3)
-        shape: Vertices of the level along x, y, z, int64. (3,)
+        shape: Number of vertices of the level along x, y, z, int64. (3,)
         scale: Cells per box unit.
-        base: Where the level begins in ``index``, int64.
-        index: Row in the table of every vertex of every level, raster order, int32.
+        base: Start of the level in ``index``, int64.
+        index: Table row of every vertex of every level in raster order, int32.
 
     Returns:
         Rows, int64, (S, 8), and weights, (S, 8).
@@ -98,18 +99,18 @@ def lattice_corners(x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index
 
 
 def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, index: Tensor, table: Tensor) -> Tensor:
-    """Trilinear interpolation on sparse vertex lattices, levels side by side.
+    """Interpolate trilinearly on sparse vertex lattices and concatenate the levels.
 
     Args:
         x: Box coordinates, in the lattice's occupied cells. (S, 3)
-        shapes: Vertices of each level along x, y, z, int64. (L, 3)
+        shapes: Number of vertices of each level along x, y, z, int64. (L, 3)
         scales: Cells per box unit of each level. (L,)
-        bases: Where each level begins in ``index``, int64. (L,)
-        index: Row in ``table`` of every vertex of every level, raster order, int32.
+        bases: Start of each level in ``index``, int64. (L,)
+        index: Row in ``table`` of every vertex of every level in raster order, int32.
         table: Features. (V, F)
 
     Returns:
-        (S, L * F)
+        Features of all levels. (S, L * F)
     """
     levels = []
     for level in zip(shapes, scales, bases, strict=True):
@@ -119,14 +120,17 @@ def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, i
 
 
 def hash_rows(vertices: Tensor, resolution: int, entries: int) -> Tensor:
-    """Row of integer vertices in a level's table: direct where all fit, hashed otherwise.
+    """Return the rows of integer vertices in a level's table: direct if all vertices fit, hashed otherwise.
 
     (Müller et al. 2022, eq. 4.)
 
     Args:
-        vertices: int64, in [0, ``resolution``]. (S, 3)
-        resolution: Cells along an axis.
-        entries: Rows of the level's table, a power of two if it is hashed.
+        vertices: Integer coordinates in [0, ``resolution``], int64. (S, 3)
+        resolution: Cells along each axis.
+        entries: Number of rows of the level's table, a power of two if it is hashed.
+
+    Returns:
+        Rows, int64. (S,)
     """
     side = resolution + 1
     if side**3 <= entries:
@@ -139,13 +143,13 @@ def hash_rows(vertices: Tensor, resolution: int, entries: int) -> Tensor:
 
 
 def hash_corners(x: Tensor, resolution: int, first: int, entries: int) -> tuple[Tensor, Tensor]:
-    """Rows of the eight vertices around positions on one level of a hash grid, and their trilinear weights.
+    """Return the rows of the eight vertices around positions on a hash grid level, and their trilinear weights.
 
     Args:
         x: Box coordinates in [0, 1]. (S, 3)
-        resolution: Cells along an axis.
+        resolution: Cells along each axis.
         first: First row of the level in the table.
-        entries: Rows of the level.
+        entries: Number of rows of the level.
 
     Returns:
         Rows, int64, (S, 8), and weights, (S, 8).
@@ -162,16 +166,16 @@ def hash_corners(x: Tensor, resolution: int, first: int, entries: int) -> tuple[
 
 
 def hash_features(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
-    """Multiresolution hash encoding (Müller et al. 2022, section 3).
+    """Evaluate the multiresolution hash encoding (Müller et al. 2022, section 3).
 
     Args:
         x: Box coordinates in [0, 1]. (S, 3)
-        resolutions: Cells along an axis of each level, int64. (L,)
-        offsets: First row of each level in ``table``, and their end, int64. (L + 1,)
+        resolutions: Cells along each axis of each level, int64. (L,)
+        offsets: First row of each level in ``table``, and the end of the last, int64. (L + 1,)
         table: Features. (V, F)
 
     Returns:
-        (S, L * F)
+        Features of all levels. (S, L * F)
     """
     levels = []
     ends = offsets.tolist()

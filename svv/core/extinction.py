@@ -1,20 +1,20 @@
-"""Bounds of the extinction, as fields and volumes hold it: by its natural logarithm.
+"""Bounds of the extinction, which fields and volumes store as its natural logarithm.
 
-Extinction is in 1 / box unit, so a ray through a box of extinction sigma keeps exp(-sigma) of its light.
+Extinction is in 1 / box unit, so a ray keeps exp(-sigma) of its light over one box unit of extinction sigma.
 """
 
 from __future__ import annotations
 
 LEAST_LOG_EXTINCTION = -6.0
-"""Of what is learned: a box of it dims a ray by 1/400, less than a step of 8 bits, and below it a field would hardly
-learn, for the gradient of an exponential is as small as the exponential."""
+"""Lower bound of learned extinction. One box unit of it dims a ray by 1/400, less than an 8-bit step; below it a field
+would hardly learn, because the gradient of an exponential is as small as the exponential itself."""
 
 MOST_LOG_EXTINCTION = 9.0
-"""Of what is learned, and of what is rendered (a clipped exponential): e^9 is opaque within any step."""
+"""Upper bound of learned and rendered extinction (a clipped exponential): e^9 is opaque within any step."""
 
 EMPTY_LOG_EXTINCTION = -3.0
-"""Of what is empty in a classified volume. As :data:`OPAQUE_LOG_EXTINCTION` it lies within the bounds of what is
-learned: from there on training can go either way, and what is interpolated between both is a surface."""
+"""Value of empty points in a classified volume. Like :data:`OPAQUE_LOG_EXTINCTION` it lies inside the bounds of learned
+extinction, so that training can move it either way and interpolation between both forms a surface."""
 
 OPAQUE_LOG_EXTINCTION = 8.5
-"""Of what is opaque in a classified volume."""
+"""Value of opaque points in a classified volume."""

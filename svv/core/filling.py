@@ -1,4 +1,4 @@
-"""A picture of one part's texture alone: what lies outside of a mask is covered with pieces from inside of it."""
+"""Texture filling: cover everything outside a mask with pieces of the picture from inside it."""
 
 from __future__ import annotations
 
@@ -9,39 +9,39 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 CANDIDATE_PIECES = 24
-"""Pieces that are tried at each place; the one that fits what lies there already is taken."""
+"""Number of pieces tried at each place; one of the three that best fit the existing pixels is used."""
 
 SMALLEST_HALF_SIDE = 3
-"""Half side of a piece in pixels, below which the nearest pixel inside of the mask is repeated instead."""
+"""Half side of a piece in pixels below which the nearest pixel inside the mask is repeated instead."""
 
 
 def filled(picture: NDArray[np.float32], mask: NDArray[np.bool_], seed: int = 0) -> NDArray[np.float32]:
-    """The picture with everything outside of a mask replaced by texture from inside of it.
+    """Replace everything outside a mask by texture from inside it.
 
-    Square pieces that lie wholly inside are laid over each place outside, in rows, each the best fitting of
-    :data:`CANDIDATE_PIECES` to what it overlaps, with soft rims (after Efros and Freeman 2001). Where the mask is too
-    thin for pieces, the nearest pixel inside is taken.
+    Square pieces from inside the mask are laid row by row over the area outside, with soft edges. Each is one of the
+    three of :data:`CANDIDATE_PIECES` that best match the pixels they overlap (after Efros and Freeman 2001). If the
+    mask is too thin for pieces, each pixel outside gets the value of the nearest pixel inside.
 
     Args:
-        picture: (h, w, 3).
-        mask: True at one place at least. (h, w)
-        seed: Of the choice of pieces.
+        picture: Colours. (h, w, 3)
+        mask: Area to take texture from; true for at least one pixel. (h, w)
+        seed: Seed of the choice of pieces.
 
     Returns:
-        (h, w, 3); untouched inside of the mask.
+        The picture, unchanged inside the mask. (h, w, 3)
     """
     if mask.all():
         return picture
-    # Beyond the picture there is nothing to take from either.
+    # There is no texture beyond the picture's border either.
     room = np.asarray(distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]
-    # Smaller than the mask's roomiest place: of few different pieces the repetition would show.
+    # Smaller than the widest place of the mask: with few different pieces the repetition would show.
     half = int(min(max(np.quantile(room[mask], 0.85), 0.6 * room.max()) / 1.5, max(mask.shape) / 12))
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     nearest = picture[rows, columns]
     if half < SMALLEST_HALF_SIDE:
         return np.asarray(nearest, dtype=np.float32)
     rng = np.random.default_rng(seed)
-    # A square of half side s fits where the nearest place outside is more than s sqrt(2) away; a little less will do.
+    # A square of half side s fits where the nearest pixel outside is more than s sqrt(2) away; a bit less is enough.
     centres = np.argwhere(room > 1.4 * half)
     if len(centres) == 0:
         centres = np.argwhere(room >= room.max())
@@ -77,7 +77,7 @@ def _covered(
             misfit = (((pieces - out[here]) ** 2).sum(-1) * done[here]).sum((1, 2))
             alpha = soft[np.ix_(ys - y + half, xs - x + half)]
             alpha = np.where(done[here] > 0, alpha * (1 - mask[here]), 1.0)
-            # Not always the very best one: it would often be the same.
+            # Not always the best one: it would often be the same.
             piece = pieces[np.argsort(misfit)[rng.integers(0, 3)]]
             out[here] += alpha[..., None] * (piece - out[here])
             done[here] = 1.0

@@ -1,7 +1,7 @@
-"""LDR-FLIP, the difference that a viewer sees when two pictures alternate.
+"""LDR-FLIP: the difference that a viewer sees when two pictures alternate.
 
 Source: Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, "FLIP: A Difference Evaluator for
-Alternating Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020. Sections below are those of this paper.
+Alternating Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020. Section numbers below refer to this paper.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.ndimage import correlate1d
 Array = NDArray[np.float64]
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
-"""The paper's viewer: 0.7 m from a screen that is 0.7 m wide and has 3840 columns, so 67.02 pixels a degree."""
+"""The paper's viewer: 0.7 m from a screen 0.7 m wide with 3840 columns, which is 67.02 pixels per degree."""
 
 RGB_TO_XYZ = np.array([[10135552, 8788810, 4435075], [2613072, 8788810, 887015], [1425312, 8788810, 70074185]]) / [
     [24577794],
@@ -33,20 +33,20 @@ BLUE_YELLOW_CSF = ((34.1, 0.04), (13.5, 0.025))
 """Amplitudes a and spreads b (degrees^2) of the Gaussians that approximate the contrast sensitivity functions."""
 
 COLOUR_EXPONENT = 0.7  # q_c
-KNEE, KNEE_ERROR = 0.4, 0.95  # p_c, p_t: this part of the largest colour difference is this much of the error
+KNEE, KNEE_ERROR = 0.4, 0.95  # p_c, p_t: this fraction of the largest colour difference gives this error
 FEATURE_WIDTH = 0.082  # w, degrees
 FEATURE_EXPONENT = 0.5  # q_f
 
 
 def error_map(test: NDArray[np.floating], reference: NDArray[np.floating]) -> NDArray[np.float32]:
-    """FLIP error of each pixel, Delta E = Delta E_c ^ (1 - Delta E_f) (section 4.3), at 67 pixels a degree.
+    """Return the FLIP error per pixel, Delta E = Delta E_c ^ (1 - Delta E_f) (section 4.3), at 67 pixels per degree.
 
     Args:
         test: Gamma-encoded sRGB; values outside [0, 1] are clamped. (h, w, 3)
-        reference: What it should be, likewise. (h, w, 3)
+        reference: The picture to compare with, in the same form. (h, w, 3)
 
     Returns:
-        0 where nothing differs, at most 1. (h, w)
+        Errors in [0, 1]; 0 where the pictures are equal. (h, w)
     """
     opponents = [_opponents(picture) for picture in (test, reference)]
     colour = _colour_error(*(_seen(picture) for picture in opponents))
@@ -55,27 +55,27 @@ def error_map(test: NDArray[np.floating], reference: NDArray[np.floating]) -> ND
 
 
 def _opponents(srgb: NDArray[np.floating]) -> Array:
-    """YyCxCz: Y = 116 Y/Yn - 16, Cx = 500 (X/Xn - Y/Yn), Cz = 200 (Y/Yn - Z/Zn). (h, w, 3) -> (3, h, w)."""
+    """Convert to YyCxCz: Y = 116 Y/Yn - 16, Cx = 500 (X/Xn - Y/Yn), Cz = 200 (Y/Yn - Z/Zn). (h, w, 3) -> (3, h, w)."""
     srgb = np.moveaxis(np.clip(srgb.astype(np.float64), 0, 1), 2, 0)
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     return _of_ratios(_ratios(linear))
 
 
 def _ratios(linear: Array) -> Array:
-    """X/Xn, Y/Yn and Z/Zn of linear sRGB. (3, ...)"""
+    """Return X/Xn, Y/Yn and Z/Zn of linear sRGB. (3, ...)"""
     return np.tensordot(RGB_TO_XYZ / WHITE[:, None], linear, 1)
 
 
 def _of_ratios(ratios: Array) -> Array:
-    """116 y - 16, 500 (x - y) and 200 (y - z): the form that YyCxCz and CIELAB share. (3, ...)"""
+    """Return 116 y - 16, 500 (x - y) and 200 (y - z), the form that YyCxCz and CIELAB share. (3, ...)"""
     x, y, z = ratios
     return np.stack((116 * y - 16, 500 * (x - y), 200 * (y - z)))
 
 
 def _seen(opponents: Array) -> Array:
-    """CIELAB of what the eye resolves, a* and b* multiplied by 0.01 L* after Hunt (section 4.1). (3, h, w)
+    """Return CIELAB of what the eye resolves, a* and b* multiplied by 0.01 L* after Hunt (section 4.1). (3, h, w)
 
-    The filters of the contrast sensitivity can leave the gamut; what they make is clamped to it.
+    The contrast sensitivity filters can leave the gamut, so their result is clamped to it.
     """
     luminance, red_green, blue_yellow = (
         _blurred(channel, gaussians)
@@ -87,7 +87,7 @@ def _seen(opponents: Array) -> Array:
 
 
 def _hunt(linear: Array) -> Array:
-    """CIELAB of linear sRGB with a* and b* multiplied by 0.01 L*. (3, ...)"""
+    """Return CIELAB of linear sRGB with a* and b* multiplied by 0.01 L*. (3, ...)"""
     ratios = _ratios(linear)
     edge = 6 / 29
     lab = _of_ratios(np.where(ratios > edge**3, np.cbrt(ratios), ratios / (3 * edge**2) + 4 / 29))
@@ -98,8 +98,8 @@ def _hunt(linear: Array) -> Array:
 def _blurred(channel: Array, gaussians: tuple[tuple[float, float], ...]) -> Array:
     """Convolve (h, w) with g(r) = sum_i a_i sqrt(pi / b_i) exp(-pi^2 r^2 / b_i), r in degrees (section 4.1).
 
-    Each Gaussian is separable, so one dimension carries the root of its amplitude. The radius is 3 standard deviations
-    of the widest Gaussian of all channels, the weights sum to 1, and pixels at the border are repeated outside.
+    Each Gaussian is separable, so each dimension has the root of its amplitude. The radius is 3 standard deviations of
+    the widest Gaussian of all channels, the weights sum to 1, and border pixels are repeated outside.
     """
     radius = math.ceil(3 * math.sqrt(max(b for _, b in BLUE_YELLOW_CSF) / (2 * math.pi**2)) * PIXELS_PER_DEGREE)
     squares = (np.arange(-radius, radius + 1) / PIXELS_PER_DEGREE) ** 2
@@ -109,31 +109,31 @@ def _blurred(channel: Array, gaussians: tuple[tuple[float, float], ...]) -> Arra
 
 
 def _filtered(channel: Array, down: Array, across: Array) -> Array:
-    """Correlate (h, w) with the outer product of two 1-D filters; pixels at the border are repeated outside."""
+    """Correlate (h, w) with the outer product of two 1-D filters; border pixels are repeated outside."""
     return correlate1d(correlate1d(channel, across, 1, mode="nearest"), down, 0, mode="nearest")
 
 
 def _hyab(some: Array, other: Array) -> Array:
-    """|Delta L*| + sqrt(Delta a*^2 + Delta b*^2), the distance for large differences. (3, ...) -> (...)"""
+    """Return |Delta L*| + sqrt(Delta a*^2 + Delta b*^2), the distance for large differences. (3, ...) -> (...)"""
     lightness, a, b = some - other
     return np.abs(lightness) + np.hypot(a, b)
 
 
 GREEN_TO_BLUE = float(_hyab(_hunt(np.array([0.0, 1.0, 0.0])), _hunt(np.array([0.0, 0.0, 1.0])))) ** COLOUR_EXPONENT
-"""The largest colour difference in the gamut of sRGB, c_max."""
+"""The largest colour difference in the sRGB gamut, c_max."""
 
 
 def _colour_error(test: Array, reference: Array) -> Array:
-    """Delta E_c in [0, 1]: HyAB^0.7, made linear on both sides of a knee (section 4.1). (3, h, w) -> (h, w)."""
+    """Return Delta E_c in [0, 1]: HyAB^0.7, remapped linearly on both sides of a knee (section 4.1). (h, w)"""
     difference = _hyab(test, reference) ** COLOUR_EXPONENT / GREEN_TO_BLUE
     return np.interp(difference, (0, KNEE, 1), (0, KNEE_ERROR, 1))
 
 
 def _feature_error(test: Array, reference: Array) -> Array:
-    """Delta E_f = (max(|edges' difference|, |points' difference|) / sqrt(2))^0.5, in [0, 1] (section 4.2). (h, w)
+    """Return Delta E_f = (max(|edge difference|, |point difference|) / sqrt(2))^0.5 in [0, 1] (section 4.2). (h, w)
 
-    Edges and points are the lengths of the first and second derivatives along x and y of the luminance under a
-    Gaussian, whose standard deviation is half the features' width.
+    Edges and points are the lengths of the first and second derivatives of the luminance along x and y, taken with a
+    Gaussian whose standard deviation is half the feature width.
     """
     deviation = FEATURE_WIDTH / 2 * PIXELS_PER_DEGREE
     radius = math.ceil(3 * deviation)
@@ -153,5 +153,5 @@ def _feature_error(test: Array, reference: Array) -> Array:
 
 
 def _balanced(weights: Array) -> Array:
-    """Weights whose positive ones sum to 1 and whose negative ones to -1."""
+    """Scale weights so that the positive ones sum to 1 and the negative ones to -1."""
     return np.where(weights > 0, weights / weights[weights > 0].sum(), weights / -weights[weights < 0].sum())

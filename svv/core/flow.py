@@ -1,7 +1,7 @@
-"""Optical flow between views of a scene, forward warping, and which pixels can be compared afterwards.
+"""Optical flow between views of a scene, forward warping, and checks of which pixels can be compared afterwards.
 
-Flows are in pixels, (x to the right, y downwards), from a pixel of one image to where it is seen in another; row 0 is
-at the top. Where a flow is not known, both of its components are nan. Letters: h, w height and width, C channels.
+Flows are in pixels (x to the right, y downwards) and lead from a pixel of one image to its position in another; row 0
+is at the top. Where a flow is unknown, both components are nan. Letters: h, w height and width, C channels.
 """
 
 from __future__ import annotations
@@ -17,35 +17,35 @@ from svv.errors import BadInput
 Array = NDArray[np.float64]
 
 RELATIVE, ABSOLUTE = 0.01, 0.5
-"""How far there and back may miss: |f + b|^2 <= RELATIVE (|f|^2 + |b|^2) + ABSOLUTE px^2 (Sundaram et al. 2010)."""
+"""Bounds of the round-trip error: |f + b|^2 <= RELATIVE (|f|^2 + |b|^2) + ABSOLUTE px^2 (Sundaram et al. 2010)."""
 
 BOUNDARY_RELATIVE, BOUNDARY_ABSOLUTE = 0.01, 0.002
-"""The flow's slope from which on a pixel counts as a motion boundary."""
+"""Bounds of the flow's slope above which a pixel is a motion boundary; see :func:`is_motion_boundary`."""
 
 LEAST_LOG_WEIGHT = -500.0
-"""Exponent below the largest at which a splatted pixel stops losing weight, so that no sum of weights becomes 0."""
+"""Lower bound of a splatted pixel's exponent relative to the largest one, so that no sum of weights becomes 0."""
 
 
 def camera_flow(camera: Camera, other: Camera, depth: NDArray[np.floating]) -> Array:
-    """Flow from one camera's image to another's, of a scene that does not move.
+    """Return the flow of a static scene from one camera's image to another's.
 
     Each pixel's point o + depth d is projected into the other image.
 
     Args:
-        camera: Whose pixels they are.
-        other: Where they are looked for.
-        depth: Distance from the camera along the pixel's ray, world units, nan where nothing is seen. (h, w)
+        camera: Camera of the image in which the flow starts.
+        other: Camera of the image to which it leads.
+        depth: Distance from the camera along the pixel's ray in world units, nan where nothing is visible. (h, w)
 
     Returns:
-        (h, w, 2), nan where the depth is, or where the point lies behind the other camera.
+        The flow, nan where the depth is nan or the point lies behind the other camera. (h, w, 2)
 
     Raises:
-        BadInput: the depth does not have the size of the camera's image.
+        BadInput: The depth does not have the size of the camera's image.
     """
     if np.shape(depth) != (camera.height, camera.width):
-        raise BadInput(f"The depth is {np.shape(depth)}, the image {(camera.height, camera.width)}; render it anew.")
+        raise BadInput(f"The depth is {np.shape(depth)}, the image {(camera.height, camera.width)}; render it again.")
     origins, directions = camera.rays()
-    # Differences first: far from the origin, or at 1e-9 of a unit, positions themselves have no digits to spare.
+    # Take differences first: far from the origin, or at scales of 1e-9, positions themselves lack the precision.
     points = directions * np.asarray(depth, np.float64)[..., None] + (origins - other.position)
     local = points @ other.camera_to_world[:3, :3]
     ahead = np.where(local[..., 2] < 0, -local[..., 2], np.nan)
@@ -55,16 +55,16 @@ def camera_flow(camera: Camera, other: Camera, depth: NDArray[np.floating]) -> A
 
 
 def estimated_flow(picture: NDArray[np.floating], other: NDArray[np.floating], estimator: str = "tvl1") -> Array:
-    """Flow that an estimator reads from two pictures alone, knowing neither cameras nor depth.
+    """Estimate the flow from two pictures alone, without cameras or depth.
 
     Args:
-        picture: Whose pixels they are, grey in [0, 1]. (h, w)
-        other: Where they are looked for. (h, w)
-        estimator: ``tvl1`` (Zach et al. 2007) or ``ilk`` (Lucas & Kanade's, iterated; Le Besnerais & Champagnat 2005),
+        picture: Picture in which the flow starts, grey in [0, 1]. (h, w)
+        other: Picture to which it leads, grey in [0, 1]. (h, w)
+        estimator: ``tvl1`` (Zach et al. 2007) or ``ilk`` (iterative Lucas-Kanade; Le Besnerais & Champagnat 2005),
             both coarse to fine (scikit-image).
 
     Returns:
-        (h, w, 2).
+        The flow. (h, w, 2)
     """
     estimate = {"tvl1": optical_flow_tvl1, "ilk": optical_flow_ilk}[estimator]
     down, right = estimate(np.asarray(picture, np.float32), np.asarray(other, np.float32))
@@ -72,14 +72,14 @@ def estimated_flow(picture: NDArray[np.floating], other: NDArray[np.floating], e
 
 
 def sampled(values: NDArray[np.floating], flow: NDArray[np.floating]) -> Array:
-    """Values of the other image where each pixel's flow leads: backward warping.
+    """Sample another image at the positions to which the flow leads (backward warping).
 
     Args:
-        values: (h, w, C).
-        flow: (h, w, 2).
+        values: The other image. (h, w, C)
+        flow: Flow to the other image. (h, w, 2)
 
     Returns:
-        Bilinear mixtures, (h, w, C); nan where the flow is nan or leads out of the image, or a neighbour is nan.
+        Bilinear interpolations (h, w, C); nan where the flow is nan or leads out of the image, or a neighbour is nan.
     """
     height, width = flow.shape[:2]
     target = _pixels(height, width) + flow
@@ -97,18 +97,18 @@ def sampled(values: NDArray[np.floating], flow: NDArray[np.floating]) -> Array:
 def splatted(
     values: NDArray[np.floating], flow: NDArray[np.floating], importance: NDArray[np.floating]
 ) -> tuple[Array, Array]:
-    """Softmax splatting: every pixel is moved along its flow; where several arrive, the important ones win.
+    """Move every pixel along its flow (softmax splatting); where several arrive, the more important ones win.
 
     I'(p) = sum_q b(p - q - F(q)) e^Z(q) I(q) / sum_q b(p - q - F(q)) e^Z(q), b the bilinear kernel
     (Niklaus & Liu 2020, eq. 8).
 
     Args:
-        values: I, (h, w, C).
-        flow: F, (h, w, 2); pixels of which it is nan stay away.
-        importance: Z, larger is nearer to the viewer or more certain. (h, w)
+        values: Image I. (h, w, C)
+        flow: Flow F; pixels where it is nan are left out. (h, w, 2)
+        importance: Importance Z, larger for pixels nearer to the viewer or more certain. (h, w)
 
     Returns:
-        I' (h, w, C), nan where nothing arrived, and how much arrived: sum b, (h, w); 1 for a whole pixel.
+        I' (h, w, C), nan where nothing arrived, and the amount that arrived, sum b (h, w); 1 is a whole pixel.
     """
     height, width, channels = values.shape
     there = np.isfinite(flow).all(axis=-1) & np.isfinite(values).all(axis=-1)
@@ -121,7 +121,7 @@ def splatted(
         place = corner + np.array([right, below])
         share = np.prod(1.0 - np.abs(target - place), axis=1)
         inside = ((place >= 0) & (place < (width, height))).all(axis=1)
-        # Far outside a float may not fit into an integer, so only what is inside becomes an index.
+        # Far outside, a float may not fit into an integer, so only places inside become an index.
         index = (place[inside] @ (1, width)).astype(np.int64)
         arrived += np.bincount(index, share[inside], height * width)
         weight = (share * factor)[inside]
@@ -134,17 +134,17 @@ def splatted(
 
 
 def is_consistent(forward: NDArray[np.floating], backward: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """The forward-backward check: pixels whose flow leads to where the other image's flow leads back.
+    """Mark the pixels whose flow the other image's flow leads back (the forward-backward check).
 
-    |f(p) + b(p + f(p))|^2 <= 0.01 (|f|^2 + |b|^2) + 0.5 (Sundaram et al. 2010, eq. 5). What is hidden in the other
-    image, leaves it, or has no flow fails.
+    |f(p) + b(p + f(p))|^2 <= 0.01 (|f|^2 + |b|^2) + 0.5 (Sundaram et al. 2010, eq. 5). Pixels that are hidden in
+    the other image, leave it or have no flow fail.
 
     Args:
-        forward: Flow of the image whose pixels are asked about, (h, w, 2).
-        backward: Flow of the other image to it, (h, w, 2).
+        forward: Flow from the image whose pixels are checked to the other. (h, w, 2)
+        backward: Flow from the other image back to it. (h, w, 2)
 
     Returns:
-        (h, w).
+        True for consistent pixels. (h, w)
     """
     back = sampled(backward, forward)
     miss = np.square(forward + back).sum(axis=-1)
@@ -153,21 +153,21 @@ def is_consistent(forward: NDArray[np.floating], backward: NDArray[np.floating])
 
 
 def is_motion_boundary(flow: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Pixels at which the flow jumps, so that a pixel mixes what moves apart: edges of a surface before another.
+    """Mark the pixels where the flow jumps, as at the edge of a surface in front of another: they mix two motions.
 
-    |grad u|^2 + |grad v|^2 > 0.01 |w|^2 + 0.002 (Sundaram et al. 2010, eq. 6), and neighbours of unknown flow.
+    |grad u|^2 + |grad v|^2 > 0.01 |w|^2 + 0.002 (Sundaram et al. 2010, eq. 6); neighbours of unknown flow count, too.
 
     Args:
-        flow: w = (u, v), (h, w, 2).
+        flow: Flow w = (u, v). (h, w, 2)
 
     Returns:
-        (h, w).
+        True at motion boundaries. (h, w)
     """
     slopes = np.square(np.stack(np.gradient(flow, axis=(0, 1)))).sum(axis=(0, 3))
     return np.asarray(~(slopes <= BOUNDARY_RELATIVE * np.square(flow).sum(axis=-1) + BOUNDARY_ABSOLUTE))
 
 
 def _pixels(height: int, width: int) -> Array:
-    """Column and row of every pixel, (h, w, 2)."""
+    """Return column and row of every pixel. (h, w, 2)"""
     row, column = np.mgrid[0:height, 0:width]
     return np.stack([column, row], axis=-1).astype(np.float64)

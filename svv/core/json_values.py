@@ -1,4 +1,4 @@
-"""Values of JSON files, checked where they are read: each has a name, by which the error tells it."""
+"""Checks for values read from JSON files. Each value has a name, which error messages use."""
 
 from __future__ import annotations
 
@@ -11,72 +11,72 @@ Json = Mapping[str, object]
 """A JSON object."""
 
 LARGEST = sys.float_info.max
-"""Largest number that counts as finite: whole numbers in a file may be larger."""
+"""Largest number that counts as finite; integers in a file may be larger."""
 
 
 def object_in(value: object, name: str) -> Json:
-    """A JSON object; raises BadInput where it is none."""
+    """Return a JSON object; raise BadInput if the value is not one."""
     if not isinstance(value, Mapping):
         raise BadInput(f"{name} must be an object.")
     return value
 
 
 def needed(content: Json, key: str, name: str) -> object:
-    """The value of a key of the object called ``name``; raises BadInput where it is missing."""
+    """Return the value of a key of the object called ``name``; raise BadInput if it is missing."""
     if key not in content:
         raise BadInput(f"{name} needs {key}.")
     return content[key]
 
 
 def number_in(value: object, name: str) -> float:
-    """A finite number, whole or not, as it is; raises BadInput where it is none."""
+    """Return a finite number, int or float, unchanged; raise BadInput if the value is not one."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
         raise BadInput(f"{name} must be a finite number.")
     return value
 
 
 def whole_in(value: object, name: str) -> int:
-    """A whole number; raises BadInput where it is none."""
+    """Return an integer; raise BadInput if the value is not one."""
     if isinstance(value, bool) or not isinstance(value, int):
         raise BadInput(f"{name} must be a whole number.")
     return value
 
 
 def text_in(value: object, name: str) -> str:
-    """Text; raises BadInput where it is none."""
+    """Return a string; raise BadInput if the value is not one."""
     if not isinstance(value, str):
         raise BadInput(f"{name} must be text.")
     return value
 
 
 def switch_in(value: object, name: str) -> bool:
-    """True or false; raises BadInput where it is neither."""
+    """Return a Boolean; raise BadInput if the value is not one."""
     if not isinstance(value, bool):
         raise BadInput(f"{name} must be true or false.")
     return value
 
 
 def list_in(value: object, count: int, name: str) -> list[object]:
-    """A list of so many values; raises BadInput where it is none."""
+    """Return a list of ``count`` values; raise BadInput if the value is not one."""
     if not isinstance(value, list | tuple) or len(value) != count:
         raise BadInput(f"{name} must be a list of {count} values.")
     return list(value)
 
 
 def numbers_in(value: object, name: str) -> tuple[float, ...]:
-    """Finite numbers, however many; raises BadInput where they are none."""
+    """Return any number of finite numbers; raise BadInput if the value is not a list of them."""
     if not isinstance(value, list | tuple):
         raise BadInput(f"{name} must be a list of numbers.")
     return tuple(number_in(item, f"{name}, {k}") for k, item in enumerate(value))
 
 
 def pair_in(value: object, name: str) -> tuple[float, float]:
-    """Two finite numbers; raises BadInput where they are none."""
+    """Return two finite numbers; raise BadInput if the value is not a list of them."""
     first, second = (number_in(item, f"{name}, {k}") for k, item in enumerate(list_in(value, 2, name)))
     return first, second
 
 
 def vector_in(value: object, name: str) -> tuple[float, float, float]:
-    """Three finite numbers; raises BadInput where they are none."""
+    """Return three finite numbers; raise BadInput if the value is not a list of them."""
     x, y, z = (number_in(item, f"{name}, {k}") for k, item in enumerate(list_in(value, 3, name)))
     return x, y, z

@@ -1,4 +1,4 @@
-"""Light that can be moved: where it stands, and what a surface makes of it (Blinn-Phong).
+"""Movable light: its position, and its reflection by a surface (Blinn-Phong).
 
 Letters: S samples.
 """
@@ -15,47 +15,47 @@ from torch import Tensor
 from svv.errors import BadInput
 
 COEFFICIENTS = ("ambient", "diffuse", "specular", "shininess")
-"""What a surface makes of light, in the order in which tensors hold it: parts of the light that are >= 0, and the
+"""Reflection coefficients of a surface, in the order in which tensors hold them: fractions of the light, >= 0, and the
 exponent of the highlight."""
 
 RIM_COSINE = 0.3
-"""Cosine by which a surface may look away from the viewer and yet not be turned, under light that comes from beside:
-what is seen of the back of an outline would shine on the dark side. Under a headlight 0."""
+"""Cosine by which a surface may face away from the viewer without being turned, under light from the side; otherwise
+the back of a silhouette would shine on the dark side. Under a headlight the bound is 0."""
 
 LEAST_COSINE = 1e-4
-"""Smallest cosine that is raised to a power: its logarithm is finite."""
+"""Lower bound of cosines that are raised to a power, so that their logarithm is finite."""
 
 NORMAL_SCALE = 10.0
-"""A vector is this many times what the lattice of the normals holds, so that it learns at the rate of features."""
+"""Factor from the values in the normals' lattice to vectors; with it normals learn at the rate of features."""
 
 NORMAL_SOFTNESS = 0.1
-"""Length of a vector whose normal is 1 / sqrt(2) long: much shorter ones are no surface's, and stay unlit."""
+"""Length of a vector whose normal is 1 / sqrt(2) long; much shorter vectors belong to no surface and stay unlit."""
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """A light that is so far away that its rays are parallel, white, beside what comes from everywhere (ambient).
+    """A white directional light, besides the ambient light from everywhere.
 
-    Without a ``direction`` it stands beside the camera and follows it; at azimuth and elevation 0 it is a headlight.
+    Without a ``direction`` it follows the camera at fixed angles; at azimuth and elevation 0 it is a headlight.
 
     Raises:
-        BadInput: angles, a direction or an intensity that are none.
+        BadInput: The angles, the direction or the intensity are out of range.
     """
 
     azimuth: float = 0.0
-    """Degrees to the right of the camera, as seen from the scene's middle, in [-180, 180]."""
+    """Degrees to the right of the camera, as seen from the centre of the scene, in [-180, 180]."""
     elevation: float = 0.0
     """Degrees above the camera, in [-90, 90]."""
     direction: tuple[float, float, float] | None = None
-    """Where the light comes from in the world, whatever the camera does; of any length but 0."""
+    """World direction from which the light comes, whatever the camera does; of any length but 0."""
     intensity: float = 1.0
-    """Factor on its brightness, >= 0; 1 is the light that the views were drawn under."""
+    """Factor on the brightness, >= 0; 1 is the light under which the views were rendered."""
 
     def __post_init__(self) -> None:
         if not (-180.0 <= self.azimuth <= 180.0 and -90.0 <= self.elevation <= 90.0):
             raise BadInput(
-                f"A light stands -180 to 180 degrees beside the camera and -90 to 90 above it, not {self.azimuth:g} "
-                f"and {self.elevation:g}."
+                f"A light's azimuth must lie between -180 and 180 degrees and its elevation between -90 and 90, "
+                f"not {self.azimuth:g} and {self.elevation:g}."
             )
         if not (np.isfinite(self.intensity) and self.intensity >= 0):
             raise BadInput(f"The light's intensity must be a number of at least 0, not {self.intensity}.")
@@ -67,11 +67,11 @@ class Lamp:
 
     @property
     def moved(self) -> bool:
-        """Whether it is no headlight."""
+        """Whether the light is not a headlight."""
         return self.direction is not None or self.azimuth != 0.0 or self.elevation != 0.0
 
     def turn(self, rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Rotation (3, 3) in the world that brings directions towards a camera to directions towards the light.
+        """Return the world rotation (3, 3) from directions towards the camera to directions towards the light.
 
         Args:
             rotation: The camera's axes in the world, columns right, up and backwards. (3, 3)
@@ -82,7 +82,7 @@ class Lamp:
         return np.asarray(rotation @ right @ up @ rotation.T)
 
     def said(self) -> str:
-        """In a few words."""
+        """Return a short description."""
         if self.direction is not None:
             where = "from " + ", ".join(f"{v:g}" for v in self.direction)
         else:
@@ -91,13 +91,13 @@ class Lamp:
 
 
 def normals_of(held: Tensor) -> Tensor:
-    """Normals n = v / sqrt(s^2 + |v|^2) of vectors v, for s = :data:`NORMAL_SOFTNESS`: shorter than 1.
+    """Return the normals n = v / sqrt(s^2 + |v|^2) of vectors v, with s = :data:`NORMAL_SOFTNESS`; |n| < 1.
 
     Args:
-        held: What the lattice holds, v / :data:`NORMAL_SCALE`. (S, 3)
+        held: Values from the lattice, v / :data:`NORMAL_SCALE`. (S, 3)
 
     Returns:
-        Normals, of either side. (S, 3)
+        Normals, of either sign. (S, 3)
     """
     v = NORMAL_SCALE * held
     return v / (NORMAL_SOFTNESS * NORMAL_SOFTNESS + v.square().sum(dim=1, keepdim=True)).sqrt()
@@ -106,16 +106,16 @@ def normals_of(held: Tensor) -> Tensor:
 def blinn_phong(
     normal: Tensor, facing: Tensor, toward: Tensor, intensity: float, coefficients: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Highlight c_s = i k_s (n . h)^p and shade m = k_a + i k_d max(n . l, 0), for h = (l + v) / |l + v|.
+    """Return highlight c_s = i k_s (n . h)^p and shade m = k_a + i k_d max(n . l, 0), h = (l + v) / |l + v|.
 
-    (Blinn 1977.) The normal n is turned to the viewer first, if n . v < -RIM_COSINE (1 - v . l): surfaces have two
-    sides, as VTK's ray casters shade volumes. One shorter than 1 is lit so much less. No highlight where n . l <= 0.
+    (Blinn 1977.) The normal n is first turned to the viewer if n . v < -RIM_COSINE (1 - v . l): surfaces are two-sided,
+    as in VTK's volume ray casters. A normal shorter than 1 is lit less. There is no highlight where n . l <= 0.
 
     Args:
-        normal: Of either side. (S, 3)
+        normal: Normals n, of either sign. (S, 3)
         facing: Unit vectors v towards the viewer. (S, 3)
         toward: Unit vectors l towards the light. (S, 3)
-        intensity: i, brightness of the light.
+        intensity: Brightness i of the light.
         coefficients: k_a, k_d, k_s and p of each sample. (S, 4)
 
     Returns:

@@ -1,8 +1,8 @@
-"""The lines of a picture, and how far those of two pictures are apart: no network, nothing that is trained.
+"""Lines in a picture, and the distance between the lines of two pictures, without any trained network.
 
 A smoothed structure tensor gives every pixel a strength and a direction; its ridges, thinned and linked, are lines.
-What is compared are distributions over all pixels: how strong lines are and how much of the area they take, how long,
-how straight and unbroken, and how far one direction rules around a pixel.
+Pictures are compared by distributions over all pixels: the strength of lines and the area that they cover, their
+length, how straight and unbroken they are, and how strongly one direction dominates around a pixel.
 
 Letters: H, W a picture's height and width; L its pixels on lines.
 """
@@ -26,25 +26,25 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SMOOTHING_DEVIATION = 1.0
-"""Standard deviation of the derivatives and of the tensor in which lines are found, pixels."""
+"""Standard deviation in pixels of the derivatives and of the tensor used for finding lines."""
 COHERENCE_DEVIATIONS = (2.0, 4.0, 8.0)
-"""Standard deviations at which coherence is measured, pixels."""
+"""Standard deviations in pixels at which coherence is measured."""
 STRONG_THRESHOLD, WEAK_THRESHOLD = 1.0, 0.5
-"""Thresholds of the hysteresis, as parts of the style's root mean square strength."""
+"""Hysteresis thresholds as fractions of the style's root mean square strength."""
 LEAST_STRENGTH = 0.01
-"""Strength that counts as one, where the style has less: a few levels of 8 bits over a line."""
+"""Lower bound of the style's root mean square strength: a few 8-bit levels across a line."""
 STEADY_ANGLE = np.radians(30)
-"""Two neighbours whose directions differ by more are not on one line."""
+"""Largest difference, in radians, between the directions of neighbours on one line."""
 LONGEST_LINE = 48
-"""Pixels: a line that is longer counts as one of this length, since regions cut theirs."""
+"""Upper bound of line lengths in pixels, because regions cut their lines."""
 TURNING_STEPS = (3, 6, 12)
-"""How far along a line its turning is looked at, pixels."""
+"""Distances along a line, in pixels, over which its turning is measured."""
 LEAST_PIXELS = 64
-"""Pixels that must be left of a mask."""
+"""Fewest pixels that a mask must contain."""
 
 
 class Sample(NamedTuple):
-    """Values with weights, none of them negative."""
+    """Values with non-negative weights."""
 
     values: Floats
     weights: Floats
@@ -52,20 +52,20 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class Ridges:
-    """What is found at every pixel of a picture before lines are traced."""
+    """Measurements at every pixel of a picture, from which lines are traced."""
 
     strength: Floats
-    """Square root of the tensor's larger eigenvalue: change of colour over a pixel. (H, W)"""
+    """Square root of the tensor's larger eigenvalue: colour change per pixel. (H, W)"""
     angle: Floats
-    """Direction of the line, across the steepest change; radians in (-pi/2, pi/2], x to y (downwards). (H, W)"""
+    """Line direction, normal to the steepest change; radians in (-pi/2, pi/2], x towards y (down). (H, W)"""
     thin: Mask
-    """No neighbour across the line is stronger. (H, W)"""
+    """Whether no neighbour across the line is stronger. (H, W)"""
     coherence: tuple[Floats, ...]
-    """(l1 - l2) / (l1 + l2) of the tensor at each of :data:`COHERENCE_DEVIATIONS`, 0 to 1. (H, W) each"""
+    """(l1 - l2) / (l1 + l2) of the tensor's eigenvalues at each of :data:`COHERENCE_DEVIATIONS`, 0 to 1. (H, W) each"""
     energy: Floats
     """Squared length of the gradient. (H, W)"""
     inside: Mask
-    """Where the picture counts. (H, W)"""
+    """Pixels that count. (H, W)"""
 
     @property
     def scale(self) -> float:
@@ -74,32 +74,32 @@ class Ridges:
 
 
 def interior(cover: Mask) -> Mask:
-    """A mask without the pixels at its border; the picture's own border is none. (H, W)"""
+    """Remove the border pixels of a mask; the picture's border does not count as one. (H, W)"""
     return np.asarray(binary_erosion(cover, np.ones((3, 3)), border_value=1))
 
 
 def find_ridges(picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None) -> Ridges:
-    """Strength and direction of the lines at every pixel, by the structure tensor of all three channels.
+    """Find strength and direction of lines at every pixel with the structure tensor of all three channels.
 
     J = G * sum_c grad(I_c) grad(I_c)^T  (Di Zenzo 1986; Bigun and Granlund 1987)
 
-    Outside the mask the picture is continued by the nearest pixel within, so that its border is no line.
+    Outside the mask, the nearest pixel inside is repeated, so that the border of the mask does not become a line.
 
     Args:
         picture: sRGB in [0, 1]. (H, W, 3)
-        mask: Where the picture counts: bool, or opacity of which more than 0.9 does; everywhere by default. (H, W)
+        mask: Pixels that count: bool, or opacity, which counts above 0.9; all by default. (H, W)
 
     Raises:
-        BadInput: a picture without three channels, a mask of another size, or one with less than 64 pixels inside.
+        BadInput: The picture does not have three channels, or the mask has another size or fewer than 64 pixels inside.
     """
     if picture.ndim != 3 or picture.shape[2] != 3:
-        raise BadInput("Lines are looked for in pictures in colour: give (height, width, 3).")
+        raise BadInput("Lines can be found only in colour pictures: give an array of (height, width, 3).")
     cover = np.ones(picture.shape[:2], bool) if mask is None else np.asarray(mask, np.float64) > 0.9
     if cover.shape != picture.shape[:2]:
         raise BadInput("The mask must have the picture's size.")
     inside = interior(cover)
     if inside.sum() < LEAST_PIXELS:
-        raise BadInput(f"Less than {LEAST_PIXELS} pixels lie inside the mask: render the picture larger.")
+        raise BadInput(f"Fewer than {LEAST_PIXELS} pixels lie inside the mask: render the picture larger.")
     values = np.asarray(picture, np.float64)
     if not cover.all():
         values = values[tuple(distance_transform_edt(~cover, return_distances=False, return_indices=True))]
@@ -127,17 +127,17 @@ def find_ridges(picture: NDArray[np.floating], mask: NDArray[np.floating | np.bo
 
 
 def traced(ridges: Ridges, scale: float) -> NDArray[np.int64]:
-    """Lines: thin ridges over the weak threshold, linked where they go on, of which one pixel at least is strong.
+    """Trace lines: thin ridges above the weak threshold, linked along their direction, with at least one strong pixel.
 
-    Neighbours (of eight) are linked if their directions agree within :data:`STEADY_ANGLE` and one lies on from the
-    other: the hysteresis of Canny (1986), along lines and not across them.
+    Two of eight neighbours are linked if their directions agree within :data:`STEADY_ANGLE` and one lies in the
+    direction of the other. This is the hysteresis of Canny (1986) along lines rather than across them.
 
     Args:
-        ridges: Of the picture.
-        scale: Strength of which the thresholds are parts.
+        ridges: Ridges of the picture.
+        scale: Strength of which the thresholds are fractions.
 
     Returns:
-        Number of the line, 0 and up, or -1 where there is none. (H, W)
+        Number of each pixel's line, 0 or higher, or -1 where there is no line. (H, W)
     """
     there = ridges.thin & (ridges.strength >= WEAK_THRESHOLD * scale)
     number = np.full(there.shape, -1)
@@ -165,22 +165,22 @@ def traced(ridges: Ridges, scale: float) -> NDArray[np.int64]:
 
 
 def turned(a: Floats | float, b: Floats | float) -> Floats:
-    """Angle between directions of lines, 0 to pi/2."""
+    """Return the angle between line directions, 0 to pi/2."""
     apart = np.abs(np.asarray(a) - b) % np.pi
     return np.minimum(apart, np.pi - apart)
 
 
 def _strengths(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
-    """log2(1 + strength) of every pixel that lies on a line, 0 for all others, so that the area of lines counts, too.
+    """Return log2(1 + strength) of pixels on lines and 0 for all others, so that the area of lines counts, too.
 
-    The eye sees ratios: twice a style's strength is about as far from it as half.
+    The eye perceives ratios: twice a style's strength is about as far from it as half.
     """
     values = np.log2(1 + np.where(lines >= 0, ridges.strength / scale, 0.0)[ridges.inside])
     return Sample(values, np.ones(len(values)))
 
 
 def _lengths(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
-    """log2 of the length of the line that each pixel on one lies on; a picture without lines has one of a pixel."""
+    """Return log2 of the line length for each pixel on a line; a picture without lines has one line of one pixel."""
     number = lines[lines >= 0]
     if not len(number):
         return Sample(np.zeros(1), np.ones(1))
@@ -189,9 +189,9 @@ def _lengths(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
 
 
 def _turns(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
-    """How far a line's direction turns over a few pixels straight on; a line that is not met there any more, pi/2.
+    """Return how far a line's direction turns a few pixels straight ahead; pi/2 if there is no line any more.
 
-    Steps out of the mask do not count, for what lies there is not known.
+    Steps out of the mask do not count, because the picture is unknown there.
     """
     rows, columns = np.nonzero(lines >= 0)
     here, found = ridges.angle[rows, columns], [np.zeros(0)]
@@ -213,7 +213,7 @@ def _turns(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
 
 
 def _coherences(level: int) -> Callable[[Ridges, NDArray[np.int64], float], Sample]:
-    """Coherence at a scale, each pixel weighted by its energy: what is flat has no direction and does not count."""
+    """Return a sampler of coherence at a scale, weighted by energy: flat areas have no direction and do not count."""
 
     def sample(ridges: Ridges, lines: NDArray[np.int64], scale: float) -> Sample:
         weights = ridges.energy[ridges.inside]
@@ -230,34 +230,36 @@ MEASURES: dict[str, tuple[Callable[[Ridges, NDArray[np.int64], float], Sample], 
     "turn": (_turns, 0.3),
     **{f"coherence {scale:g}": (_coherences(level), 0.3) for level, scale in enumerate(COHERENCE_DEVIATIONS)},
 }
-"""Distribution, and its least unit: where a style is much like noise, as all are in strength and mosaics in coherence,
-differences would count out of all proportion in units of noise."""
+"""Name -> distribution and its smallest unit. Many styles resemble noise, all of them in strength and mosaics in
+coherence; in units of that noise alone, their differences would be exaggerated."""
 
 
 def line_samples(ridges: Ridges, scale: float) -> dict[str, Sample]:
-    """The distributions of :data:`MEASURES` for a picture."""
+    """Return the distributions of :data:`MEASURES` for a picture."""
     lines = traced(ridges, scale)
     return {name: measure(ridges, lines, scale) for name, (measure, _) in MEASURES.items()}
 
 
 def shuffled(picture: NDArray[np.floating]) -> NDArray[np.floating]:
-    """White noise of a picture's colours: its pixels in a random order, the same at every call."""
+    """Return white noise of a picture's colours: its pixels in a random order that is the same for every call."""
     pixels = picture.reshape(-1, picture.shape[-1])
     return np.random.default_rng(0).permutation(pixels).reshape(picture.shape)
 
 
 @dataclass(frozen=True)
 class StyleLines:
-    """The lines of a style picture, to which those of others are compared."""
+    """The lines of a style picture, with which those of other pictures are compared."""
 
     scale: float
+    """Root mean square strength of the style."""
     samples: dict[str, Sample]
+    """Distributions of :data:`MEASURES`."""
     noise: dict[str, float]
-    """The unit of each distribution: distance of white noise of the style's colours, or the least unit."""
+    """Unit of each distribution: the distance of white noise of the style's colours, or the smallest unit if larger."""
 
     @classmethod
     def of(cls, style: NDArray[np.floating]) -> StyleLines:
-        """Of a picture, sRGB in [0, 1], (H, W, 3); raises BadInput as :func:`find_ridges` does."""
+        """Analyse a picture, sRGB in [0, 1], (H, W, 3); raises BadInput as :func:`find_ridges` does."""
         ridges = find_ridges(style)
         scale = ridges.scale
         own, other = line_samples(ridges, scale), line_samples(find_ridges(shuffled(style)), scale)
@@ -267,19 +269,19 @@ class StyleLines:
     def distances(
         self, picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None
     ) -> dict[str, float]:
-        """How far the lines of a picture are from the style's, both at the same scale.
+        """Return how far the lines of a picture are from the style's, both at the style's scale.
 
         Args:
             picture: sRGB in [0, 1]. (H, W, 3)
-            mask: Where it counts, see :func:`find_ridges`. (H, W)
+            mask: Pixels that count; see :func:`find_ridges`. (H, W)
 
         Returns:
-            For each of :data:`MEASURES` the 1-Wasserstein distance of the distributions in its unit: 0 for equal ones
-            and 1 for white noise of the style's colours, where that is not nearer than the least unit; ``lines``,
-            their mean, with equal parts for strength, length, turn and coherence.
+            For each of :data:`MEASURES`, the 1-Wasserstein distance of the distributions in its unit: 0 for equal ones,
+            1 for white noise of the style's colours unless that is closer than the smallest unit; and ``lines``, their
+            mean, in which strength, length, turn and coherence have equal weight.
 
         Raises:
-            BadInput: as :func:`find_ridges` does.
+            BadInput: As :func:`find_ridges`.
         """
         found = line_samples(find_ridges(picture, mask), self.scale)
         parts = {name: apart(found[name], wanted) / self.noise[name] for name, wanted in self.samples.items()}
@@ -289,5 +291,5 @@ class StyleLines:
 
 
 def apart(a: Sample, b: Sample) -> float:
-    """1-Wasserstein distance of two distributions, in units of their values."""
+    """Return the 1-Wasserstein distance of two distributions in units of their values."""
     return float(wasserstein_distance(a.values, b.values, a.weights, b.weights))

@@ -1,6 +1,6 @@
-"""Samples along rays through occupied cells: the reference that the fast kernels must match.
+"""Sampling of rays through occupied cells: the reference that the fast kernels must match.
 
-Letters: R rays, N steps of the longest of them, (X, Y, Z) cells. Positions are box coordinates, lengths box units.
+Letters: R rays, N steps of the longest ray, (X, Y, Z) cells. Positions are box coordinates, lengths are box units.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ import torch
 from torch import Tensor
 
 FAR_DISTANCE = 1e30
-"""Farther than any box."""
+"""Distance beyond any box."""
 
 PARALLEL_COMPONENT = 1e-9
-"""Part of a direction along an axis from which on a ray counts as parallel to the axis' planes."""
+"""Direction component below which a ray counts as parallel to the planes normal to that axis."""
 
 _MIX = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 
 
 def uniform(seed: int, a: Tensor, b: Tensor) -> Tensor:
-    """Numbers in [0, 1) from three integers: counter-based, so that every device draws the same.
+    """Return random numbers in [0, 1) from three integers: counter-based, so every device draws the same.
 
-    Products wrap at 64 bits, as int64 does; shifts are those of unsigned numbers (Steele et al. 2014, SplitMix64).
+    Products wrap at 64 bits, as int64 does; shifts are unsigned (Steele et al. 2014, SplitMix64).
     """
     first, second, third = (m - (1 << 64) for m in _MIX)  # the same bits as signed numbers
     mixed = seed * _MIX[0] % (1 << 64)
@@ -34,7 +34,7 @@ def uniform(seed: int, a: Tensor, b: Tensor) -> Tensor:
 
 
 def box_span(origins: Tensor, directions: Tensor, extent: Tensor) -> tuple[Tensor, Tensor]:
-    """Where rays (R, 3) enter and leave the box from 0 to ``extent`` (3,); a ray that misses it leaves first. (R,)"""
+    """Return where rays (R, 3) enter and leave the box from 0 to ``extent`` (3,); enter > leave for a miss. (R,)"""
     along = directions.abs() < PARALLEL_COMPONENT
     inverse = 1.0 / torch.where(along, 1.0, directions)
     a, b = -origins * inverse, (extent - origins) * inverse
@@ -44,34 +44,34 @@ def box_span(origins: Tensor, directions: Tensor, extent: Tensor) -> tuple[Tenso
     return near, far
 
 
-def march(  # noqa: PLR0913  (as the kernels take them, whose reference this is)
+def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the same)
     origins: Tensor, directions: Tensor, occupied: Tensor, cells: int, extent: Sequence[float], step: float,
     extinction: Callable[[Tensor], Tensor], least_weight: float, keep: float, stop: float, fade: float, merge: bool,
     seed: int = 0, first_ray: int = 0,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
-    """Sample rays at a fixed step where cells are occupied; keep the samples that matter.
+    """Sample rays at a fixed step in occupied cells and keep the samples that matter.
 
-    What is kept, joined and skipped is told in :func:`svv.kernels.numba_marching.march`.
+    For the rules of keeping, merging and skipping samples see :func:`svv.kernels.numba_marching.march`.
 
     Args:
-        origins: Where R rays begin. (R, 3)
-        directions: Of unit length. (R, 3)
-        occupied: Cells that are looked at, bool. (X, Y, Z)
+        origins: Starting points of R rays. (R, 3)
+        directions: Unit vectors. (R, 3)
+        occupied: Cells to sample, bool. (X, Y, Z)
         cells: Cells per box unit.
         extent: Sides of the box.
         step: Sample spacing.
-        extinction: At positions (P, 3), in 1 / box unit. (P,)
-        least_weight: Of what is kept, as the next four: see :class:`svv.fields.rendering.Marching`.
-        keep: Likewise.
-        stop: Likewise.
-        fade: Likewise.
-        merge: Likewise.
-        seed: > 0 shifts each ray's samples by a random part of the step; 0 by half of it.
+        extinction: Function from positions (P, 3) to extinction in 1 / box unit (P,).
+        least_weight: Smallest weight of a sample that is kept; see :class:`svv.fields.rendering.Marching`.
+        keep: Share of the samples of less weight that is kept all the same.
+        stop: Optical depth at which a ray ends.
+        fade: Smallest factor by which extinctions will be scaled later.
+        merge: Whether samples of less weight are merged into the next one.
+        seed: > 0 shifts each ray's samples by a random fraction of the step; 0 shifts them by half a step.
         first_ray: Number of the first ray, for its random numbers.
 
     Returns:
         Position (S, 3), extinction (S,), optical depth skipped before each sample (S,), ray (S,) int32, number of
-        samples of each ray (R,) int64, and optical depth behind its last (R,).
+        samples per ray (R,) int64, and optical depth behind the last sample of each ray (R,).
     """
     ends = origins.new_tensor(extent)
     ray = torch.arange(first_ray, first_ray + len(origins), device=origins.device)
@@ -87,7 +87,7 @@ def march(  # noqa: PLR0913  (as the kernels take them, whose reference this is)
     sigma = torch.zeros_like(x[:, :, 0])
     sigma[there] = extinction(x[there])
     kept, skipped = torch.zeros_like(there), torch.zeros_like(sigma)
-    # Optical depth left out since the last kept sample, and from the beginning of the ray. (R,)
+    # Optical depth left out since the last kept sample, and total since the start of the ray. (R,)
     left_out, tau = torch.zeros_like(near), torch.zeros_like(near)
     going = torch.ones_like(there[:, 0])
     for k in range(number.shape[1]):

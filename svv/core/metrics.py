@@ -1,7 +1,7 @@
-"""How close a picture is to the truth, by the protocol of docs/measurements/protocol.md.
+"""Image metrics that compare a picture with the truth, as in docs/measurements/protocol.md.
 
-All pictures are (h, w, 3) sRGB in [0, 1]: the truth blended on white, the prediction clamped. A metric is a
-number of one view; the number of a set of views is the mean over views.
+All pictures are (h, w, 3) sRGB in [0, 1]: the truth is blended on white and the prediction is clamped. A metric is
+computed per view; its value for a set of views is the mean.
 """
 
 from __future__ import annotations
@@ -18,33 +18,35 @@ from svv.core.flip import error_map
 from svv.errors import BadInput
 
 Image = NDArray[np.floating]
+"""A picture, (h, w, 3) sRGB in [0, 1]."""
 SSIM_TAPS = 11
+"""Width of the SSIM window in pixels."""
 
 
 @dataclass(frozen=True)
 class Likeness:
-    """How close a picture is to the truth, or the means over several."""
+    """Similarity of a picture to the truth, or the means over several pictures."""
 
     psnr: float
-    """dB, see :func:`psnr`."""
+    """Peak signal-to-noise ratio in dB; see :func:`psnr`."""
     psnr_foreground: float
-    """dB, see :func:`psnr_foreground`."""
+    """Peak signal-to-noise ratio of the foreground in dB; see :func:`psnr_foreground`."""
     ssim: float
-    """See :func:`ssim`."""
+    """Structural similarity; see :func:`ssim`."""
 
     @classmethod
     def of(cls, shown: Image, truth: NDArray[np.uint8]) -> Likeness:
-        """Of a picture on white (h, w, 3) to the true view (h, w, 4), straight alpha.
+        """Compare a picture on white (h, w, 3) with the true view (h, w, 4), straight alpha.
 
         Raises:
-            BadInput: pictures of different sizes, or smaller than 11 x 11 pixels.
+            BadInput: The pictures differ in size or are smaller than 11 x 11 pixels.
         """
         white = on_white(truth)
         return cls(psnr(shown, white), psnr_foreground(shown, white, truth[..., 3]), ssim(shown, white))
 
     @classmethod
     def mean(cls, views: Sequence[Likeness]) -> Likeness:
-        """The means over views, those left out whose value is nan (without a foreground)."""
+        """Return the means over views, ignoring nan (views without a foreground)."""
         psnrs, foregrounds, ssims = (
             float(np.nanmean([getattr(v, name) for v in views])) for name in ("psnr", "psnr_foreground", "ssim")
         )
@@ -52,21 +54,20 @@ class Likeness:
 
 
 def on_white(truth: NDArray[np.uint8]) -> NDArray[np.floating]:
-    """A view with straight alpha (h, w, 4) as it is compared: blended on white, (h, w, 3) in [0, 1]."""
+    """Blend a view with straight alpha (h, w, 4) on white for comparison; (h, w, 3) in [0, 1]."""
     return over(truth.astype(np.float32) / np.float32(255.0), WHITE)
 
 
 def psnr(prediction: Image, truth: Image) -> float:
-    """Peak signal-to-noise ratio -10 log10 MSE in dB; infinite for equal pictures."""
+    """Return the peak signal-to-noise ratio -10 log10 MSE in dB; infinite for equal pictures."""
     prediction, truth = _checked(prediction, truth)
     return _decibels((prediction - truth) ** 2)
 
 
 def psnr_foreground(prediction: Image, truth: Image, alpha: NDArray[np.floating] | NDArray[np.uint8]) -> float:
-    """PSNR in dB over the pixels whose true alpha (h, w) is above 0; nan where none is.
+    """Return the PSNR in dB over the pixels whose true alpha (h, w) is above 0; nan if there are none.
 
-    A white background, which every method reproduces, flatters the PSNR of sparse scenes; here it has no
-    part.
+    A white background, which every method reproduces, inflates the PSNR of sparse scenes; here it is excluded.
     """
     prediction, truth = _checked(prediction, truth)
     if alpha.shape != truth.shape[:2]:
@@ -75,7 +76,7 @@ def psnr_foreground(prediction: Image, truth: Image, alpha: NDArray[np.floating]
 
 
 def ssim(prediction: Image, truth: Image) -> float:
-    """Structural similarity (Wang et al. 2004): 11-tap Gaussian window, sigma 1.5; 1 for equal pictures."""
+    """Return the structural similarity (Wang et al. 2004): 11-tap Gaussian, sigma 1.5; 1 for equal pictures."""
     prediction, truth = _checked(prediction, truth)
     if min(truth.shape[:2]) < SSIM_TAPS:
         raise BadInput(f"SSIM needs pictures of {SSIM_TAPS} x {SSIM_TAPS} pixels or more; render them larger.")
@@ -93,12 +94,12 @@ def ssim(prediction: Image, truth: Image) -> float:
 
 
 def flip(prediction: Image, truth: Image) -> float:
-    """Mean FLIP error (Andersson et al. 2020), LDR at 67 pixels a degree; 0 for equal pictures, at most 1."""
+    """Return the mean FLIP error (Andersson et al. 2020), LDR, 67 pixels per degree; 0 if equal, at most 1."""
     return float(flip_map(prediction, truth).mean())
 
 
 def flip_map(prediction: Image, truth: Image) -> NDArray[np.float32]:
-    """FLIP error of each pixel (h, w), see :func:`flip`."""
+    """Return the FLIP error of each pixel (h, w); see :func:`flip`."""
     return error_map(*_checked(prediction, truth))
 
 

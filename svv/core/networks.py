@@ -10,14 +10,14 @@ from torch.nn.functional import linear
 
 
 def relu_layers(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
-    """Linear layers without biases and ReLU between them, as Instant-NGP's (Müller et al. 2022, section 4).
+    """Apply linear layers without biases, with ReLU between them, as in Instant-NGP (Müller et al. 2022, section 4).
 
     Args:
         x: Inputs of S samples. (S, I)
-        weights: Of each layer, the first on the inputs. (to, from) each
+        weights: Weights of each layer, from the inputs on. (to, from) each
 
     Returns:
-        What the last layer gives. (S, O)
+        Outputs of the last layer. (S, O)
     """
     for weight in weights[:-1]:
         x = torch.relu_(linear(x, weight))

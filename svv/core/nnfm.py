@@ -1,7 +1,7 @@
-"""Nearest-neighbour feature matching (NNFM) and the colour statistics around it.
+"""Nearest-neighbour feature matching (NNFM) and related colour statistics.
 
 The loss of StyleRF-VolVis (eq. 8; Zhang et al. 2022, ARF, eq. 1): each feature vector of a render moves towards the
-feature vector of the style that is most like it. Pure torch: where the features come from is not known here.
+most similar feature vector of the style. Pure torch; this module does not depend on the origin of the features.
 
 Letters: N feature vectors of the render, M of the style, C channels each.
 """
@@ -13,25 +13,25 @@ import torch.nn.functional as F
 from torch import Tensor
 
 VECTORS_AT_A_TIME = 2048
-"""Render vectors compared with all of the style at a time: bounds the table of similarities to so many times M."""
+"""Number of render vectors compared at a time; limits the table of similarities to this many rows of M."""
 
 
 @torch.no_grad()
 def nearest(features: Tensor, style: Tensor, balance: float | None = None, chunk: int = VECTORS_AT_A_TIME) -> Tensor:
-    """Index of the style vector that each feature vector of the render is matched with.
+    """Return the index of the style vector with which each feature vector of the render is matched.
 
-    Without ``balance`` it is the one with the smallest cosine distance d_ij. A smooth render then finds the few smooth
-    places of the style and stays smooth. With it, a style vector that some vector of the render is close to already is
-    less wanted, in proportion: j = argmin_j d_ij / (balance + min_l d_lj) (Granot et al. 2022, GPNN, eq. 2).
+    Without ``balance`` it is the vector with the smallest cosine distance d_ij. A smooth render then matches the few
+    smooth places of the style and stays smooth. With ``balance``, style vectors that are already close to some vector
+    of the render are penalised: j = argmin_j d_ij / (balance + min_l d_lj) (Granot et al. 2022, GPNN, eq. 2).
 
     Args:
-        features: (N, C).
-        style: (M, C).
-        balance: > 0; small asks for all of the style, large is as good as none.
-        chunk: Rows compared at a time; changes memory, not the result.
+        features: Vectors of the render. (N, C)
+        style: Vectors of the style. (M, C)
+        balance: > 0; a small value makes use of all of the style, a large one has almost no effect.
+        chunk: Rows compared at a time; affects memory, not the result.
 
     Returns:
-        Indices into ``style``, (N,) int64.
+        Indices into ``style``, int64. (N,)
     """
     directions = F.normalize(style, dim=1).T
     parts = F.normalize(features, dim=1).split(chunk)
@@ -49,18 +49,18 @@ def nnfm_loss(
     balance: float | None = None,
     chunk: int = VECTORS_AT_A_TIME,
 ) -> Tensor:
-    """Mean over the render of the cosine distance to its nearest of the style (StyleRF-VolVis, eq. 8).
+    """Return the mean cosine distance of the render to its nearest style vectors (StyleRF-VolVis, eq. 8).
 
     L = sum_i w_i (1 - f_i . s_j / (|f_i| |s_j|)) / sum_i w_i,  j = nearest(i)
 
-    Differentiable in both arguments; the gradient of a minimum is that of the entry which attains it.
+    Differentiable in both arguments; the gradient of a minimum is that of the entry that attains it.
 
     Args:
-        features: Vectors of the render, (N, C).
-        style: Vectors of the style, (M, C).
-        weights: How much each vector counts, >= 0, (N,); equal if not given. All zero gives a loss of 0.
-        balance: Of :func:`nearest`; the paper has none.
-        chunk: Rows compared at a time; changes memory, not the result.
+        features: Vectors of the render. (N, C)
+        style: Vectors of the style. (M, C)
+        weights: Weight of each vector, >= 0; equal if not given. All zero gives a loss of 0. (N,)
+        balance: See :func:`nearest`; the paper does not use it.
+        chunk: Rows compared at a time; affects memory, not the result.
 
     Returns:
         Loss in [0, 2], a scalar.
@@ -74,18 +74,18 @@ def nnfm_loss(
 
 
 def energy_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, floor: float = 0.0) -> Tensor:
-    """How much stronger or weaker each feature is in the render than in the style.
+    """Return how much the strength of each feature differs between the render and the style.
 
     L = sum_c (r_c - s_c)^2 / max(sum_c s_c^2, floor),  r_c and s_c the root mean squares over render and style
 
-    A cosine does not see the length of vectors: a render may fade to a blur while every direction is right. With a
-    frequency basis this is a comparison of power spectra.
+    A cosine ignores the length of vectors: a render may fade to a blur while every direction is right. With a
+    frequency basis, this loss compares power spectra.
 
     Args:
-        features: Centred vectors of the render, (N, C).
-        style: Centred vectors of the style, (M, C).
-        weights: >= 0, (N,); equal if not given.
-        floor: A style of one colour has no detail to compare with: its share of the loss would know no bounds.
+        features: Centred vectors of the render. (N, C)
+        style: Centred vectors of the style. (M, C)
+        weights: Weight of each vector, >= 0; equal if not given. (N,)
+        floor: Lower bound of the denominator. Without it, a style of one colour would give an unbounded loss.
 
     Returns:
         A scalar >= 0; 1 for a render without any detail.
@@ -98,24 +98,24 @@ def energy_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, 
 
 
 def cell_weights(mask: Tensor, stride: int = 4) -> Tensor:
-    """Share of foreground in each cell of a feature map.
+    """Return the share of foreground in each cell of a feature map.
 
     Args:
-        mask: Opacity of the render in [0, 1], (h, w); h and w are cut to multiples of the stride, as pooling does.
-        stride: Pixels a cell is wide.
+        mask: Opacity of the render in [0, 1]; h and w are cropped to multiples of the stride, as in pooling. (h, w)
+        stride: Width of a cell in pixels.
 
     Returns:
-        Weights in [0, 1], (h // stride * (w // stride),), in the order of ``features.flatten(2)``.
+        Weights in [0, 1], in the order of ``features.flatten(2)``. (h // stride * (w // stride),)
     """
     return F.avg_pool2d(mask[None, None], stride).flatten()
 
 
 def total_variation(image: Tensor, mask: Tensor | None = None) -> Tensor:
-    """Mean squared difference of neighbouring pixels, where both are foreground.
+    """Return the mean squared difference of neighbouring pixels that are both foreground.
 
     Args:
-        image: (c, h, w).
-        mask: Weight of each pixel in [0, 1], (h, w); everything counts if not given.
+        image: Image of c channels. (c, h, w)
+        mask: Weight of each pixel in [0, 1]; all pixels count if not given. (h, w)
 
     Returns:
         A scalar >= 0.
@@ -132,21 +132,21 @@ def total_variation(image: Tensor, mask: Tensor | None = None) -> Tensor:
 
 
 def luminance(colour: Tensor) -> Tensor:
-    """Relative luminance of an sRGB colour: L = 0.2126 R^2.2 + 0.7152 G^2.2 + 0.0722 B^2.2 (StyleRF-VolVis, sec. 3.4).
+    """Return the relative luminance L = 0.2126 R^2.2 + 0.7152 G^2.2 + 0.0722 B^2.2 (StyleRF-VolVis, sec. 3.4).
 
-    The result is linear light and is used as it is: applying the power to it again is a mistake.
+    The result is linear light; do not apply the power to it again.
 
     Args:
-        colour: (..., 3) in [0, 1]; values outside are clamped first.
+        colour: sRGB in [0, 1]; values outside are clamped first. (..., 3)
 
     Returns:
-        (...,) in [0, 1].
+        Luminance in [0, 1]. (...,)
     """
     return (colour.clamp(0, 1) ** 2.2 @ colour.new_tensor([0.2126, 0.7152, 0.0722])).clamp(0, 1)
 
 
 def colour_statistics(colours: Tensor, weights: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """Mean (3,) and covariance (3, 3) of colours (N, 3), each counted with its weight (N,) >= 0."""
+    """Return the mean (3,) and covariance (3, 3) of colours (N, 3) with weights (N,) >= 0, equal by default."""
     share = torch.ones_like(colours[:, 0]) if weights is None else weights
     share = share / share.sum().clamp_min(torch.finfo(colours.dtype).tiny)
     mean = share @ colours
@@ -162,14 +162,14 @@ def _power(covariance: Tensor, exponent: float, floor: float) -> Tensor:
 def colour_transfer(
     source: tuple[Tensor, Tensor], target: tuple[Tensor, Tensor], floor: float = 1e-4
 ) -> tuple[Tensor, Tensor]:
-    """The linear map of colours that gives them the target's mean and covariance (ARF, sec. 3.3).
+    """Return the affine map that gives colours the target's mean and covariance (ARF, sec. 3.3).
 
-    A = C_t^1/2 C_s^-1/2, b = m_t - A m_s; apply as ``colours @ A.T + b``.
+    A = C_t^1/2 C_s^-1/2, b = m_t - A m_s; apply it as ``colours @ A.T + b``.
 
     Args:
-        source: Mean and covariance of the colours to be changed (:func:`colour_statistics`).
-        target: Mean and covariance that they get.
-        floor: Added to every variance, so that a flat source is not blown up; 1e-4 is a deviation of 0.01.
+        source: Mean and covariance of the colours to change (:func:`colour_statistics`).
+        target: Mean and covariance of the result.
+        floor: Added to every variance to avoid amplifying a flat source; 1e-4 is a standard deviation of 0.01.
 
     Returns:
         A (3, 3) and b (3,).
@@ -179,19 +179,19 @@ def colour_transfer(
 
 
 def statistics_loss(colours: Tensor, target: tuple[Tensor, Tensor], weights: Tensor | None = None) -> Tensor:
-    """Squared difference of mean and of covariance (as deviations) between colours (N, 3) and a target.
+    """Return the squared difference of mean and covariance (as deviations) between colours and a target.
 
-    Keeps a stylized region to the colours of its style where features alone would let them drift.
+    It keeps a stylized region to the colours of its style, which could drift with features alone.
 
     Args:
-        colours: (N, 3) in [0, 1].
+        colours: Colours in [0, 1]. (N, 3)
         target: Mean (3,) and covariance (3, 3) of the style.
-        weights: (N,) >= 0.
+        weights: Weight of each colour, >= 0; equal if not given. (N,)
 
     Returns:
         A scalar >= 0.
     """
     mean, covariance = colour_statistics(colours, weights)
-    # Covariances are of the fourth order in deviations: the scale keeps both terms alike for any contrast.
+    # The squared covariance is of fourth order in deviations: the scale keeps both terms comparable at any contrast.
     scale = target[1].diagonal().sum().clamp_min(1e-3)
     return (mean - target[0]).square().sum() + (covariance - target[1]).square().sum() / scale

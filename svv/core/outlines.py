@@ -1,7 +1,7 @@
-"""Outlines: silhouettes and creases of an image of a scene, drawn as ink over it.
+"""Outlines: silhouettes and creases in an image of a scene, drawn over it in ink.
 
-:mod:`svv.core.edges` says where they are. Each point of an edge is drawn as a short stroke of the width asked for,
-whatever it is that changes there, and how much.
+:mod:`svv.core.edges` finds them. Each point of an edge is drawn as a short stroke of the requested width, whatever
+changes there and by how much.
 """
 
 from __future__ import annotations
@@ -17,27 +17,28 @@ from svv.core.edges import PARTED_REACH, VIEW, Edges, Floats, Indices, lines_of,
 from svv.errors import BadInput
 
 WIDEST = 16.0
+"""Largest width of an outline, in pixels of an image whose shorter side has :data:`VIEW`."""
 
 CREASE_WIDTH = 0.6
-"""Width of creases in that of silhouettes."""
+"""Width of creases relative to silhouettes."""
 
 PRESSURE_SHARE = 0.45
-"""Part of a line's width that goes with its strength, as with a pen that is pressed."""
+"""Fraction of a line's width that varies with its strength, as with a pressed pen."""
 
 LEAST_COVERAGE = 1.0 / 512.0
-"""Less ink than half a step of 8 bits is none."""
+"""Half an 8-bit step; ink that covers no more than this is not drawn."""
 
 
 @dataclass(frozen=True)
 class Pen:
-    """What a region is outlined with."""
+    """How a region is outlined."""
 
     strength: float
-    """How much of the ink is seen, in [0, 1]."""
+    """Opacity of the ink, in [0, 1]."""
     width: float
-    """Of silhouettes, in pixels of an image whose shorter side has :data:`VIEW`, in (0, :data:`WIDEST`]."""
+    """Width of silhouettes in pixels of an image whose shorter side has :data:`VIEW`, in (0, :data:`WIDEST`]."""
     colour: tuple[float, float, float]
-    """RGB in [0, 1]."""
+    """Colour of the ink, RGB in [0, 1]."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.strength <= 1.0:
@@ -51,28 +52,28 @@ class Pen:
 def outlined(
     rgba: Floats, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], footprint: float, box: float
 ) -> tuple[Floats, Floats, NDArray[np.int16]]:
-    """An image with ink over it.
+    """Draw ink outlines over an image.
 
-    A line is drawn where one of the two sides of an edge has a pen, with the stronger one, or of equals with that in
-    front. Half of a silhouette stands beyond what it outlines: such pixels get that one's depth and region.
+    A line is drawn if either side of an edge has a pen: the stronger pen, or of two equal ones that of the side in
+    front. Half of a silhouette lies outside the shape that it outlines; there, pixels get its depth and region.
 
     Args:
-        rgba: Straight alpha, in [0, 1]. (H, W, 4)
+        rgba: Image with straight alpha, in [0, 1]. (H, W, 4)
         depth: Distance from the camera in world units, nan where nothing is visible. (H, W)
-        region: -1 where nothing is visible. (H, W)
+        region: Number of the region, -1 where nothing is visible. (H, W)
         pens: One for each region.
         footprint: Size of a pixel at distance 1, in world units (1 / focal length in pixels).
         box: Longest side of the scene's box in world units.
 
     Returns:
-        The three images; those that were given where no ink is drawn at all.
+        The three images; the given ones if no ink is drawn at all.
     """
     strength = np.array([pen.strength for pen in pens], np.float32)
     visible = region >= 0
     if not strength.any() or not visible.any():
         return rgba, depth, region
     scale = min(region.shape) / VIEW
-    reach = scale * (WIDEST + 8.0) + 4.0  # as far as ink and smoothing go
+    reach = scale * (WIDEST + 8.0) + 4.0  # how far ink and smoothing extend
     part = tuple(_extent(visible.any(axis=1 - axis), int(np.ceil(reach))) for axis in (0, 1))
     rgba, depth, region = rgba.copy(), depth.copy(), region.copy()
     _draw(rgba[part], depth[part], region[part], pens, footprint, box, scale)
@@ -83,7 +84,7 @@ def _draw(
     rgba: Floats, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], footprint: float, box: float,
     scale: float,
 ) -> None:  # fmt: skip
-    """Draw into the images, in place."""
+    """Draw into the images in place."""
     alpha = np.ascontiguousarray(rgba[..., 3])
     silhouettes, creases = lines_of(alpha, depth, region, footprint, box, scale)
     coverage, source = np.zeros(alpha.size, np.float32), np.full(alpha.size, -1, np.intp)
@@ -111,15 +112,15 @@ def _draw(
 def _sides(
     edges: Edges, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], scale: float
 ) -> tuple[Indices, Indices]:
-    """The pixel (flat index, -1 where nothing is visible) whose region's pen draws each point, and that region. (E,)"""
+    """Return the pixel (flat index, -1 for none) whose region's pen draws each point, and that region. (E,)"""
     strength = np.append([pen.strength for pen in pens], 0.0)
     best, pixel = np.full(len(edges.x), -1.0), np.full(len(edges.x), -1, np.intp)
     nearest = float(np.nanmin(depth))
-    for way in (-1.0, 1.0, 0.0):  # what is thinner than the reach is found at the point itself
+    for way in (-1.0, 1.0, 0.0):  # shapes thinner than the reach are found at the point itself
         reach = way * max(1.0, PARTED_REACH * scale)
         at = np.ravel_multi_index(pixels_of(edges, region.shape, reach), region.shape)
         distance = np.nan_to_num(depth.reshape(-1)[at], nan=np.inf)
-        # Strength first, and of two the same the nearer: a summand below any difference of strengths that is seen.
+        # Compare by strength first and then by nearness, whose term is smaller than any visible difference in strength.
         worth = strength[region.reshape(-1)[at]] + 1e-3 * nearest / np.maximum(distance, 1e-30)
         better = (region.reshape(-1)[at] >= 0) & (worth > best) & ((way != 0.0) | (pixel < 0))
         best, pixel = np.where(better, worth, best), np.where(better, at, pixel)
@@ -130,7 +131,7 @@ def _strokes(
     edges: Edges, ink: Floats, strength: Floats, width: Floats, side: Indices, shape: tuple[int, ...],
     coverage: Floats, source: Indices,
 ) -> None:  # fmt: skip
-    """Draw a piece of each edge's tangent, ``width`` pixels wide, into the flat images; the most ink counts."""
+    """Draw a piece of each edge's tangent, ``width`` pixels wide, into the flat images; the most ink wins."""
     if not len(edges.x):
         return
     width = width * (1.0 - PRESSURE_SHARE + PRESSURE_SHARE * ink)
@@ -138,7 +139,7 @@ def _strokes(
     fx, fy = column - edges.x, row - edges.y
     reach = int(np.ceil(0.5 * float(width.max()) + 1.0)) + edges.spacing
     dense, most = ink * strength, np.minimum(width, 1.0)
-    end = 0.75 * edges.spacing + 1.0  # whole as far as half way to a neighbour on the diagonal
+    end = 0.75 * edges.spacing + 1.0  # full strength up to half the distance to a diagonal neighbour
     for i in range(-reach, reach + 1):
         for j in range(-reach, reach + 1):
             across = np.abs((fx + j) * edges.nx + (fy + i) * edges.ny)

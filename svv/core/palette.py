@@ -1,10 +1,10 @@
-"""The palette of a scene: one colour for each visible range of its transfer function, read from its views.
+"""The palette of a scene: one colour per visible range of its transfer function, extracted from its views.
 
 A pixel of a direct volume rendering is a mixture of transfer-function colours, darkened by shading and
-lightened by highlights. So all pixels lie in the cone that the palette colours and white span from black (the
-terms c_s and I w_i P_i of StyleRF-VolVis, eq. 2, are coordinates in it): a colour on an edge of the cone is a
-range of its own, a colour inside is a mixture, a dark version or a highlight. Candidates for the edges are the
-corners of the RGB convex hull (Tan et al. 2018); the hue rule of the paper then joins what is too similar.
+lightened by highlights. All pixels therefore lie in the cone from black that the palette colours and white span (the
+terms c_s and I w_i P_i of StyleRF-VolVis, eq. 2, are coordinates in it). A colour on an edge of the cone is a separate
+range; a colour inside is a mixture, a shade or a highlight. Candidates for the edges are the corners of the RGB convex
+hull (Tan et al. 2018); the hue rule of the paper then joins colours that are too similar.
 
 Letters: N pixels, B bins of similar pixels, P palette colours, G generators of a cone.
 """
@@ -23,60 +23,61 @@ from svv.errors import BadInput
 
 Array = NDArray[np.float64]
 WHITE = np.ones((1, 3))
+"""White, as a generator of the cone."""
 CELLS_AN_EDGE = 20
-"""Cells of the RGB cube along an edge: a cell is as wide as colours that count as the same."""
+"""Number of cells along an edge of the RGB cube; colours within a cell's width count as the same."""
 CLIPPED_CHANNEL = 0.99
-"""Channel value from which a highlight may have been cut off."""
+"""Channel value from which a highlight may have been clipped."""
 LEAST_BRIGHTNESS = 1e-6
-"""Brightness below which a colour is black and has no hue to be scaled up."""
+"""Brightness below which a colour is black and is not scaled up."""
 LEAST_CHROMA = 5.0 / CELLS_AN_EDGE
-"""Saturation times brightness from which on the colours of a cell are of about one hue."""
+"""Saturation times brightness above which the colours of a cell have about the same hue."""
 
 
 @dataclass(frozen=True)
 class PaletteSettings:
-    """How a palette is read from pixels."""
+    """Settings for extracting a palette from pixels."""
 
     max_colours: int = 8
-    """Upper bound of the number of colours; those with most pixels behind them stay."""
+    """Maximum number of colours; those that represent the most pixels are kept."""
     hue_distance: float = 0.05
-    """Colours closer in hue become one (T_h of the paper, 0.1 there: orange and amber became one region); 1 is the full
-    circle."""
+    """Colours closer in hue are joined; 1 is the full circle. (T_h of the paper, where it is 0.1, which would join
+    orange and amber.)"""
     grey_saturation: float = 0.2
-    """Colours of less saturation are grey: light rather than a range (T_b of the paper, on brightness there)."""
+    """Colours of less saturation are grey: light rather than a range (T_b of the paper, there of brightness)."""
     grey_share: float = 0.06
-    """Share of the image that grey pixels must cover to be a range of their own; highlights cover less."""
+    """Share of the image that grey pixels must cover to count as a range; highlights cover less."""
     min_share: float = 0.004
     """Share of the image that must need a colour for it to be kept."""
     tolerance: float = 0.06
     """RGB distance up to which a pixel counts as reproduced by the other colours."""
     peak_share: float = 0.01
-    """Share of the image that must be of one hue, within ``peak_width``, for that hue to be a range though others could
-    mix it."""
+    """Share of the image that must have one hue, within ``peak_width``, for it to be a range even if others could mix
+    it."""
     peak_width: float = 0.012
-    """Distance of hues that count as one: what eight bits and interpolation do to it."""
+    """Distance of hues that count as equal: the error from eight bits and interpolation."""
     peak_contrast: float = 4.0
-    """How many times as much of the image a hue must hold as what is beside it: shades and highlights of a range keep
-    its hue and pile up there, while mixtures spread over all hues in between."""
+    """Ratio by which a hue must exceed the hues on either side in share of the image: shades and highlights of a range
+    keep its hue and accumulate there, while mixtures spread over all hues in between."""
     min_alpha: float = 0.1
-    """Pixels of less opacity are not looked at: 8-bit colour divided by such an alpha is noise."""
+    """Pixels of less opacity are ignored: 8-bit colour divided by such an alpha is noise."""
     max_pixels: int = 1_000_000
-    """Larger inputs are sampled down to this many pixels."""
+    """Larger inputs are subsampled to this many pixels."""
     refined: bool = True
-    """Whether greys, mixtures and similar hues are left out; else the palette is the simplified hull alone (Tan et al.
-    2018), to show what comes of that."""
+    """Whether greys, mixtures and similar hues are removed. Otherwise the palette is only the simplified hull (Tan et
+    al. 2018), for comparison."""
 
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours of a scene's regions, the one with most pixels behind it first."""
+    """Colours of a scene's regions, the one that represents the most pixels first."""
 
     colours: Array
-    """RGB in [0, 1]: pure and fully lit. (P, 3)"""
+    """Pure and fully lit colours, RGB in [0, 1]. (P, 3)"""
     share: Array
-    """Share of the visible image that each colour is behind; they sum to 1. (P,)"""
+    """Share of the visible image that each colour represents; the shares sum to 1. (P,)"""
     steps: tuple[str, ...]
-    """What was done, a sentence each, for the user to read."""
+    """Description of each step for the user."""
 
 
 def extract_palette(
@@ -85,16 +86,16 @@ def extract_palette(
     settings: PaletteSettings | None = None,
     seed: int = 0,
 ) -> Palette:
-    """Palette of a scene from the visible pixels of its views.
+    """Extract the palette of a scene from the visible pixels of its views.
 
     Args:
         pixels: Straight (un-premultiplied) RGB in [0, 1]. (N, 3)
-        weights: Their alpha in [0, 1]. (N,)
+        weights: Alpha of the pixels in [0, 1]. (N,)
         settings: Thresholds; the defaults are explained in docs/measurements/palette.md.
-        seed: Of the sampling of large inputs; the same seed gives the same palette.
+        seed: Seed for subsampling large inputs; the same seed gives the same palette.
 
     Returns:
-        Between 1 and ``settings.max_colours`` colours.
+        A palette of 1 to ``settings.max_colours`` colours.
 
     Raises:
         BadInput: No pixel is visible.
@@ -108,7 +109,7 @@ def extract_palette(
     coloured = corners[hsb_array(colours[corners])[:, 1] >= settings.grey_saturation]
     steps.append(f"{len(corners)} corners of their RGB hull, {len(corners) - len(coloured)} of them grey")
     grey = _grey_range(colours, mass, settings)
-    light = WHITE  # (G, 3), what may be mixed in beside the palette
+    light = WHITE  # (G, 3), may be mixed in besides the palette
     if len(grey):
         light = np.concatenate((WHITE, grey))
         steps.append("grey pixels are more than highlights explain: a range of its own")
@@ -126,7 +127,7 @@ def extract_palette(
     if not len(found):
         found = np.average(colours, 0, mass)[None]
         steps.append("no colour found: the scene is one grey range")
-    # where grey is a range, white light belongs to it
+    # if grey is a range, white light belongs to it
     palette, share = _measure(colours, mass, found, WHITE[: 1 - len(grey)])
     order = np.argsort(-share, kind="stable")[: settings.max_colours]
     steps.append("palette " + ", ".join(f"{to_hex(palette[i])} ({share[i]:.1%})" for i in order))
@@ -136,9 +137,9 @@ def extract_palette(
 def _bins(
     pixels: NDArray[np.floating], weights: NDArray[np.floating], settings: PaletteSettings, seed: int
 ) -> tuple[Array, Array]:
-    """Mean colours (B, 3) and weight (B,), summing to 1, of the well-filled cells of a grid over RGB."""
+    """Return mean colours (B, 3) and weights (B,), summing to 1, of the well-filled cells of a grid over RGB."""
     visible = np.flatnonzero(weights >= settings.min_alpha)
-    if not len(visible):  # a scene of nothing but haze: take what there is
+    if not len(visible):  # a scene of haze alone: take all of it
         visible = np.flatnonzero(weights > 0)
     if not len(visible):
         raise BadInput("No pixel of the views is visible; make the transfer function less transparent.")
@@ -151,13 +152,13 @@ def _bins(
     )
     mass = np.bincount(cell, weight, CELLS_AN_EDGE**3)
     sums = np.stack([np.bincount(cell, weight * rgb[:, channel], CELLS_AN_EDGE**3) for channel in range(3)], 1)
-    # a hull obeys its outliers, so cells with hardly a pixel have no say, unless all are like that
+    # outliers shape a hull, so nearly empty cells are left out unless all cells are nearly empty
     filled = mass > min(2e-5 * mass.sum(), 0.5 * mass.max())
     return sums[filled] / mass[filled, None], mass[filled] / mass[filled].sum()
 
 
 def _hull_corners(colours: Array, mass: Array) -> NDArray[np.int64]:
-    """Indices of the bins that are corners of the convex hull of all bins and black."""
+    """Return the indices of the bins that are corners of the convex hull of all bins and black."""
     try:
         hull = ConvexHull(np.concatenate((colours, np.zeros((1, 3)))))
     except QhullError:  # all colours in one plane: every bin may be a corner
@@ -166,7 +167,7 @@ def _hull_corners(colours: Array, mass: Array) -> NDArray[np.int64]:
 
 
 def _simplified_hull(colours: Array, mass: Array, corners: NDArray[np.int64], settings: PaletteSettings) -> Palette:
-    """At most ``max_colours`` corners of the hull: the heaviest first, then always the one farthest from those."""
+    """Choose at most ``max_colours`` corners of the hull: the heaviest, then always the one farthest from those."""
     chosen = [int(corners[mass[corners].argmax()])]
     while len(chosen) < settings.max_colours:
         away = np.linalg.norm(colours[corners, None] - colours[chosen], axis=2).min(axis=1)
@@ -181,10 +182,10 @@ def _simplified_hull(colours: Array, mass: Array, corners: NDArray[np.int64], se
 
 
 def _mix(colours: Array, generators: Array) -> tuple[Array, Array]:
-    """Non-negative mixture of the generators closest to each colour: coefficients (B, G) and distance (B,).
+    """Find the non-negative mixture of generators closest to each colour: coefficients (B, G) and distance (B,).
 
-    Generators are scaled to a brightness of 1, so coefficients compare as amounts of light. A channel that a
-    highlight has clipped is only a lower bound: a mixture that exceeds it there is no farther away.
+    Generators are scaled to a brightness of 1, so that coefficients are comparable amounts of light. A channel clipped
+    by a highlight is only a lower bound: a mixture that exceeds it is not considered farther away.
     """
     matrix = (generators / np.maximum(generators.max(1, keepdims=True), LEAST_BRIGHTNESS)).T
     clipped = colours >= CLIPPED_CHANNEL
@@ -199,7 +200,7 @@ def _mix(colours: Array, generators: Array) -> tuple[Array, Array]:
 def _grow_cone(
     colours: Array, mass: Array, corners: NDArray[np.int64], light: Array, settings: PaletteSettings
 ) -> NDArray[np.int64]:
-    """Corners that, one after the other, lie farthest outside of the cone of light and those before them."""
+    """Choose corners one after another, each the farthest outside the cone of light and the previous ones."""
     edges: list[int] = []
     open_corners = set(corners.tolist())
     _, distance = _mix(colours, light)
@@ -211,7 +212,7 @@ def _grow_cone(
         outside = np.flatnonzero(distance > settings.tolerance)
         coefficients, closer = _mix(colours[outside], np.concatenate((light, colours[[*edges, corner]])))
         gained = coefficients[:, -1] > coefficients[:, :-1].max(1)
-        if mass[outside[gained]].sum() >= settings.min_share:  # else an outlier
+        if mass[outside[gained]].sum() >= settings.min_share:  # otherwise an outlier
             edges.append(corner)
             distance[outside] = closer
     return np.array(edges, dtype=np.int64)
@@ -220,7 +221,7 @@ def _grow_cone(
 def _drop_mixtures(
     colours: Array, mass: Array, edges: NDArray[np.int64], light: Array, settings: PaletteSettings
 ) -> NDArray[np.int64]:
-    """Edges without those that the others, light and black reproduce; the least needed goes first."""
+    """Drop edges that the others, light and black reproduce, the least needed first."""
     while len(edges) > 1:
         coefficients, distance = _mix(colours, np.concatenate((light, colours[edges])))
         needed = np.empty(len(edges))
@@ -236,18 +237,19 @@ def _drop_mixtures(
 
 
 def _peaks(colours: Array, mass: Array, edges: NDArray[np.int64], settings: PaletteSettings) -> NDArray[np.int64]:
-    """Bins of hues that are ranges of their own though no edge of the cone: yellow between a red and a green range.
+    """Find bins of hues that are ranges but not edges of the cone, such as yellow between a red and a green range.
 
-    Where a range is seen alone its pixels are of one hue, however they are shaded and lit; a mixture of two ranges has
-    every hue between theirs. So a hue counts that holds more than what is on either side of it.
+    Where a range is visible alone, its pixels have one hue however they are shaded and lit; a mixture of two ranges has
+    every hue between theirs. A hue therefore counts as a range if it covers more of the image than the hues on either
+    side.
     """
     hue, saturation, brightness = hsb_array(colours).T
-    # one cell of dark or pale pixels holds many hues, of which its mean would be a pile that is none
+    # a cell of dark or pale pixels contains many hues; their mean would be a false peak
     weight = mass * ((saturation >= settings.grey_saturation) & (saturation * brightness >= LEAST_CHROMA))
     width = settings.peak_width
 
     def held(middle: float, reach: float) -> float:
-        """Part of the image whose hue is that near."""
+        """Return the share of the image within ``reach`` of a hue."""
         return float(weight[hue_distance(hue, middle) <= reach].sum())
 
     found: list[int] = []
@@ -265,9 +267,9 @@ def _peaks(colours: Array, mass: Array, edges: NDArray[np.int64], settings: Pale
 
 
 def _join_hues(colours: Array, mass: Array, edges: NDArray[np.int64], settings: PaletteSettings) -> NDArray[np.int64]:
-    """Of edges of nearly the same hue, the one with more pixels behind it (paper: appendix, refinement).
+    """Keep, of edges of nearly the same hue, the one that represents more pixels (paper: appendix, refinement).
 
-    Behind an edge are the coloured pixels that are closer to it in hue than to any other.
+    An edge represents the coloured pixels that are closer to it in hue than to any other edge.
     """
     if not len(edges):
         return edges
@@ -282,7 +284,7 @@ def _join_hues(colours: Array, mass: Array, edges: NDArray[np.int64], settings: 
 
 
 def _grey_range(colours: Array, mass: Array, settings: PaletteSettings) -> Array:
-    """Mean colour of the grey pixels (1, 3); (0, 3) if highlights and opposite hues can explain them."""
+    """Return the mean colour of grey pixels (1, 3), or (0, 3) if highlights and opposite hues explain them."""
     grey = hsb_array(colours)[:, 1] < settings.grey_saturation
     if mass[grey].sum() < settings.grey_share:
         return np.empty((0, 3))
@@ -290,11 +292,11 @@ def _grey_range(colours: Array, mass: Array, settings: PaletteSettings) -> Array
 
 
 def _measure(colours: Array, mass: Array, palette: Array, highlights: Array) -> tuple[Array, Array]:
-    """Colour (P, 3) and share (P,) of each region: hue and saturation of its purest pixels, fully lit.
+    """Measure colour (P, 3) and share (P,) of each region: hue and saturation of its purest pixels, fully lit.
 
-    The corner of a hull is its most extreme pixel; a range's own colour is what its purest fifth agrees on.
-    These are often dark (no highlight dilutes them), so the brightness is that of the best-lit fiftieth,
-    highlights apart.
+    The corner of a hull is its most extreme pixel, so the colour of a range is the mean of its purest fifth. These
+    pixels are often dark (no highlight dilutes them), so the brightness is that of the best-lit fiftieth without
+    highlights.
     """
     mixed, distance = _mix(colours, np.concatenate((palette, highlights)))
     behind = _mix(colours, palette)[0].argmax(1)
@@ -311,6 +313,6 @@ def _measure(colours: Array, mass: Array, palette: Array, highlights: Array) -> 
 
 
 def _heaviest(members: NDArray[np.int64], key: Array, mass: Array, part: float) -> NDArray[np.int64]:
-    """The members of largest key that together hold the given part of the members' mass (at least one)."""
+    """Return the members with the largest keys that hold the given part of the members' mass (at least one)."""
     ordered = members[np.argsort(-key[members], kind="stable")]
     return ordered[: 1 + np.searchsorted(np.cumsum(mass[ordered]), part * mass[members].sum())]

@@ -1,6 +1,6 @@
-"""Which samples of a ray stand for the colour of those around them: the reference for the kernels.
+"""Choice of samples whose colour represents that of their neighbours on the ray: the reference for the kernels.
 
-Letters: R rays, S samples (of all rays, one after another), K samples that are taken.
+Letters: R rays, S samples (of all rays, one after another), K chosen samples.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from torch import Tensor
 def representatives(
     own: Tensor, skipped: Tensor, ray: Tensor, start: Tensor, count: Tensor, every: float, shift: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Systematic sampling of the weights along each ray; see :func:`svv.fields.rendering.representatives`.
+    """Sample the weights along each ray systematically; see :func:`svv.fields.rendering.representatives`.
 
     Args:
         own: Optical depth of each sample. (S,)
-        skipped: Optical depth that was left out before it. (S,)
-        ray: Its ray. (S,)
-        start: Where each ray's samples begin. (R,)
-        count: Their number. (R,)
-        every: Part of a pixel between two cuts.
-        shift: Of each ray's cuts, in [0, 1). (R,)
+        skipped: Optical depth left out before each sample. (S,)
+        ray: Ray of each sample. (S,)
+        start: Index of each ray's first sample. (R,)
+        count: Number of each ray's samples. (R,)
+        every: Fraction of a pixel's weight between two cuts.
+        shift: Shift of each ray's cuts, in [0, 1). (R,)
 
     Returns:
-        Rows of the samples that are taken, ascending, (K,), and the place in them of each sample's, (S,).
+        Rows of the chosen samples, ascending (K,), and for each sample the index in them of its representative (S,).
     """
     ray = ray.long()
     both = (skipped + own).double()

@@ -1,9 +1,10 @@
-"""Parts of a picture: all of it cut into regions that look alike, or the part that a few points ask for.
+"""Segmentation of a picture: into regions of similar appearance, or into the part that a few points select.
 
-Both work on superpixels (SLIC), each described by its colour in CIELAB and by how its lightness varies: strokes that
-differ in size or contrast are told apart though their mean colour is one. SLIC, CIELAB: scikit-image.
+Both work on superpixels (SLIC), each described by its CIELAB colour and by the variation of its lightness, so that
+strokes of different size or contrast are distinguished even if their mean colour is the same. SLIC and CIELAB are those
+of scikit-image.
 
-Letters: h and w are height and width in pixels, K superpixels, D numbers that describe one.
+Letters: h and w height and width in pixels, K superpixels, E pairs of neighbours.
 """
 
 from __future__ import annotations
@@ -18,38 +19,39 @@ from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import spsolve
 
 Points = Sequence[tuple[float, float]]
-"""Places (x, y) in pixels: x to the right, y down, (0, 0) the first pixel's corner."""
+"""Points (x, y) in pixels: x to the right, y down, (0, 0) the corner of the first pixel."""
 Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 SUPERPIXELS = 900
-"""How many a picture is cut into, about: 30 along each side of a square one."""
+"""Approximate number of superpixels of a picture: 30 along each side of a square one."""
 
 APART_FACTOR = 1.5
-"""Regions that do not touch are joined only if they are this much more alike: squares of distances."""
+"""Factor on the price of joining regions that do not touch, in squared distances."""
 
 TEXTURE_WEIGHT = 1.4
-"""Weight of texture beside colour: a deviation of lightness of 1 counts as this much difference of colour."""
+"""Weight of texture relative to colour: a lightness deviation of 1 counts as this colour difference."""
 
 LINKS, LIKENESS = 12, 0.35
-"""Neighbours in looks that every superpixel is tied to for a selection, and how strongly beside those in space."""
+"""Number of similar superpixels to which each one is linked in a selection, and their weight relative to touching
+ones."""
 
 NEITHER_WEIGHT = 0.17
-"""How much everything counts as not meant: what is like neither kind of point is not selected."""
+"""Prior against selection: superpixels that resemble neither kind of point are not selected."""
 
 
 def superpixels(picture: NDArray[np.floating], count: int = SUPERPIXELS) -> Labels:
-    """Cut a picture (h, w, 3), sRGB in [0, 1], into about so many connected pieces. Numbers from 0, (h, w)."""
+    """Cut a picture (h, w, 3), sRGB in [0, 1], into about ``count`` connected pieces, numbered from 0. (h, w)"""
     from skimage.segmentation import slic
 
-    # Strokes and dots are to lie inside a superpixel, not to be its outline: blurred by a fifth of its side.
+    # Blur by a fifth of a superpixel's side, so that strokes and dots lie inside superpixels and do not outline them.
     side = (picture.shape[0] * picture.shape[1] / count) ** 0.5
     labels = slic(picture, count, compactness=12.0, sigma=0.2 * side, start_label=0, channel_axis=-1)
     return np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int64)
 
 
 def looks(picture: NDArray[np.floating], labels: Labels) -> NDArray[np.float64]:
-    """What tells superpixels apart: mean CIELAB, and the deviation of lightness in two sizes of detail. (K, 5)"""
+    """Describe superpixels by mean CIELAB and the deviation of lightness at two sizes of detail. (K, 5)"""
     from skimage.color import rgb2lab
 
     lab = rgb2lab(np.clip(picture, 0, 1))
@@ -63,7 +65,7 @@ def looks(picture: NDArray[np.floating], labels: Labels) -> NDArray[np.float64]:
 
 
 def neighbours(labels: Labels) -> NDArray[np.int64]:
-    """Pairs of superpixels that touch, the smaller number first. (E, 2)"""
+    """Return the pairs of superpixels that touch, the smaller number first. (E, 2)"""
     beside = np.concatenate([
         np.stack([labels[:, 1:].ravel(), labels[:, :-1].ravel()], 1),
         np.stack([labels[1:].ravel(), labels[:-1].ravel()], 1),
@@ -75,16 +77,16 @@ def neighbours(labels: Labels) -> NDArray[np.int64]:
 def regions(picture: NDArray[np.floating], count: int) -> Labels:
     """Cut a picture into ``count`` regions by colour and texture.
 
-    Superpixels are joined two by two, each time those whose union loses least of what tells them apart (Ward 1963):
-    n_a n_b / (n_a + n_b) |f_a - f_b|^2. Those that do not touch may be joined, too, at the price times
+    Superpixels are joined pair by pair, always the pair with the lowest price (Ward 1963):
+    n_a n_b / (n_a + n_b) |f_a - f_b|^2. Superpixels that do not touch can be joined, too; their price is multiplied by
     :data:`APART_FACTOR`.
 
     Args:
-        picture: (h, w, 3) sRGB in [0, 1].
-        count: At least 1; fewer are found only where the picture has fewer superpixels.
+        picture: sRGB in [0, 1]. (h, w, 3)
+        count: Number of regions, at least 1; there are fewer if the picture has fewer superpixels.
 
     Returns:
-        Region of each pixel, numbered by size, the largest 0. (h, w)
+        Region of each pixel, numbered by size from the largest, 0. (h, w)
     """
     labels = superpixels(picture)
     mean, size = looks(picture, labels), np.bincount(labels.ravel()).astype(np.float64)
@@ -123,22 +125,22 @@ def _prices(mean: NDArray[Any], size: NDArray[Any], others: NDArray[Any], sizes:
 def selection(
     picture: NDArray[np.floating], positive: Points, negative: Points = (), start: Mask | None = None
 ) -> Mask:
-    """The part of a picture that points ask for.
+    """Return the part of a picture that points select.
 
     A random walker on the graph of superpixels with a prior (Grady 2005): x solves
-    (L + g (p + q)) x = g p, with x = 1 at positive and 0 at negative points. L is the Laplacian of a graph that ties
-    superpixels to those that they touch and to those that look most like them; p and q say how much a superpixel
-    looks like a positive or a negative point, or, with ``start``, how much of it the mask covers. Selected is where a
-    walker reaches a positive point first, x > 1/2.
+    (L + g (p + q)) x = g p, with x = 1 at positive and 0 at negative points. L is the Laplacian of a graph that links
+    superpixels to those that they touch and to those most similar to them. p and q are the similarity of a superpixel
+    to positive and negative points or, with ``start``, the fractions of it inside and outside the mask. Superpixels
+    from which a walker is more likely to reach a positive point first, x > 1/2, are selected.
 
     Args:
-        picture: (h, w, 3) sRGB in [0, 1].
-        positive: Inside of the picture, as is ``negative``.
-        negative: What is not to be selected.
-        start: A mask (h, w) to go on from; without it at least one positive point is needed.
+        picture: sRGB in [0, 1]. (h, w, 3)
+        positive: Points to select, inside the picture.
+        negative: Points not to select, inside the picture.
+        start: A mask (h, w) to refine; without it at least one positive point is needed.
 
     Returns:
-        (h, w), true where selected: every positive point, no negative one.
+        True where selected: at every positive point and at no negative one. (h, w)
     """
     labels = superpixels(picture)
     inside, outside = _places(positive, labels.shape), _places(negative, labels.shape)
@@ -158,7 +160,7 @@ def selection(
     else:
         spread = _spread(features, scale)
         towards = np.exp(-_nearest(features, chosen) / spread)
-        # What looks unlike the chosen is not meant, the less so where it is said what is not.
+        # Superpixels unlike the chosen ones are not selected; this prior is weaker if negative points are given.
         unlike = NEITHER_WEIGHT if len(refused) else 2 * NEITHER_WEIGHT
         away = np.maximum(np.exp(-_nearest(features, refused) / spread), unlike)
         weight = 0.25
@@ -175,12 +177,12 @@ def selection(
 
 
 def _places(points: Points, shape: tuple[int, ...]) -> list[tuple[int, int]]:
-    """Row and column of the pixel under each point."""
+    """Return row and column of the pixel under each point."""
     return [(min(int(y), shape[0] - 1), min(int(x), shape[1] - 1)) for x, y in points]
 
 
 def _split(labels: Labels, inside: list[tuple[int, int]], outside: list[tuple[int, int]]) -> Labels:
-    """Superpixels that hold points of both kinds are cut: each pixel goes with the nearest of its points."""
+    """Cut superpixels that contain points of both kinds: each pixel goes with the nearest of its points."""
     labels = labels.copy()
     both = {int(labels[p]) for p in inside} & {int(labels[p]) for p in outside}
     for number in sorted(both):
@@ -207,12 +209,12 @@ def _laplacian(features: NDArray[Any], pairs: NDArray[Any], step: NDArray[Any], 
 
 
 def _spread(features: NDArray[Any], scale: float) -> float:
-    """Squared distance at which looks count as different: a part of the picture's own variety."""
+    """Return the squared distance at which appearances count as different, relative to the picture's variety."""
     return max(4.0 * scale, 0.12 * float(features.var(0).sum()), 25.0)
 
 
 def _nearest(features: NDArray[Any], others: NDArray[Any]) -> NDArray[np.float64]:
-    """Squared distance of each to the nearest of the others; (K,)."""
+    """Return the squared distance of each vector to the nearest of the others. (K,)"""
     if not len(others):
         return np.full(len(features), np.inf)
     return np.asarray(((features[:, None] - others) ** 2).sum(-1).min(1))

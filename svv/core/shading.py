@@ -1,4 +1,4 @@
-"""How a volume is lit where views of it are drawn."""
+"""Shading of a volume when views of it are rendered."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ class Shading:
     """
 
     on: bool = True
-    """False: colours of the transfer function as they are."""
+    """Whether the volume is shaded; otherwise the colours are those of the transfer function."""
     ambient: float = 0.0
-    """Light that comes from everywhere, >= 0."""
+    """Share of the light from all directions that a surface reflects in its own colour, >= 0."""
     diffuse: float = 1.0
     """Share of the headlight that a surface facing the camera reflects in its own colour, >= 0."""
     specular: float = 0.0
-    """Share that is mirrored as a white highlight, >= 0. The CPU's highlights are wider than the GPU's."""
+    """Share that is reflected as a white highlight, >= 0. Highlights are wider on the CPU than on the GPU."""
     specular_power: float = 100.0
     """Sharpness of the highlight, > 0."""
 
     @property
     def seen(self) -> bool:
-        """Whether colours depend on the direction from which they are seen."""
+        """Whether colours depend on the viewing direction."""
         return self.on and bool(self.diffuse or self.specular)
 
     @classmethod
     def from_json(cls, content: object, name: str = "shading") -> Shading:
-        """The inverse of :meth:`to_json`.
+        """Create shading from the output of :meth:`to_json`.
 
         Args:
-            content: What a file holds.
-            name: What errors call it.
+            content: The JSON value read from a file.
+            name: Name of the value in error messages.
 
         Raises:
-            BadInput: a value that is missing or none.
+            BadInput: A value is missing or invalid.
         """
         values = object_in(content, name)
         ambient, diffuse, specular, power = (
@@ -49,5 +49,5 @@ class Shading:
         return cls(switch_in(needed(values, "on", name), f"{name}.on"), ambient, diffuse, specular, power)
 
     def to_json(self) -> dict[str, object]:
-        """As plain values under the names of the fields."""
+        """Return the fields as plain values under their names."""
         return asdict(self)

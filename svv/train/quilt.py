@@ -1,9 +1,9 @@
-"""A style picture as paint on surfaces: pieces of it, laid so that strokes follow the form and go on into each other.
+"""A style picture as paint on surfaces: pieces of it, laid such that strokes follow the form and continue one another.
 
 Image quilting (Efros & Freeman 2001) with the pieces of lapped textures (Praun, Finkelstein & Hoppe 2000): seeds are
-spread over what is visible, each gets a piece of the picture, turned so that its strokes run along the surface's
-direction (:class:`svv.train.form.Form`), and of all places in the picture the one that continues what lies there
-already. Nothing is learnt and nothing is averaged: what one sees are the picture's own strokes.
+spread over what is visible, and each gets a piece of the picture, turned such that its strokes run along the surface's
+direction (:class:`svv.train.form.Form`). Its place in the picture is the one that best continues the paint already laid
+there. Nothing is learned and nothing is averaged: the result shows the picture's own strokes.
 """
 
 from __future__ import annotations
@@ -20,56 +20,56 @@ from svv.kernels.numba_quilting import misfits, paint, places
 from svv.train.form import Floats, Form, tangents
 
 RADIUS = 30.0
-"""Of a piece, in pixels of the style picture as it is painted: a piece holds an eddy, a crest or a few tiles."""
+"""Radius of a piece, in pixels of the style picture at its painted size: room for an eddy, a crest or a few tiles."""
 
 SPACING = 0.62
-"""Distance of seeds at least, in radii."""
+"""Minimum distance of seeds, in radii."""
 
 TURNING = 0.8
-"""How far apart two normals count as a distance, in radii for each unit of difference: thin sheets have two sides."""
+"""Distance added per unit of difference between two normals, in radii: it separates the two sides of thin sheets."""
 
 CANDIDATES = 256
-"""Places in the picture that are tried for each piece."""
+"""Number of places in the picture that are tried for each piece."""
 
 OVERLAP = 160
-"""Points of the overlap that are compared at most."""
+"""Maximum number of points compared in the overlap."""
 
 NEIGHBOURS = 14
-"""Pieces that are asked for a point's colour."""
+"""Number of pieces considered for a point's colour."""
 
 DECIDED = 0.12
-"""Product of how decided form and strokes are from which on a piece is turned; else it stands upright."""
+"""Distinctness of form times coherence of strokes from which a piece is turned; below it, the piece stays upright."""
 
 INK = 0.12
-"""How far strokes reach over the borders of pieces."""
+"""How far strokes extend across the borders of pieces."""
 
 LIGHT = np.array([-0.45, 0.75, 0.5])
-"""Direction to the light that dark and light of a painting go by, from the left above, as painters have it."""
+"""Direction to the light that determines light and dark in a painting: from the upper left, the painters' custom."""
 
 
 @dataclass(frozen=True)
 class Guides:
-    """Weights of what a piece is chosen by, besides how well it continues what lies there.
+    """Weights of the criteria for a piece, besides how well it continues the paint already laid.
 
-    That is the mean squared difference, as a part of the picture's own variance.
+    The latter has weight 1: it is the mean squared difference, relative to the picture's own variance.
     """
 
     tone: float = 1.0
-    """Of the squared difference of ranks in brightness: light places of the picture for lit places of the form."""
+    """Weight of the squared difference in brightness rank: light parts of the picture suit lit places of the form."""
     turned: float = 0.02
-    """Of the squared angle in radians that a piece is turned by."""
+    """Weight of the squared angle, in radians, by which a piece is turned."""
     used: float = 0.5
-    """Of how often a part of the picture was used already, against the mean."""
+    """Weight of how often a part of the picture has been used, relative to the mean."""
     along_form: bool = True
-    """Whether pieces are turned at all; else all of them stand upright."""
+    """Whether pieces are turned along the form; otherwise all stay upright."""
 
 
 class Manner:
-    """A style picture made ready: where it has strokes, which way they run, how bright it is.
+    """A prepared style picture: where it has strokes, in which direction they run, and how bright it is.
 
     Args:
-        picture: (H, W, 3) sRGB in [0, 1], at the size it is painted in.
-        mask: (H, W), true where it teaches; all of it if not given.
+        picture: Picture (H, W, 3), sRGB in [0, 1], at its painted size.
+        mask: True for the part to learn from, (H, W); by default all of it.
     """
 
     def __init__(self, picture: Floats, mask: NDArray[np.bool_] | None = None) -> None:
@@ -86,20 +86,20 @@ class Manner:
             tensor += (across * across, down * down, -across * down)  # up is positive, as on the surface
         xx, yy, xy = (gaussian_filter(t, reach) for t in tensor)
         self.angle = 0.5 * np.arctan2(2 * xy, xx - yy) + 0.5 * np.pi
-        """Of the strokes against the horizontal, anticlockwise, radians. (H, W)"""
+        """Anticlockwise angle of the strokes from the horizontal, in radians. (H, W)"""
         self.coherence = np.hypot(xx - yy, 2 * xy) / np.maximum(xx + yy, 1e-6)
-        """How much strokes run one way, [0, 1]. (H, W)"""
+        """How consistently strokes run in one direction, in [0, 1]. (H, W)"""
         tone = gaussian_filter(picture @ np.array([0.299, 0.587, 0.114]), reach)
         inside = np.ones((height, width), bool) if mask is None else mask
         order = np.sort(tone[inside])
         self.rank = np.searchsorted(order, tone) / max(len(order), 1)
-        """Share of the picture that is darker. (H, W)"""
+        """Fraction of the picture that is darker. (H, W)"""
         margin = int(min(0.6 * RADIUS, min(height, width) / 4))
         allowed = inside.copy()
         allowed[:margin] = allowed[height - margin :] = False
         allowed[:, :margin] = allowed[:, width - margin :] = False
         self.places = np.argwhere(allowed if allowed.any() else inside)
-        """Rows and columns where a piece may have its middle. (M, 2)"""
+        """Rows and columns at which a piece may have its centre. (M, 2)"""
 
 
 class Quilt:
@@ -109,17 +109,17 @@ class Quilt:
         self, manner: Manner, form: Form, surface: Floats, pixel: float, seed: int, progress: Progress,
         guides: Guides | None = None, through: bool = False,
     ) -> None:  # fmt: skip
-        """Lay it.
+        """Lay the pieces.
 
         Args:
             manner: The style picture.
-            form: The scene's.
-            surface: Box coordinates of points that are seen of the region, about evenly spread. (S, 3)
+            form: Form of the scene.
+            surface: Box coordinates of visible points of the region, roughly evenly spread. (S, 3)
             pixel: Side of a pixel of the picture on the surface, in box units.
-            seed: Another one is another layout.
+            seed: Seed of the layout.
             progress: Called after every few pieces.
-            guides: What pieces are chosen by.
-            through: Whether a piece goes on through a shell, both of whose sides are seen at once.
+            guides: Weights by which pieces are chosen.
+            through: Whether a piece extends through a shell whose two sides are visible at the same time.
         """
         self.manner, self.form, self.radius, self.through = manner, form, RADIUS * pixel, through
         self.guides = guides or Guides()
@@ -135,16 +135,16 @@ class Quilt:
         self._decided = decided[seeds]
         lit = self.outward @ (LIGHT / np.linalg.norm(LIGHT))
         self._wanted = np.argsort(np.argsort(lit)) / max(len(lit) - 1, 1)
-        """Share of the pieces that the form turns less to the light. (K,)"""
+        """Fraction of the pieces that face the light less. (K,)"""
         self.centre = np.zeros((len(seeds), 2), np.float32)
-        """Where in the picture each piece has its middle, across and down. (K, 2)"""
+        """Centre of each piece in the picture, across and down. (K, 2)"""
         self.turn = np.zeros(len(seeds), np.float32)
-        """Radians that each is turned by, anticlockwise. (K,)"""
+        """Anticlockwise turn of each piece in radians. (K,)"""
         self._tree = cKDTree(self.middle)
         self._lay(surface, normal, progress)
 
     def _lay(self, surface: Floats, normal: Floats, progress: Progress) -> None:
-        """Choose all pieces, each with those before it on the surface already."""
+        """Choose all pieces one by one, each to continue those already on the surface."""
         size = np.array(self.manner.picture.shape[:2])
         uses = np.zeros(np.maximum(size // max(int(RADIUS // 2), 1), 1))
         tree = cKDTree(surface)
@@ -169,9 +169,9 @@ class Quilt:
         progress(1.0, "laying strokes")
 
     def _choose(self, k: int, at: Floats, suits: Floats, colours: Floats, uses: NDArray[np.float64]) -> None:
-        """Choose piece k's place in the picture, and note it in ``uses``, counts of blocks of the picture.
+        """Choose piece k's place in the picture, and count it in ``uses``, the uses of each block of the picture.
 
-        ``at`` (N, 2), in radii, ``suits`` (N,) and ``colours`` (N, 3) are of points that are painted already.
+        ``at`` (N, 2), in radii, ``suits`` (N,) and ``colours`` (N, 3) belong to points that are already painted.
         """
         manner, guides = self.manner, self.guides
         chosen = manner.places[self._generator.integers(0, len(manner.places), CANDIDATES)]
@@ -191,7 +191,7 @@ class Quilt:
         self.centre[k], self.turn[k] = chosen[best][::-1], turns[best]
 
     def _order(self) -> NDArray[np.int64]:
-        """Pieces, each beside one that was laid before wherever there is one."""
+        """Return the order of the pieces: each lies next to an earlier one wherever possible."""
         count = len(self.middle)
         _, near = self._tree.query(self.middle, min(9, count))
         near = np.reshape(near, (count, -1))
@@ -213,7 +213,7 @@ class Quilt:
               colours, suits)  # fmt: skip
 
     def __call__(self, position: Floats) -> Floats:
-        """Colours of box coordinates (S, 3) -> (S, 3); the nearest piece's mean where no piece reaches."""
+        """Return the colours at box coordinates (S, 3) -> (S, 3); the picture's mean colour where no piece reaches."""
         out = np.empty((len(position), 3), np.float32)
         for first in range(0, len(position), 1 << 18):
             part = np.ascontiguousarray(position[first : first + (1 << 18)], np.float32)
@@ -228,7 +228,7 @@ class Quilt:
 
 
 def spread(points: Floats, distance: float) -> NDArray[np.int64]:
-    """Indices of points (S, D) no two of which are nearer than a distance, and to one of which every other is."""
+    """Return indices of points (S, D) that are at least ``distance`` apart, with every other point nearer to one."""
     tree = cKDTree(points)
     left, chosen = np.ones(len(points), bool), []
     for k in range(len(points)):

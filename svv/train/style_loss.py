@@ -1,9 +1,9 @@
-"""What a region's render is drawn towards: one style picture, its features and colours, and the loss against them.
+"""Style target of a region's render: the features and colours of one style picture, and the loss against them.
 
-The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.styles.features`. What is added can be turned off
-(:data:`PAPER_LOSS`) and answers what goes wrong with NNFM alone: a smooth render stays with the few smooth places of
-the style (balanced matching), colours drift (their mean and covariance), and views that disagree about where a stroke
-lies average it away (the features' energy, and a start that is painted already and holds the strokes in place).
+The core is NNFM (StyleRF-VolVis, eq. 8) on the features of :mod:`svv.styles.features`. The additions can be turned off
+(:data:`PAPER_LOSS`). They remedy problems of NNFM alone: a smooth render matches only the few smooth places of the
+style (balanced matching), colours drift (loss on their mean and covariance), and strokes about whose position views
+disagree average out (loss on the features' energy, and a painted start that holds the strokes in place).
 """
 
 from __future__ import annotations
@@ -30,19 +30,20 @@ from svv.styles.features import STRIDE, PatchFeatures
 from svv.train.quilt import Guides
 
 LEAST_SHARE = 0.3
-"""Share of foreground from which on a cell of the feature map is matched."""
+"""Fraction of foreground above which a cell of the feature map is matched."""
 
 
 WHOLE, LEAST_CELLS = 0.95, 16
-"""Share of foreground from which on a cell counts for the energy, and how many it takes: outlines would spoil it."""
+"""Fraction of foreground above which a cell counts for the energy, and minimum number of such cells: outlines would
+distort it."""
 
 LEAST_DETAIL = 0.01
-"""A style's detail is taken to be this part of its mean feature at least, squares of both; paintings have 0.15. A style
-darker than a middle grey counts as one. Without it a style of one colour gave losses of 1e8 to 1e10, beside which its
-colour counted for nothing."""
+"""Lower bound of a style's squared detail, as a fraction of its squared mean feature; paintings have 0.15. A style
+darker than middle grey counts as middle grey. Without the bound, a style of one colour gave losses of 1e8 to 1e10, next
+to which its colour had no effect."""
 
 FAINTEST = 0.02
-"""Opacity from which on a pixel belongs to a region."""
+"""Opacity above which a pixel belongs to a region."""
 
 
 @dataclass(frozen=True)
@@ -50,71 +51,71 @@ class StyleLossSettings:
     """Weights and sizes of the style loss."""
 
     style_size: int = 280
-    """Long side in pixels that the style picture is brought to: strokes scale with it. A scene's parts are smaller than
-    its views, so strokes for them are smaller than those of a picture as large as a view (400)."""
+    """Long side in pixels to which the style picture is scaled: strokes scale with it. Parts of a scene are smaller
+    than its views, so their strokes are smaller than those of a picture as large as a view (400)."""
     larger: float = 1.0
-    """By how much the strokes are larger than in other regions: ``style_size`` holds this factor already
+    """Factor by which strokes are larger than in other regions, already included in ``style_size``
     (:func:`svv.train.contrast.stroke_scales`)."""
     largest: float = 3.0
-    """How much larger strokes become at most where a region is deep; 1 keeps all at their size."""
+    """Maximum factor by which strokes become larger in deep regions; 1 keeps all strokes at their size."""
     contrast: bool = True
-    """Whether paint that is laid gets the contrast at which it is seen as strong as the style
+    """Whether laid paint gets the contrast with which it appears as strong as the style
     (:func:`svv.train.contrast.match_contrast`)."""
     balance: float | None = None
-    """How strictly all of the style is used (:func:`svv.core.nnfm.nearest`); None is the paper's plain matching."""
+    """How strictly all of the style is used (:func:`svv.core.nnfm.nearest`); None for the paper's plain matching."""
     octaves: int = 1
-    """Scales of render and style that are matched: 1, or also halves of both (2), and so on."""
+    """Number of scales at which render and style are matched: each further one halves both."""
     colours: float = 3.0
-    """Weight of mean and covariance of the region's colours against the style's."""
+    """Weight of the loss on the mean and covariance of the region's colours against the style's."""
     energy: float = 0.0
-    """Weight of the strength of each feature against the style's (:func:`svv.core.nnfm.energy_loss`)."""
+    """Weight of the loss on the strength of each feature against the style's (:func:`svv.core.nnfm.energy_loss`)."""
     variation: float = 8.0
-    """Weight of total variation within the region: without it the detail that views disagree about is noise."""
+    """Weight of total variation within the region: without it, detail about which views disagree becomes noise."""
     most_vectors: int = 3000
-    """Style vectors kept for matching, drawn at random beyond that."""
+    """Maximum number of style vectors kept for matching; more are sampled at random."""
     seeded: bool = True
     """Whether a scene is painted with pieces of the style before the matching (:mod:`svv.train.painting`)."""
     guides: Guides = field(default_factory=Guides)
-    """What the pieces of that start are chosen by."""
+    """Weights by which the pieces of that start are chosen."""
     anchor: float = 0.5
-    """Weight of the squared distance to the colours at the start, in a scene: all views share its strokes."""
+    """Weight, in a scene, of the squared distance to the initial colours, whose strokes are common to all views."""
     along_rays: float = 0.0
-    """Weight of the spread of a region's colours along the rays, in a scene
-    (:func:`svv.train.stylize.spread_along_rays`): frames agree better, and strokes that only speckle go first."""
+    """Weight, in a scene, of the spread of a region's colours along rays (:func:`svv.train.stylize.spread_along_rays`):
+    frames agree better, and strokes that only cause speckles vanish first."""
     rate: float = 0.02
-    """Learning rate of a painting's colours in the matching, in units of them."""
+    """Learning rate of a painting's colours in the matching, in units of colour."""
     background: float | None = None
-    """Grey level in [0, 1] behind a region's render; None is the luminance of the style's mean colour."""
+    """Grey level in [0, 1] behind a region's render; None for the luminance of the style's mean colour."""
 
 
 PAPER_LOSS = StyleLossSettings(style_size=400, colours=0.0, variation=0.0, seeded=False, anchor=0.0)
-"""The loss as the paper has it."""
+"""The loss as in the paper."""
 
 PATCH_LOSS = StyleLossSettings(balance=0.05, energy=3.0, variation=0.0, along_rays=6.0, rate=0.1)
-"""What suits patches in a cosine basis (:class:`svv.styles.features.PatchFeatures`), which know no shapes: a smooth
-render would stay with the few smooth places of the style."""
+"""The loss for patches in a cosine basis (:class:`svv.styles.features.PatchFeatures`). They know no shapes, so
+with plain matching a smooth render would match only the few smooth places of the style."""
 
 
 def loss_for(network: nn.Module) -> StyleLossSettings:
-    """The weights that suit a feature network."""
+    """Return the weights that suit a feature network."""
     return PATCH_LOSS if isinstance(network, PatchFeatures) else StyleLossSettings()
 
 
 def enlarged(loss: StyleLossSettings, factor: float) -> StyleLossSettings:
-    """A loss for strokes that are larger by a factor."""
+    """Return the loss for strokes that are larger by ``factor``."""
     return replace(loss, style_size=round(loss.style_size * factor), larger=factor)
 
 
 class StyleTarget:
-    """A style picture made ready to be matched.
+    """A style picture prepared for matching.
 
     Args:
         network: Frozen feature network: (n, 3, h, w) -> (n, c, h // 4, w // 4).
-        style: (3, h, w) sRGB in [0, 1], on the network's device.
+        style: Picture (3, h, w), sRGB in [0, 1], on the network's device.
         settings: Weights and sizes.
-        seed: Of the draw of style vectors and of the shifts of renders.
-        mask: (h, w), true where the picture teaches; all of it if not given. Only patches whose centre lies in it are
-            matched, mean and covariance are those of its pixels, and the painted start is made of it.
+        seed: Seed of the random style vectors and of the shifts of renders.
+        mask: True for the part to learn from, (h, w); by default all of it. Only patches whose centre lies in it are
+            matched, mean and covariance are those of its pixels, and the painted start uses only this part.
     """
 
     def __init__(
@@ -125,7 +126,7 @@ class StyleTarget:
         self.picture = resized(style, settings.style_size)
         share = None if cover is None else resized(cover, settings.style_size)
         self.inside: NDArray[np.bool_] | None = None
-        """Where the mask is, at the picture's size; None is everywhere. (h, w)"""
+        """Mask at the picture's size; None for all of it. (h, w)"""
         self.statistics = colour_statistics(self.picture.flatten(1).T, None if share is None else share.flatten())
         if share is not None:
             self.inside = (share[0] >= min(0.5, float(share.max()))).cpu().numpy()
@@ -137,32 +138,29 @@ class StyleTarget:
         with torch.no_grad():
             grey = network(style.new_full((1, 3, 24, 24), 0.5))[0, :, 1:-1, 1:-1]
         self._grey = float(grey.mean((1, 2)).square().sum())
-        """Square of a middle grey's mean feature."""
+        """Squared mean feature of middle grey."""
         self._generator = torch.Generator().manual_seed(seed)
         self._scales = [self._vectors(style, cover, settings.style_size >> k) for k in range(settings.octaves)]
 
     def _vectors(self, style: Tensor, cover: Tensor | None, size: int) -> tuple[Tensor, Tensor]:
-        """Mean feature (C,) and centred features (M, C) of the style, where its mask is, at one scale."""
+        """Return the mean feature (C,) and centred features (M, C) of the style within its mask, at one scale."""
         with torch.no_grad():
-            # The outermost cells have seen the reflection of the picture in its own rim.
+            # The outermost cells depend on the reflection of the picture at its own border.
             vectors = self.network(resized(style, size)[None])[0, :, 1:-1, 1:-1].flatten(1).T
             if cover is not None:
                 share = F.avg_pool2d(resized(cover, size)[None], STRIDE)[0, 0, 1:-1, 1:-1].flatten()
-                # A mask thinner than a cell fills none by half; its best cells speak for it.
+                # A mask thinner than a cell does not fill half of any cell; its fullest cells are used instead.
                 vectors = vectors[share >= min(0.5, float(share.max()))]
         pick = torch.randperm(len(vectors), generator=self._generator)[: self.settings.most_vectors].to(style.device)
         mean = vectors.mean(0)
         return mean, vectors[pick] - mean
 
     def loss(self, colours: Tensor, mask: Tensor) -> Tensor:
-        """Style loss of a render.
+        """Return the style loss of a render, a scalar.
 
         Args:
-            colours: The region's colours, composited over ``background``, (3, h, w).
-            mask: Its opacity in [0, 1], (h, w).
-
-        Returns:
-            A scalar.
+            colours: Colours of the region, composited over ``background``. (3, h, w)
+            mask: Opacity of the region, in [0, 1]. (h, w)
         """
         settings = self.settings
         colours, mask = solid(colours, mask, self.background)
@@ -179,7 +177,7 @@ class StyleTarget:
         return loss
 
     def _matching(self, picture: Tensor, cover: Tensor, mean: Tensor, vectors: Tensor) -> Tensor:
-        # Cells stand on a grid of 4 pixels: a shift each time keeps the grid from showing.
+        # Cells lie on a grid of 4 pixels: a random shift each time keeps the grid from showing.
         top, left = torch.randint(STRIDE, (2,), generator=self._generator).tolist()
         features = self.network(picture[None, :, top:, left:])[0].flatten(1).T - mean
         weights = cell_weights(cover[top:, left:], STRIDE)
@@ -194,17 +192,17 @@ class StyleTarget:
 
 
 def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Tensor]:
-    """A translucent region made opaque: as features see it, its strokes must not drown in the background.
+    """Make a translucent region opaque, so that its strokes do not drown in the background when features are computed.
 
-    Its own colour c stays and its opacity m is divided by that of its more opaque parts, m' = min(1, m / m_90%).
+    Its colour c is kept, and its opacity m is divided by that of its more opaque parts: m' = min(1, m / m_90%).
 
     Args:
-        colours: m c + (1 - m) background, (3, h, w).
-        mask: m in [0, 1], (h, w).
+        colours: m c + (1 - m) background. (3, h, w)
+        mask: Opacity m in [0, 1]. (h, w)
         background: Grey level in [0, 1].
 
     Returns:
-        m' c + (1 - m') background and m'. What is opaque already stays as it is.
+        m' c + (1 - m') background and m'. Opaque parts do not change.
     """
     there = mask.detach()[mask > FAINTEST]
     if len(there) == 0:
@@ -214,7 +212,7 @@ def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Ten
 
 
 def resized(picture: Tensor, long_side: int) -> Tensor:
-    """A picture (3, h, w) brought to a long side in pixels, neither side under 24."""
+    """Return a picture (3, h, w) scaled to a long side in pixels, with neither side below 24."""
     height, width = picture.shape[1:]
     factor = long_side / max(height, width)
     size = [max(24, round(height * factor)), max(24, round(width * factor))]

@@ -209,4 +209,4 @@ def test_why_a_training_stopped_there_and_whether_more_would_help() -> None:
     stopped = Loop(100, None, silent, "", done=95)
     stopped.run(lambda number, fraction: torch.tensor(1.0))
     assert stopped.last_gain() is None
-    assert "stage 1 stopped after 120 steps, the preset's; the last tenth of them gained" in trained("striped")[1]
+    assert "stage 1 stopped after 120 steps, as in the preset; the last tenth of them gained" in trained("striped")[1]

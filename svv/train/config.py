@@ -141,10 +141,15 @@ class Preset:
     """Settings of all stages under one name."""
 
     name: str
+    """Name of the preset."""
     field: FieldSettings
+    """Shape of the networks."""
     reconstruct: ReconstructSettings
+    """Settings of stage 1."""
     recolour: RecolourSettings
+    """Settings of stage 2."""
     stylize: StylizeSettings = StylizeSettings()
+    """Settings of stage 3."""
     lighting: str = "network"
     """Light of a scene that shows shading: ``network``, ``phong`` (:class:`svv.fields.phong.PhongLight`), or ``auto``:
     ``phong`` if held-out views allow it (:func:`svv.train.lighting.light_by_trial`)."""

@@ -2,7 +2,7 @@
 
 Finite differences of a lattice flip from point to point. Here, the opacity of cells is blurred first, and everything is
 derived from the blurred field: its gradient gives normals, its second derivatives the principal curvatures. Strokes run
-along the weaker one, as a painter's do along a limb; where a surface is flat, they are upright in the world.
+along the weaker one, as a painter's do along a limb; where a surface is flat or equally round, they run horizontally.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ WIDER = 6.0
 """Standard deviation, in cells, of the blur that distinguishes ridges from hollows."""
 
 UPRIGHT = 0.15
-"""Weight of the world's up relative to the direction of a tube (1): it decides where a surface is flat or round."""
+"""Weight of the horizontal relative to the direction of a tube (1): it decides where a surface is flat or round."""
 
 SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Entries of a symmetric 3 x 3 matrix that are stored."""
@@ -74,7 +74,7 @@ class Form:
         b = np.einsum("si,sij,sj->s", right, matrix, upward)
         d = np.einsum("si,sij,sj->s", upward, matrix, upward)
         decided = np.hypot(a - d, 2.0 * b)
-        angle = 0.5 * np.arctan2(2.0 * b, a - d + UPRIGHT)  # undecided: along the horizontal, as most pictures are
+        angle = 0.5 * np.arctan2(2.0 * b, a - d + UPRIGHT)  # if undecided: along the horizontal, as in most pictures
         tangent = np.cos(angle)[:, None] * right + np.sin(angle)[:, None] * upward
         return normal.astype(np.float32), tangent.astype(np.float32), np.minimum(decided, 1.0).astype(np.float32)
 

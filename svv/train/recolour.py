@@ -33,15 +33,21 @@ class Recolouring:
     """Trains a palette colour network on a frozen base field."""
 
     base: BaseField
+    """Frozen base field."""
     field: PaletteField
+    """Palette colour network to train."""
     occupancy: Occupancy
+    """Occupancy of the scene."""
     marching: Marching
+    """Sampling of the rays."""
     pool: RayPool
+    """Training rays."""
     settings: RecolourSettings
+    """Settings of stage 2."""
     owners: Owners | None = None
     """Region of each point, if the volume is known."""
     given: Unmixing | None = None
-    """Palette shares in the pixels, for a palette made by hand or with more colours than RGB has dimensions."""
+    """Palette shares in the pixels, for a palette made by hand or of more than three colours."""
     headlight: str = "point"
     """See :attr:`svv.fields.networks.FieldSettings.headlight`."""
 

@@ -55,7 +55,7 @@ class Reconstruction:
         self.refined: Occupancy | None = None
         self.occupancy = occupancy
         levels = None if known is None else (min(2 * field.resolutions[-1], known.cells),)
-        self.field = BaseField(field, occupancy, levels)  # made on the CPU: the same numbers on every device
+        self.field = BaseField(field, occupancy, levels)  # created on the CPU: the same numbers on every device
         if known is not None:
             assert self.field.density is not None
             with torch.no_grad():
@@ -235,7 +235,7 @@ def _why_there(loop: Loop, limit: float | None) -> str:
     that were hardly used before.
     """
     whole = loop.done >= loop.iterations
-    where = "the preset's" if whole else f"at its limit of {limit:.0f} s"
+    where = "as in the preset" if whole else f"at its limit of {limit:.0f} s"
     text = f"stage 1 stopped after {loop.done} steps, {where}"
     gain = loop.last_gain()
     if gain is None:

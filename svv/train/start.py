@@ -58,7 +58,7 @@ def targets_of(
         larger = stroke_scales(scene, list(pictures), paint_pixel(scene, settings), loss.largest)
     targets = {}
     for k, picture in pictures.items():
-        values = np.ascontiguousarray(picture, np.float32)  # torch takes no mirrored views of arrays
+        values = np.ascontiguousarray(picture, np.float32)  # torch does not accept mirrored views of arrays
         style = torch.from_numpy(values).to(scene.device).permute(2, 0, 1)
         mask = None if (own := masks[k]) is None else torch.from_numpy(own)
         targets[k] = StyleTarget(network, style, enlarged(loss, larger.get(k, 1.0)), seed, mask)

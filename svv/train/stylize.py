@@ -112,7 +112,7 @@ class Stylization:
         self.views = [v for v in self.views if any(self._covers(v, r) for r in targets)]
         if not self.views:
             raise BadInput(UNSEEN)
-        with torch.no_grad():  # half precision: these are as many numbers as the samples' positions
+        with torch.no_grad():  # half precision, because these are as many numbers as the samples' positions
             self.starts = [torch.cat([field(p).half() for p in v.position.split(self.piece)]) for v in self.views]
         networks = [] if field.colour_mlp is None else list(field.colour_mlp.parameters())
         self.networks = network_adam(networks, settings.style_network_rate) if networks else None

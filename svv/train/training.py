@@ -93,7 +93,7 @@ class Training:
             Running(self.seed, first, part(progress, 0.02, 0.7), self.saved), self.device,
         )  # fmt: skip
         self.notes.append(reason)
-        self.notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning the cells that are empty")
+        self.notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning empty cells")
         scene = Scene(field, occupancy, marching, base, camera_rig=CameraRig.of(views.cameras))
         if self.saved is not None:
             header, arrays = scene.to_arrays(packed=False)

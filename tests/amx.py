@@ -1,7 +1,7 @@
-"""A pytest plugin: this CPU multiplies bfloat16 matrices, as one with AMX does.
+"""Pytest plugin: simulate a CPU that multiplies bfloat16 matrices in hardware, as one with AMX does.
 
-``python -m pytest -p tests.amx``: networks that are rough then take half precision, and what the unit would give is
-worked out in float32. It is slow, and right to the rounding: products of two bfloat16 numbers are exact in float32.
+With ``python -m pytest -p tests.amx``, networks that allow it use half precision, and the results of the hardware are
+computed in float32. This is slow, and exact up to rounding: products of two bfloat16 numbers are exact in float32.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""JSON of any kind, as a file may hold it where something else is expected."""
+"""Hypothesis strategies for arbitrary JSON, such as a file may contain instead of the expected values."""
 
 from __future__ import annotations
 
@@ -10,4 +10,4 @@ any_json: st.SearchStrategy[object] = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
     max_leaves=8,
 )
-"""Python's reader takes NaN, infinities and whole numbers of any length."""
+"""Any JSON value; Python's parser also accepts NaN, infinities and integers of any length."""

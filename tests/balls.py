@@ -1,4 +1,4 @@
-"""A scene of an orange and a blue ball, and a preset in which painting takes a moment."""
+"""A scene of an orange and a blue ball, and a preset with which painting takes only a moment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene that nobody trained, for tests of what is done to scenes."""
+"""A scene that was not trained, for tests of operations on scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Code blocks of the documentation, and what it takes to run them: scenes, pictures, and a stand-in for the shell."""
+"""Code blocks of the documentation, and what they need to run: scenes, pictures, and a stand-in for the shell."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Triton's kernels as tests use them: compiled where there is a GPU, interpreted elsewhere.
+"""Triton's kernels for tests: compiled if there is a GPU, otherwise interpreted.
 
-Triton chooses between the two when it is first imported, so tests import its kernels from here and never from
+Triton chooses between the two when it is first imported. Tests therefore import its kernels from here and never from
 :mod:`svv.kernels` directly.
 """
 

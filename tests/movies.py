@@ -1,4 +1,4 @@
-"""Movies as ffmpeg reads them back."""
+"""Read movies back with ffmpeg."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A ball of one region by formula, so large in its views that strokes have room on it."""
+"""A ball of one region, defined by a formula, and large enough in its views for strokes to fit on it."""
 
 from __future__ import annotations
 

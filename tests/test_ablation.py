@@ -1,4 +1,4 @@
-"""What `svv bench ablate` says of palette networks: laws of its measures, on a network whose offsets are known."""
+"""The measures of `svv bench ablate` for palette networks: their laws, on a network whose offsets are known."""
 
 from __future__ import annotations
 

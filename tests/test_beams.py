@@ -1,4 +1,4 @@
-"""Tiles of an image that look past everything: none is left out through which something can be seen."""
+"""Image tiles whose rays miss everything are skipped, and no tile is skipped through which something is visible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks in half precision: as float32 to three digits, in value and gradient, and only where it is allowed."""
+"""Networks in half precision: equal to float32 to three digits in value and gradient, and used only where allowed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blind sheets: nothing tells a way, the key opens only with all choices, and agreement is counted rightly."""
+"""Blind comparison sheets: the method is not revealed, the key needs all choices, and agreement is counted right."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is kept between runs: bounded, shared by processes, never in the way, and shown and cleared by a command."""
+"""The cache between runs: it is bounded, shared by processes, never an obstacle, and can be listed and cleared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`svv bench chart`: which runs it makes, none of them twice, what it shows of them, and a small one end to end."""
+"""`svv bench chart`: the runs that it makes, none of them twice, the results it shows, and a small run end to end."""
 
 from __future__ import annotations
 

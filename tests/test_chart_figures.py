@@ -1,4 +1,4 @@
-"""What `svv bench chart` draws and says of runs: the Pareto front, the axes, which runs are compared."""
+"""The figures and texts of `svv bench chart`: the Pareto front, the axes, and the choice of runs to compare."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What a scene needs is chosen by rules: each is asked of scenes made so that different choices are right.
+"""The rules that choose what a scene needs, each tested on scenes for which different choices are right.
 
-Beside these: lighting network (test_lighting.py), palette from views (test_palette.py), ranges that are not seen
-(test_ranges.py), samples of images and the finest resolution by pixels (test_training.py).
+Other choices have tests elsewhere: the lighting network (test_lighting.py), the palette from views (test_palette.py),
+ranges that are not visible (test_ranges.py), and the samples per image and the finest resolution (test_training.py).
 """
 
 from __future__ import annotations

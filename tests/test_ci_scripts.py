@@ -1,4 +1,4 @@
-"""What installs Debian's packages, and make with spaces in paths: with tools that only say what they were asked."""
+"""The scripts that install Debian packages, and make in paths with spaces: with tools that only record their calls."""
 
 from __future__ import annotations
 

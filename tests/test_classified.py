@@ -1,4 +1,4 @@
-"""Classified volumes: that they dim rays as the ray caster does, and that training begins with them."""
+"""Classified volumes: they attenuate rays as the ray caster does, and training starts from them."""
 
 from __future__ import annotations
 

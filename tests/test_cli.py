@@ -1,4 +1,4 @@
-"""The ``svv`` command: what it accepts, what it says, how it ends."""
+"""The ``svv`` command: the input that it accepts, its messages, and its exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`svv edit`, and what `svv render` and `svv info` make of edited scenes: a command is a step, which can be undone."""
+"""`svv edit`, and edited scenes in `svv render` and `svv info`: each command is one step, which can be undone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The progress of long work: what is shown, and how Ctrl-C ends it."""
+"""The progress of long work: what it shows, and how Ctrl-C ends it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`svv render`: which file holds which view. The scene is a ball whose picture is known, so that pixels can be told."""
+"""`svv render`: which file contains which view. The scene is a ball whose exact picture is known."""
 
 from __future__ import annotations
 

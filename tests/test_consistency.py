@@ -1,4 +1,4 @@
-"""``svv bench consistency``, ``compare`` and ``ablate``: what the measures mean, the modes, resuming, bad use."""
+"""``svv bench consistency``, ``compare`` and ``ablate``: the measures, the modes, resuming, and bad usage."""
 
 from __future__ import annotations
 

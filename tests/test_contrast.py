@@ -1,4 +1,4 @@
-"""Contrast of paint as it is seen: how it is measured, that it is brought to the style's, and where it cannot be."""
+"""Visible contrast of paint: how it is measured, that it is matched to the style's, and cases where it cannot be."""
 
 from __future__ import annotations
 

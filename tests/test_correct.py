@@ -1,4 +1,4 @@
-"""A palette corrected by hand and stage 2 trained again: views of similar hues, and ranges of a known volume."""
+"""Palettes corrected by hand, with stage 2 trained again: views of similar hues, and ranges of a known volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A palette corrected by hand: what becomes of its colours, and of the transfer function's ranges that they show."""
+"""Palettes corrected by hand: the effect on their colours, and on the transfer function's ranges that these show."""
 
 from __future__ import annotations
 

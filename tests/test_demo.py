@@ -1,4 +1,4 @@
-"""The whole job: stages that resume, the pictures and the page, and `svv demo` end to end on tiny data."""
+"""The whole job: stages that resume, the pictures and the report page, and `svv demo` end to end on tiny data."""
 
 from __future__ import annotations
 

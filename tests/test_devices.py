@@ -1,4 +1,4 @@
-"""Choosing a device: what is taken, what is refused, what is reported, and a GPU against the processor."""
+"""Choosing a device: those accepted and refused, the report, and a GPU compared with the CPU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wheel and the source distribution hold what svv needs, in an environment of their own."""
+"""The wheel and the source distribution contain all that svv needs, tested in separate environments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The documentation: examples run as they stand, links lead somewhere, reference pages are what the code says."""
+"""The documentation: its examples run as written, its links resolve, and its reference pages match the code."""
 
 from __future__ import annotations
 

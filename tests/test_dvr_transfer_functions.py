@@ -1,4 +1,4 @@
-"""Transfer functions: presets, bumps, defaults and what is refused."""
+"""Transfer functions: presets, bumps, defaults, and refused inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Views: optics with an analytic answer, geometry that any spacing and direction must keep, and both ray casters."""
+"""Views: optics with an analytic answer, geometry for any spacing and direction, and both ray casters."""
 
 from __future__ import annotations
 

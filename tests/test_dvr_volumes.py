@@ -1,4 +1,4 @@
-"""Volumes: every kind of file gives back its values and its place in the world; bad files are refused in a sentence."""
+"""Volumes: every file format preserves values and position in the world; bad files are refused with a sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edits of regions, and their history: what is hidden keeps its opacity, and what was done can be undone."""
+"""Edits of regions and their history: hidden regions keep their opacity, and edits can be undone."""
 
 from __future__ import annotations
 

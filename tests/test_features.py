@@ -1,4 +1,4 @@
-"""Feature networks: shapes, files, refusals; the style loss: what it sees and what it does not."""
+"""Feature networks: shapes, files and refused inputs; the style loss: what it responds to and what it ignores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Downloads: the whole file that is expected, or none and a sentence."""
+"""Downloads: either the complete expected file, or no file and an error message."""
 
 from __future__ import annotations
 

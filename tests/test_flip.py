@@ -1,4 +1,4 @@
-"""FLIP against the values of its authors' program."""
+"""FLIP compared with the values of its authors' program."""
 
 from __future__ import annotations
 

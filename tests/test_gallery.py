@@ -1,4 +1,4 @@
-"""The gallery: every picture is there, its own, the same from its seed, and kept where the user's cache is."""
+"""The gallery: every picture exists, is different, is the same for the same seed, and is kept in the user's cache."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The image kernels, one by one, against what `svv.core` says in plain torch."""
+"""The image kernels, each compared with `svv.core` in plain torch."""
 
 from __future__ import annotations
 

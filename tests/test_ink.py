@@ -1,4 +1,4 @@
-"""Drawings in ink: dots and lines on surfaces, where they may lie, and how dark they are together."""
+"""Drawings in ink: dots and lines on surfaces, where they may lie, and how dark they are in total."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes drawn in ink: without matching, beside pictures, in files, under edits, and on the command line."""
+"""Scenes drawn in ink: without matching, combined with pictures, in files, with edits, and on the command line."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""How many operations a step of training starts on a GPU, where each costs microseconds however little it does.
+"""The number of operations that a training step starts on a GPU, where even the smallest costs microseconds.
 
-They are counted here, on the processor, with the GPU's kernels in Triton's interpreter: what torch starts that
-calculates or copies, and the kernels. The optimiser of the networks is left out; on a GPU it is two operations a group.
+They are counted on the CPU, with the GPU kernels in Triton's interpreter: the kernels, and torch's operations that
+compute or copy. The networks' optimiser is not counted; on a GPU it needs two operations per group.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Imports point down only: a test that reads every module, lazy and relative imports included."""
+"""Imports point down only: this test reads every module, including its lazy and relative imports."""
 
 from __future__ import annotations
 

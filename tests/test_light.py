@@ -1,4 +1,4 @@
-"""An explicit light: laws of Blinn-Phong, a sphere whose normals are known, and what edits and files make of it."""
+"""Explicit lights: laws of Blinn-Phong, a sphere whose normals are known, and lights in edits and files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a scene needs a lighting network is decided by what its views show."""
+"""The views of a scene determine whether it needs a lighting network."""
 
 from __future__ import annotations
 

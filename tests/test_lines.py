@@ -1,4 +1,4 @@
-"""Lines of pictures: what their distance means, and that it prefers a style to mud."""
+"""The distance between the lines of pictures, which is smaller to a style's strokes than to its blurred colours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keys of what is made once: other content has another key, the same content the same, wherever it lies."""
+"""Keys of kept results: different content has a different key, and the same content the same key in any place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Masks in files: what is written is read, points are kept and added to, bad ones are one sentence."""
+"""Mask files: they are read back as written, points are kept and added to, and bad files give one sentence."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What the two halves of painting are worth: each of them left out, a law fails.
+"""The two halves of painting: if either is left out, a law fails.
 
-With the real weights of VGG-16, on a ball that fills its views: matching brings views that it never saw nearer to the
-style's features, and the strokes are those of the painted start, for matching makes none of one colour.
+The tests use the real weights of VGG-16 on a ball that fills its views. Matching brings unseen views closer to the
+style's features. The strokes come from the painted start, because matching creates none from a single colour.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What svv does for others on the same machine."""
+"""svv's consideration for other programs on the same machine."""
 
 from __future__ import annotations
 

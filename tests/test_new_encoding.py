@@ -1,4 +1,4 @@
-"""A new encoding is a class and a line: here a dense grid, which trains, renders and comes back from its file."""
+"""A new encoding takes a class and one line: here a dense grid, which trains, renders and is read from its file."""
 
 from __future__ import annotations
 

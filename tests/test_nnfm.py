@@ -1,4 +1,4 @@
-"""NNFM against brute force; colour statistics against what they promise; luminance against published values."""
+"""NNFM compared with brute force; colour statistics with their definition; luminance with published values."""
 
 from __future__ import annotations
 

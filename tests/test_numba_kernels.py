@@ -1,4 +1,4 @@
-"""The numba kernels against the plain references, in value and gradient."""
+"""The numba kernels compared with the plain references, in value and gradient."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that several commands share as one dataclass: as if each command had them in a list of its own."""
+"""Options that several commands share as one dataclass behave as if each command listed them itself."""
 
 from __future__ import annotations
 

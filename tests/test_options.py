@@ -1,4 +1,4 @@
-"""Settings come from one source: a field of a dataclass is an option, a property and a line of the reference."""
+"""Settings have one source: a field of a dataclass is an option, a property and a line of the reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Volumes that PyVista's readers know: in the standalone installation alone, under the same checks as ours."""
+"""Volume formats of PyVista's readers: only in the standalone installation, with the same checks as the others."""
 
 from __future__ import annotations
 

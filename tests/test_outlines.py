@@ -1,4 +1,4 @@
-"""Outlines: laws of the lines that are drawn for shapes whose depth is known, and the edit that asks for them."""
+"""Outlines: laws of the lines drawn for shapes whose depth is known, and the edit that turns them on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures and movies on disk: what is written is what a reader gets back."""
+"""Pictures and movies on disk: they are read back as written."""
 
 from __future__ import annotations
 

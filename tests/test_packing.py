@@ -1,4 +1,4 @@
-"""Scenes in bytes: tables keep what 8 bits hold, again and again, and files of before are still read."""
+"""Scenes in bytes: 8-bit tables survive repeated saving, and files of earlier versions can still be read."""
 
 from __future__ import annotations
 

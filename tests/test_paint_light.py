@@ -1,4 +1,4 @@
-"""Light on paint: form is seen, the style's brightness stays, and what is not painted is as it was."""
+"""Light on paint: form is visible, the style's brightness is preserved, and unpainted regions do not change."""
 
 from __future__ import annotations
 

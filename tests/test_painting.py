@@ -1,4 +1,4 @@
-"""Paint that is laid: form, pieces of the style on surfaces, and what a scene is painted with."""
+"""The laying of paint: form, pieces of the style on surfaces, and what a scene is painted with."""
 
 from __future__ import annotations
 

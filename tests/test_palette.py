@@ -1,4 +1,4 @@
-"""The palette of made-up scenes whose colours are known: shading, highlights, mixtures, noise and 8 bits."""
+"""Palettes of constructed scenes whose colours are known: shading, highlights, mixtures, noise and 8 bits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Previews of a painting while it is made: when they come, what they show, and that they change nothing."""
+"""Previews of a painting while it is made: when they appear, what they show, and that they change nothing."""
 
 from __future__ import annotations
 

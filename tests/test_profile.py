@@ -1,4 +1,4 @@
-"""``svv bench profile``: what it counts is right, what it measures adds up, and what it watches is left as it was."""
+"""``svv bench profile``: its counts are right, its times add up, and it leaves the code that it watches unchanged."""
 
 from __future__ import annotations
 

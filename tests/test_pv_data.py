@@ -1,4 +1,4 @@
-"""Our images as VTK's, without ParaView."""
+"""Images converted to VTK data, tested without ParaView."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The names under which ParaView's filters keep results: the same in every process, and others for other content."""
+"""Names under which ParaView's filters keep results: the same in every process, different for different content."""
 
 from __future__ import annotations
 

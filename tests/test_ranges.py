@@ -1,4 +1,4 @@
-"""Regions of a classified volume: the ranges of its transfer function, told apart by value as by colour."""
+"""Regions of a classified volume: the ranges of its transfer function, separated by value and by colour."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples that stand for the colour of those around them: where they fall, and that pictures stay what they are."""
+"""Samples that represent the colour of their neighbours: where they lie, and that pictures do not change."""
 
 from __future__ import annotations
 

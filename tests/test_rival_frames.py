@@ -1,4 +1,4 @@
-"""Modes that stylize frames: what the video's temporal loss holds, and what AdaIN's statistics become."""
+"""Modes that stylize frames: the terms of the video's temporal loss, and the effect of AdaIN on statistics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scores in their file: the keys that scripts rely on, and the way back."""
+"""Scores in their file: the keys that scripts rely on, and reading them back."""
 
 from __future__ import annotations
 

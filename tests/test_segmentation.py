@@ -1,4 +1,4 @@
-"""Parts of pictures: known ones are found, points are obeyed, and one interface holds for every segmenter."""
+"""Parts of pictures: known parts are found, points are obeyed, and all segmenters share one interface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene in PyVista's window: its picture is the scene's own rendering, wherever the mouse has led the camera."""
+"""A scene in PyVista's window: the picture is the scene's own rendering, wherever the mouse moves the camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Functions fit a screen. How many parameters they may have, ruff checks (PLR0913)."""
+"""Functions fit on a screen. Their number of parameters is checked by ruff (PLR0913)."""
 
 from __future__ import annotations
 

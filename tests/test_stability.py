@@ -1,4 +1,4 @@
-"""``svv bench stability``: the measures on constructed cases, the scenes' truth, resuming, and what comes out."""
+"""``svv bench stability``: the measures on constructed cases, the scenes' ground truth, resuming, and the results."""
 
 from __future__ import annotations
 

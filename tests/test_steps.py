@@ -1,4 +1,4 @@
-"""When a filter learns again as time passes."""
+"""When a filter trains again as time passes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opacity that follows strokes: dark ones or light ones are denser, and each region is as opaque as it was."""
+"""Opacity that follows strokes: dark or light strokes are denser, and the mean opacity of each region is preserved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which style goes where, by colour or in turn, and what is said about those left over."""
+"""Assignment of styles to regions, by colour or in turn, and the notes about styles left over."""
 
 from __future__ import annotations
 

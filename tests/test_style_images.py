@@ -1,4 +1,4 @@
-"""Style pictures of every kind that turns up, and the sentences for those that cannot be used."""
+"""Style pictures of every kind that occurs, and the messages for those that cannot be used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which region gets which style, and the image of one region that the stylization learns from."""
+"""Pairs of region and style, and the image of one region on which stylization trains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Styles in a scene: masks decide what is learnt, strokes scale, training goes on from where it was."""
+"""Styles in a scene: masks limit what is learned, strokes scale, and training continues from an existing painting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Painted pictures: any seed gives one, the same each time, of colours in range, lively."""
+"""Generated paintings: every seed gives one, always the same, with colours in range and enough variation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The three stages on a small generated scene: what they learn, keep, refuse, and go on from."""
+"""The three stages on a small generated scene: what they learn, keep and refuse, and how they resume."""
 
 from __future__ import annotations
 

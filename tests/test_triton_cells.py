@@ -1,6 +1,6 @@
-"""Cells, directions and representatives: the Triton kernels against their references.
+"""Cells, directions and representatives: the Triton kernels compared with their references.
 
-Where there is a GPU they run on it; elsewhere in Triton's interpreter. See ``tests/test_triton_kernels.py``.
+They run on a GPU if there is one, otherwise in Triton's interpreter. See ``tests/test_triton_kernels.py``.
 """
 
 from __future__ import annotations

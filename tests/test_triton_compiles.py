@@ -1,4 +1,4 @@
-"""The Triton kernels become machine code for a GPU, which takes none: what the interpreter lets pass is found here."""
+"""The Triton kernels compile to GPU machine code, which needs no GPU and finds errors that the interpreter accepts."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The Triton kernels and the reference against numba and `svv.core`, in value and gradient.
+"""The Triton kernels and the reference compared with numba and `svv.core`, in value and gradient.
 
-Where there is a GPU the Triton kernels run on it; elsewhere in Triton's interpreter, with small inputs, as each
-operation there costs about a millisecond.
+The Triton kernels run on a GPU if there is one, otherwise in Triton's interpreter; the inputs are then small, because
+each operation there takes about a millisecond.
 """
 
 from __future__ import annotations

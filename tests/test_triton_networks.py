@@ -1,6 +1,6 @@
-"""Small networks on tensor cores against plain torch, in value and gradient.
+"""Small networks on tensor cores compared with plain torch, in value and gradient.
 
-Where there is a GPU the kernels run on it; elsewhere in Triton's interpreter. See ``tests/test_triton_kernels.py``.
+The kernels run on a GPU if there is one, otherwise in Triton's interpreter. See ``tests/test_triton_kernels.py``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A pixel taken apart into a palette made by hand: a pure one is one colour's, a mixture is shared as it was mixed."""
+"""Unmixing pixels into a palette made by hand: pure colours belong to one entry, and mixtures return their shares."""
 
 from __future__ import annotations
 

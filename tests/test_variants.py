@@ -1,4 +1,4 @@
-"""Several paintings in one scene: each its own colours, over one base, one palette and one set of edits."""
+"""Several paintings in one scene: separate colours over one base, one palette and one set of edits."""
 
 from __future__ import annotations
 

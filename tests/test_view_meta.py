@@ -1,4 +1,4 @@
-"""What view sets say about themselves: any JSON is read or refused, and what is read is written as it was."""
+"""Metadata of view sets: any JSON is either read or refused, and metadata that was read is written unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""View sets: what is written is read back bit by bit, other people's sets are read as they are, bad ones refused."""
+"""View sets: they are read back bit for bit, sets of other programs are accepted, and bad ones are refused."""
 
 from __future__ import annotations
 

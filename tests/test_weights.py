@@ -1,4 +1,4 @@
-"""Published weights: where they are looked for, what is refused, and that nothing of others' code ever runs."""
+"""Published weights: where they are searched for, what is refused, and that code inside them is never run."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""How far apart two computations of one number may lie: what floating point promises, on whatever processor.
+"""Maximum differences between two computations of the same number that floating point allows on any CPU.
 
-Processors add in other orders, in wider or narrower lanes, and round a product before it is added or not. None of them
-is wrong, so a test that compares what two orders of arithmetic give asks for what is promised to all of them.
+CPUs add in different orders and lane widths, and may or may not round a product before adding it. None of them is
+wrong, so a test that compares two orders of arithmetic requires only what holds for all of them.
 """
 
 from __future__ import annotations

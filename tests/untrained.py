@@ -1,4 +1,4 @@
-"""VGG-16 without its training: of the right shapes, for what asks for no strokes."""
+"""VGG-16 with untrained weights of the right shapes, for tests that need no strokes."""
 
 from __future__ import annotations
 

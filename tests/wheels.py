@@ -1,4 +1,4 @@
-"""Packages made up for tests: as wheels, which pip installs, and as installed."""
+"""Made-up packages for tests: as wheels, which pip installs, and as installed packages."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ class StyleRFTrain(Keeping):
         scene, name = self.steps.get(now, get, self.values["TrainEachTimeStep"])
         self.gives(scene=name)
         put_scene(scene, outputs[0])
-        said = f"{len(scene.regions)} regions, learned in {scene.made['seconds']['total']:.0f} s."
+        said = f"{len(scene.regions)} regions, trained in {scene.made['seconds']['total']:.0f} s."
         return said + self.note + self.steps.told(now)
 
     def before(self, outputs: list[Any]) -> None:

@@ -1,10 +1,10 @@
-"""What tests inside the real ParaView stand on: its programs, started as ``svv`` starts them, on displays in memory.
+"""Fixtures of tests inside the real ParaView: its programs, started as ``svv`` starts them, on displays in memory.
 
-Fixtures for tests (all fail with a sentence, and never skip, where ParaView or a tool is missing):
+If ParaView or a tool is missing, tests that use them fail with a sentence; they are never skipped:
 
 - ``pvpython(source, *args, timeout=300, check=True, environ=None, cwd=None)`` runs Python text or a script file;
 - ``mpiexec(source, *args, ranks=2, program=(), ...)`` does the same in pvbatch on several ranks (or another program);
-- ``pvserver`` is the port of a server of its own, ``start_pvserver(environ=None)`` starts more and returns the port;
+- ``pvserver`` is the port of a separate server, ``start_pvserver(environ=None)`` starts more and returns the port;
 - ``gui(source, *args, environ=None, timeout=300)`` starts ParaView's user interface, see :class:`Gui`.
 """
 

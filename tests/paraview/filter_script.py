@@ -1,4 +1,4 @@
-"""Begins the scripts of the filters' tests: a volume that is shown, small filters on it, and what to ask of them."""
+"""Beginning of the filter tests' scripts: a volume on display, small filters for it, and functions to query them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What the plugin costs inside ParaView, beside the same work outside: start, Stylized View, images, memory.
+"""Measure what the plugin costs inside ParaView, compared with the same work outside: start, filters, images, memory.
 
-A benchmark, not a test: some ten minutes on two cores. Each pair of figures is measured in one run.
+This is a benchmark, not a test, and takes about ten minutes on two cores. Each pair of figures is measured in one run.
 
     python tests/paraview/measure.py --volume head.vti --tf head.json --style painting.jpg --json plugin.json
 """

@@ -1,4 +1,4 @@
-"""The button beside ParaView's progress bar, and what the window does while a filter is at work."""
+"""The Abort button next to ParaView's progress bar, and the window while a filter is working."""
 
 from __future__ import annotations
 

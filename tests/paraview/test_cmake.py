@@ -1,4 +1,4 @@
-"""CMake installs the plugin for the ParaView found, and its own tests run in what it installed."""
+"""CMake installs the plugin for the ParaView that it finds, and its own tests pass on that installation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The filters in the real ParaView: what flows, what is kept and what is refused."""
+"""The filters in the real ParaView: their outputs, the results that they keep, and the inputs that they refuse."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The filters in the real ParaView: stopped, side by side, without torch, on ranks and on a server."""
+"""The filters in the real ParaView: when aborted, used together, without torch, on MPI ranks and on a server."""
 
 from __future__ import annotations
 

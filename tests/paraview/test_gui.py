@@ -1,4 +1,4 @@
-"""A user's way through the windows: a volume on screen, Filters > StyleRF > Stylized View, a picture, Apply."""
+"""A user's steps in the window: a volume on screen, Filters > StyleRF > Stylized View, a picture, Apply."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The panels of Edit, Palette and Stylize in the real ParaView: what they do to a scene, show of it, and refuse."""
+"""The panels of Edit, Palette and Stylize in the real ParaView: how they change a scene, and what they refuse."""
 
 from __future__ import annotations
 

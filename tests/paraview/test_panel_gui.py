@@ -1,4 +1,4 @@
-"""The panels of Edit and Stylize in ParaView's window, with the previews beside them."""
+"""The panels of Edit and Stylize in ParaView's window, with their previews."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Python's processes and locks inside ParaView, whose ``sys.executable`` is no Python."""
+"""Python's processes and locks inside ParaView, whose ``sys.executable`` is not a Python interpreter."""
 
 from __future__ import annotations
 

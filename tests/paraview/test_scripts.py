@@ -1,4 +1,4 @@
-"""The scripts of ``paraview_scripts`` in the real ParaView, each doing its whole job in small."""
+"""The scripts of ``paraview_scripts`` in the real ParaView, each doing its whole job at a small size."""
 
 from __future__ import annotations
 

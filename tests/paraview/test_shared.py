@@ -1,4 +1,4 @@
-"""A folder of links to packages: it shows what svv depends on, and nothing else of an environment."""
+"""A folder of links to packages: it contains svv's dependencies and nothing else of an environment."""
 
 from __future__ import annotations
 

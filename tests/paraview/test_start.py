@@ -1,4 +1,4 @@
-"""The launcher: which ParaView it takes, what it sets, and that it hands arguments, exit codes and signals on."""
+"""The launcher: the ParaView that it chooses, the environment that it sets, and arguments, exit codes and signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Saved states in the real ParaView: opened in another process, they show the same picture and learn nothing again."""
+"""Saved states in the real ParaView: opened in another process, they show the same picture without training again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data that changes with time, in the real ParaView: what is asked of it, when a scene is learned, and the orbit."""
+"""Time-dependent data in the real ParaView: the requested time steps, when a scene is trained, and the orbit."""
 
 from __future__ import annotations
 

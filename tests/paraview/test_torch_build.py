@@ -1,4 +1,4 @@
-"""Which build of torch is installed: with pip itself, and an index of tiny packages on this machine."""
+"""The choice of a build of torch, tested with pip itself and a local index of tiny packages."""
 
 from __future__ import annotations
 

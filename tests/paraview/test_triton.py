@@ -1,4 +1,4 @@
-"""The torch that pip gives every Linux user brings triton, whose LLVM has to live beside the one that Mesa uses."""
+"""The torch that pip installs on Linux includes triton, whose LLVM has to coexist with the one that Mesa uses."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ ADDED = 3
 
 def menu(cls: Any) -> Any:
     """Show the filter under Filters > StyleRF."""
-    # From 5.12 on, a category without a label of its own would be made pretty: "Style RF".
+    # Since 5.12 ParaView would insert a space into the name of a category without a label: "Style RF".
     return smhint.xml('<ShowInMenu category="StyleRF" menu_label="StyleRF"/>')(cls)
 
 

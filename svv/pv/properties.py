@@ -1,4 +1,4 @@
-"""The properties of our filters, as ParaView's panel shows them.
+"""The properties of the StyleRF filters, as ParaView's panel shows them.
 
 Before 5.13, ParaView's own decorators sort a class's properties by name. Here a class lists its properties in reading
 order, and :func:`panel` passes the list on as a single piece of XML, whose order every version keeps. It also gives the

@@ -188,7 +188,7 @@ class StyleRFPalette(SceneOutput):
         scene, correction = scene_of(inputs[0]), correction_in(self.values)
         if not correction:
             self.give(scene, outputs[0])
-            return "The palette as it came: set, add, merge, remove or split a colour."
+            return "The palette is unchanged: set, add, merge, remove or split a colour."
         base = digest_of_scene(scene)
         source = key_of_views(inputs[1]) or self._file_key()
         settings = digest(vars(correction), chosen(options_in(PaletteOptions, self.values)))
@@ -234,7 +234,7 @@ class StyleRFPalette(SceneOutput):
 @panel(
     files("StyleFiles", PICTURES, "Pictures", "Style pictures for the regions."),
     choice("Gallery", (NO_GALLERY, *OFFERED), NO_GALLERY,
-           "One more picture, from the gallery that comes with the program, or a drawing in ink, which needs none."),
+           "One more style: a picture from the built-in gallery, or a drawing in ink, which needs no picture."),
     choice("Mapping", ("in turn", "by colour"), "in turn",
            "How pictures are assigned to regions: in turn, or to each region the picture whose mean colour is closest "
            "to the region's. A region's own row takes precedence."),
@@ -247,7 +247,8 @@ class StyleRFPalette(SceneOutput):
     *point_properties(),
     *(p for region in range(REGIONS) for p in style_properties(region)),
     integer("PictureParts", 0, "Divide pictures into 2 to 32 parts of similar appearance; 0: do not divide.", 0, 32),
-    file("MaskFolder", "", "", "Folder to which the masks are also written: region-K.png, with its points beside it."),
+    file("MaskFolder", "", "",
+         "Folder to which the masks are also written: region-K.png, each with a file of its points."),
     switch("Continue", False, "Continue from the last painting if pictures or masks have changed, instead of "
         "starting afresh."),
     text("Variant", "Name of the painting; a new name adds a painting to the same scene."),
@@ -303,7 +304,7 @@ class StyleRFStylize(SceneOutput):
         base = digest_of_scene(scene)  # edits before this filter do not change what is painted, only how it is shown
         if self._reset:
             self.give(scene, outputs[0])
-            return "As it was before painting."
+            return "The scene as it was before painting."
         style, name = style_key(values), values["Variant"]
         picture, overlay, taken, size = self._preview()
         rows, columns = np.mgrid[: taken.shape[0], : taken.shape[1]]
@@ -313,7 +314,7 @@ class StyleRFStylize(SceneOutput):
         if values["MaskFolder"]:
             folder = Path(values["MaskFolder"])
             self.kept("masks", (style, folder), lambda: write_masks(scene, values, folder, self.progress))
-        said = f"{taken.astype(bool).mean():.0%} of the picture is taken; nothing was painted."
+        said = f"{taken.astype(bool).mean():.0%} of the picture is used; nothing was painted."
         self._begin_with_paintings(scene, base)
         if not values["PreviewOnly"]:
             slot = f"{PAINTING}{name}"

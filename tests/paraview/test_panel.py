@@ -347,7 +347,7 @@ said["reset"] = [palette.Colour0Add, column(palette, "Region")]
 palette.Region7Remove = 1
 said["no region"] = status(palette)
 """)
-    assert "as it came" in said["nothing"] and "connect StyleRF Views" in said["no views"], said
+    assert "palette is unchanged" in said["nothing"] and "connect StyleRF Views" in said["no views"], said
     assert said["merged"][1] == [0, 1] and "regions 0 and 2 merged" in said["merged"][0]
     assert said["changed"][1] == [0, 1, 2, 3] and "#e6e61a added" in said["changed"][0]
     assert len(Scene.load(tmp_path / "corrected.svv").regions) == 4

@@ -141,7 +141,7 @@ def test_missing_choices_keep_it_closed(trial: tuple[list[Path], Path], tmp_path
         ({**given, "002": None}, "1 of 5 sheets have no choice yet, the first is 002"),
         ({**given, "002": 3}, "column from 1 to 2"),
         ({**given, "002": True}, "column from 1 to 2"),
-        ({**given, "009": 1}, "not there"),
+        ({**given, "009": 1}, "does not exist"),
         ([1, 2], "JSON object"),
     ):
         choices.write_text(json.dumps(wrong))
@@ -155,7 +155,7 @@ def test_other_pictures_than_those_of_the_sheets_are_found_out(trial: tuple[list
     key = written(trial, tmp_path)
     moved = {**key, "ways": list(reversed(key["ways"]))}
     (tmp_path / "key.json").write_text(json.dumps(moved))
-    with pytest.raises(BadInput, match="not the one of the sheet"):
+    with pytest.raises(BadInput, match="no longer the one on the sheet"):
         open_key(choose(tmp_path, key, 0), tmp_path / "key.json")
     (tmp_path / "key.json").write_text("{}")
     with pytest.raises(BadInput, match="not a key"):
@@ -205,7 +205,7 @@ def test_what_cannot_be_compared_is_said(trial: tuple[list[Path], Path], tmp_pat
     few = tmp_path / "few"
     for folders, known, said in (
         (ways[:1], styles, "two folders"),
-        ([ways[0], ways[0]], styles, "name of its own"),
+        ([ways[0], ways[0]], styles, "different names"),
         ([ways[0], tmp_path / "none"], styles, "no folder"),
         ([ways[0], few], styles, "not in every folder"),
         ([few, tmp_path], styles, "no PNG"),

@@ -1,1 +1,1 @@
-"""Paintings compared: other ways to stylize, consistency between frames, likeness to the style."""
+"""Comparison of paintings: other ways to stylize, consistency between frames, similarity to the style."""

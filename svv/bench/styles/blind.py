@@ -1,8 +1,8 @@
-"""Blind sheets: ways of painting side by side without their names, and what the choices of a person say.
+"""Blind sheets: ways of painting side by side without their names, and the evaluation of a person's choices.
 
-``write_sheets`` writes numbered sheets, the style on the left and the ways in shuffled columns, and a key that says
-which is which; a person writes down the best column of every sheet; ``open_key`` counts, and says how often each
-figure of likeness agrees with the eye.
+``write_sheets`` writes numbered sheets, with the style on the left and the ways in shuffled columns, and a key that
+identifies them. A person writes down the best column of every sheet. ``open_key`` counts the choices and how often each
+figure of similarity agrees with them.
 """
 
 from __future__ import annotations
@@ -31,48 +31,48 @@ from svv.styles.offered import GALLERY
 from svv.train.lpips import load_lpips
 
 CHOICES = "choices.json"
-"""Beside the sheets: the template that the person fills in."""
+"""Name of the template next to the sheets that the person fills in."""
 ENLARGED = 3
-"""How much crops are enlarged."""
+"""Enlargement of crops."""
 Z = 1.959964
-"""Standard normal quantile of 95 %, both sides."""
+"""Standard normal quantile of a two-sided 95 % interval."""
 BEST_AT_1 = ("contrast", "chroma")
-"""Figures that are nearer the closer they are to 1, as ratios; all others are distances."""
+"""Figures that are ratios, best at 1; all others are distances."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """The pictures of one name."""
+    """Pictures of the same name."""
 
     name: str
     style: str
     """A file or ``gallery:NAME``."""
     pictures: tuple[Path, ...]
-    """One of each way."""
+    """One picture of each way."""
 
 
 def find_cases(ways: Sequence[Path], styles: Path | None) -> list[Case]:
-    """Pictures that all ways have, and the style of each.
+    """Find the pictures of all ways and the style of each.
 
     Args:
-        ways: Folders of PNG.
-        styles: A JSON file {name: picture or ``gallery:NAME``}, or a folder of pictures, of which that one is taken
-            whose name stands between hyphens in the picture's (``woodcut`` for ``ring-woodcut.png``), the longest
-            if there are several; None: likewise of the gallery's names.
+        ways: Folders of PNG files.
+        styles: A JSON file {name: picture or ``gallery:NAME``}, or a folder of style pictures. From a folder, the style
+            whose name occurs between hyphens in the picture's is used (``woodcut`` for ``ring-woodcut.png``), the
+            longest one if there are several. None uses the gallery in the same way.
 
     Raises:
-        BadInput: fewer than two folders, two of one name, one that is not there, none or other pictures in one than
-            in the others, or a picture without a style.
+        BadInput: There are fewer than two folders, two have the same name, one is missing or empty, their pictures
+            have different names, or a picture has no style.
     """
     if len(ways) < 2 or len({way.resolve().name for way in ways}) < len(ways):
-        raise BadInput("Give two folders of pictures at least, each with a name of its own.")
+        raise BadInput("Give at least two folders of pictures, with different names.")
     for way in ways:
         if not way.is_dir():
             raise BadInput(f"There is no folder of pictures at {way}.")
     names = [{path.stem for path in way.glob("*.png")} for way in ways]
     odd = sorted({name for some in names for name in names[0] ^ some})
     if odd:
-        raise BadInput(f"The picture {odd[0]}.png is not in every folder: give folders of pictures of equal names.")
+        raise BadInput(f"The picture {odd[0]}.png is not in every folder: pictures must have the same names.")
     if not names[0]:
         raise BadInput(f"There are no PNG pictures in {ways[0]}.")
     known = _known_styles(styles)
@@ -93,7 +93,7 @@ def _known_styles(styles: Path | None) -> dict[str, str]:
         return {path.stem: str(path) for path in sorted(styles.iterdir()) if path.is_file()}
     content = _read_json(styles, "styles")
     if not all(isinstance(value, str) for value in content.values()):
-        raise BadInput(f"{styles} must name a picture or gallery:NAME for each picture's name.")
+        raise BadInput(f"{styles} must give a style picture or gallery:NAME for each picture's name.")
     return content
 
 
@@ -101,32 +101,32 @@ def write_sheets(
     ways: Sequence[Path], styles: Path | None, out: Path, key: Path, seed: int = 0, crops: int = 2,
     progress: Progress = silent,
 ) -> int:  # fmt: skip
-    """Write ``001.png`` ..., the template of the choices, and the key.
+    """Write ``001.png`` and so on, the template of the choices, and the key.
 
-    The order of sheets and columns follows from the seed and the pictures' content. Sheets hold pixels and nothing
-    else, all written alike; names of ways and pictures are in the key alone.
+    The order of sheets and columns depends on the seed and the pictures' content. Sheets contain only pixels, all
+    written alike; the names of ways and pictures are only in the key.
 
     Args:
-        ways: Folders of PNG of equal names and sizes, with alpha.
+        ways: Folders of PNG files with the same names and sizes, with alpha.
         styles: See :func:`find_cases`.
-        out: Folder for the sheets, made where it is missing.
-        key: JSON file for the key, outside of ``out``.
-        seed: Another one shuffles otherwise.
-        crops: Rows of enlarged crops under the whole pictures.
+        out: Folder for the sheets; created if missing.
+        key: JSON file for the key, outside ``out``.
+        seed: Seed of the order.
+        crops: Number of rows of enlarged crops under the whole pictures.
         progress: Called before each sheet.
 
     Returns:
-        How many sheets there are.
+        The number of sheets.
 
     Raises:
-        BadInput: as :func:`find_cases`; a key among the sheets, choices that are there already, pictures that cannot
-            be read, are empty, or differ in size.
+        BadInput: See :func:`find_cases`; or the key lies among the sheets, choices or a key exist already, or pictures
+            cannot be read, are empty, or differ in size.
     """
     cases = find_cases(ways, styles)
     if out.resolve() in key.resolve().parents:
-        raise BadInput(f"The key must not lie among the sheets: choose another place for it than {key}.")
+        raise BadInput(f"The key must not be among the sheets: choose another place than {key} for it.")
     if (out / CHOICES).exists() or key.exists():
-        raise BadInput(f"{out} or {key} holds another trial: choose other places, or remove both first.")
+        raise BadInput(f"{out} or {key} contains another trial: choose other places, or remove both first.")
     loaded = {case.name: _pictures(case) for case in cases}
     hashes = {case.name: [digest(p) for p in loaded[case.name]] for case in cases}
     random = np.random.default_rng([seed, int(digest(hashes)[:12], 16)])
@@ -149,7 +149,7 @@ def write_sheets(
 
 
 def _pictures(case: Case) -> list[Picture]:
-    """RGBA levels of all ways."""
+    """Read the RGBA levels of all ways."""
     found = []
     for path in case.pictures:
         try:
@@ -164,7 +164,7 @@ def _pictures(case: Case) -> list[Picture]:
 
 
 def _sheet(pictures: Sequence[Picture], style: NDArray[np.float32], crops: int, random: np.random.Generator) -> Picture:
-    """The style and the ways, whole, then the same places enlarged; all crops of a row are of one place."""
+    """Draw the style and the ways, first whole, then as enlarged crops; all crops of a row show the same place."""
     (shown,) = cropped([[over_white(picture) for picture in pictures]])
     height, width = shown[0].shape[:2]
     rows = [[fitted(style, width, height), *shown]]
@@ -188,22 +188,22 @@ def _part(picture: Picture, at: Sequence[int], size: tuple[int, int]) -> Image.I
 
 
 def read_choices(path: Path, sheets: int, columns: int) -> list[int]:
-    """Chosen column of each sheet, counted from 0.
+    """Return the chosen column of each sheet, counted from 0.
 
     Raises:
-        BadInput: a file that cannot be read, sheets without a choice, or columns that are not there.
+        BadInput: The file cannot be read, sheets have no choice, or a sheet or column does not exist.
     """
     content = _read_json(path, "choices")
     names = [f"{number + 1:03d}" for number in range(sheets)]
     given = {f"{int(name):03d}" if name.isdecimal() else name: value for name, value in content.items()}
     unknown = sorted(set(given) - set(names))
     if unknown:
-        raise BadInput(f"{path} chooses for a sheet '{unknown[0]}' that is not there: the key has {sheets} sheets.")
+        raise BadInput(f"{path} has a choice for a sheet '{unknown[0]}' that does not exist: there are {sheets}.")
     missing = [name for name in names if given.get(name) is None]
     if missing:
         raise BadInput(
             f"{len(missing)} of {sheets} sheets have no choice yet, the first is {missing[0]}: "
-            f"write the number of the best column of each into {path}."
+            f"write the number of the best column of each sheet into {path}."
         )
     for name in names:
         if type(given[name]) is not int or not 1 <= given[name] <= columns:
@@ -212,21 +212,21 @@ def read_choices(path: Path, sheets: int, columns: int) -> list[int]:
 
 
 def open_key(choices: Path, key: Path, progress: Progress = silent) -> dict[str, Any]:
-    """Count what was chosen, and how often each figure agrees.
+    """Count the choices, and how often each figure agrees with them.
 
     Args:
-        choices: JSON, sheet number -> column, from 1.
-        key: As :func:`write_sheets` left it; the folders it names must still hold the same pictures.
+        choices: JSON file, sheet number -> column, from 1.
+        key: File from :func:`write_sheets`; the folders that it names must still contain the same pictures.
         progress: Called before each sheet.
 
     Returns:
-        ``ways``: for each way, by its folder's name, of how many sheets it was ``chosen``, ``of`` how many, ``share``
-        and its 95 % interval ``low`` to ``high``; ``figures``: likewise, for each figure, of how many pairs of the
-        chosen picture and another one of its sheet it has the chosen one nearer to the style (pairs that it holds
-        equal are left out); ``sheets``: name, chosen way and all figures of each.
+        ``ways``: for each way, by its folder's name, the number of sheets for which it was ``chosen``, ``of`` how many,
+        ``share`` and its 95 % interval ``low`` to ``high``. ``figures``: the same for each figure, as the number of
+        pairs of the chosen picture and another one of its sheet for which the figure places the chosen one nearer to
+        the style (ties are left out). ``sheets``: name, chosen way and all figures of each sheet.
 
     Raises:
-        BadInput: as :func:`read_choices`; a damaged key, or pictures that are not those of the sheets any more.
+        BadInput: See :func:`read_choices`; or the key is damaged, or the pictures are no longer those of the sheets.
     """
     content = _read_json(key, "key")
     try:
@@ -235,14 +235,14 @@ def open_key(choices: Path, key: Path, progress: Progress = silent) -> dict[str,
         whose = [list(map(int, e["columns"])) for e in entries]
         hashes = [list(e["content"]) for e in entries]
     except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"{key} is not a key of blind sheets: give the one that was written with them.") from error
+        raise BadInput(f"{key} is not a key of blind sheets: give the file that was written with them.") from error
     chosen = [order[column] for order, column in zip(whose, read_choices(choices, len(cases), len(ways)))]
     network, rows = load_lpips(), []
     for number, (case, best) in enumerate(zip(cases, chosen)):
         progress(number / len(cases), f"{number + 1} of {len(cases)}")
         pictures = _pictures(case)
         if [digest(p) for p in pictures] != hashes[number]:
-            raise BadInput(f"A picture {case.name}.png is not the one of the sheet any more: bring back what it was.")
+            raise BadInput(f"A picture {case.name}.png is no longer the one on the sheet: restore the original.")
         judge = judge_of(open_style(case.style)[1], max(pictures[0].shape[:2]), network)
         cover = np.min([p[..., 3] for p in pictures], axis=0) / np.float32(255)
         figures = [painted_figures(p[..., :3] / np.float32(255), cover, judge) for p in pictures]
@@ -258,7 +258,7 @@ def open_key(choices: Path, key: Path, progress: Progress = silent) -> dict[str,
 
 
 def agreement(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """For each figure, in what share of the pairs of a chosen picture and another it has the chosen one nearer."""
+    """Return for each figure the share of pairs of a chosen and another picture in which the chosen one is nearer."""
     names = dict.fromkeys(name for row in rows for values in row["figures"].values() for name in values)
     result = {}
     for name in names:
@@ -278,13 +278,13 @@ def _distance(name: str, value: float) -> float:
 
 
 def share(count: int, of: int, what: str) -> dict[str, float]:
-    """A count, what it is of, their quotient and its 95 % interval; of none, from 0 to 1."""
+    """Return a count, the total, their quotient and its 95 % interval, which is 0 to 1 if the total is 0."""
     low, high = wilson(count, of)
     return {what: count, "of": of, "share": count / of if of else float("nan"), "low": low, "high": high}
 
 
 def wilson(count: int, of: int) -> tuple[float, float]:
-    """95 % interval of a proportion (Wilson 1927).
+    """Return the 95 % interval of a proportion (Wilson 1927).
 
     (p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n)
     """
@@ -296,7 +296,7 @@ def wilson(count: int, of: int) -> tuple[float, float]:
 
 
 def report(found: Mapping[str, Any]) -> str:
-    """Both tables of :func:`open_key` as Markdown; parts of ``lines`` are in the JSON alone."""
+    """Format both tables of :func:`open_key` as Markdown; the parts of ``lines`` are only in the JSON file."""
     tables = []
     for first, rows, column in (("way", found["ways"], "chosen"), ("figure", found["figures"], "agreed")):
         lines = [{first: name, column: f"{r[column]} of {r['of']}", "share": _percent(r["share"]),

@@ -1,13 +1,13 @@
-"""Cross-view consistency: frames of an orbit warped onto each other, and how much they differ there.
+"""Cross-view consistency: frames of an orbit are warped onto each other and compared.
 
 The protocol, after StyleRF-VolVis (section "Evaluation metrics"): pairs of frames an interval apart on the 181-view
-path, 1 for short-range and 10 for long-range consistency; the earlier one is moved onto the later one by softmax
-splatting along the optical flow. Compared are the pixels that are visible in both frames, pass the forward-backward
-check and are not on a motion boundary. The flow comes once from the scene's expected depth and once from an estimator
-that sees pictures of the unstyled scene only.
+path, 1 for short-range and 10 for long-range consistency; the earlier frame is moved onto the later one by softmax
+splatting along the optical flow. Only pixels that are visible in both frames, pass the forward-backward check and are
+not on a motion boundary are compared. The flow is computed once from the scene's expected depth and once by an
+estimator that sees only pictures of the unstyled scene.
 
-Straight colours are compared, without a background: a translucent scene's opacity changes with the view, and over white
-that made two frames of a scene of one grey differ by as much as the frames of any style.
+Straight colours are compared, without a background. The opacity of a translucent scene changes with the view, and over
+white, two frames of a scene of one grey therefore differed by as much as the frames of any style.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ Frame = Callable[[int], NDArray[np.floating]]
 """RGBA of a frame of the orbit, straight alpha in [0, 1] (h, w, 4), by its number."""
 
 SAVE_EVERY = 20
-"""Pairs that are measured between two savings."""
+"""Number of pairs that are measured before results are saved."""
 
 
 def draw_frames(folder: Path, key: str, numbers: Sequence[int], make: Frame, progress: Progress = silent) -> Path:
-    """Write frames that are not there yet as ``folder/0000.png`` ...; frames of another key are removed first."""
+    """Write missing frames as ``folder/0000.png`` and so on; frames of another key are removed first."""
     kept(folder, key)
     for index, number in enumerate(numbers):
         progress(index / len(numbers), f"frame {index + 1} of {len(numbers)}")
@@ -51,10 +51,10 @@ def draw_frames(folder: Path, key: str, numbers: Sequence[int], make: Frame, pro
 
 
 def measure_frames(path: OrbitPath, frames: Path, progress: Progress = silent) -> list[dict[str, Any]]:
-    """Differences of all pairs of a folder of frames; those that are in its ``pairs.json`` are not measured again.
+    """Measure the differences of all pairs in a folder of frames that are not yet in its ``pairs.json``.
 
     Returns:
-        One record a pair and kind of flow: ``flow``, ``interval``, ``first``, ``second``, ``rmse``, ``mse``, ``flip``,
+        One record per pair and kind of flow: ``flow``, ``interval``, ``first``, ``second``, ``rmse``, ``mse``, ``flip``,
         ``share`` (of the image's pixels that were compared).
     """
     file = frames / "pairs.json"
@@ -74,12 +74,12 @@ def measure_frames(path: OrbitPath, frames: Path, progress: Progress = silent) -
 
 
 def straight(frames: Path, number: int) -> NDArray[np.uint8]:
-    """Colour levels (h, w, 3) of a frame, as they are beside its alpha."""
+    """Return the straight colour levels (h, w, 3) of a frame, without its alpha."""
     return read_png(frames / f"{number:04d}.png")[..., :3]
 
 
 def means(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A row for each kind of flow and interval: the means over its pairs in which anything could be compared."""
+    """Return a row per kind of flow and interval: means over its pairs with any pixels to compare."""
     groups = dict.fromkeys((r["flow"], r["interval"]) for r in records)
     rows = []
     for flow, interval in groups:
@@ -91,7 +91,11 @@ def means(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def flow_error(path: OrbitPath, kind: str) -> dict[int, float]:
-    """Mean distance in pixels of an estimator's flow from the depth's, where that one is checked; by interval."""
+    """Return the mean distance in pixels of an estimator's flow from the depth's, where that is consistent.
+
+    Returns:
+        The distance by interval.
+    """
     result: dict[int, list[float]] = {}
     for interval, first, second in path.protocol.pairs:
         exact, guess = path.warp("depth", first, second), path.warp(kind, first, second)
@@ -105,18 +109,18 @@ def flow_error(path: OrbitPath, kind: str) -> dict[int, float]:
 def consistency(
     scene: Scene, network: str, protocol: Protocol, out: Path, key: str, progress: Progress = silent
 ) -> dict[str, Any]:
-    """Short- and long-range consistency of a scene's own orbit.
+    """Measure the short- and long-range consistency of a scene on its orbit.
 
     Args:
-        scene: What is measured.
+        scene: Scene to measure.
         network: ``base``, ``pcn`` or ``styled``.
-        protocol: Which frames.
-        out: Folder of frames, geometry and results; what is there of the same key is not done again.
-        key: What tells the scene.
-        progress: Called several times a second; stops the work when it raises, and the same call goes on.
+        protocol: The frames and their comparison.
+        out: Folder of frames, geometry and results; results with the same key are reused.
+        key: Key that identifies the scene.
+        progress: Called several times per second; the work stops if it raises, and the same call resumes it.
 
     Returns:
-        ``rows`` of :func:`means`, and ``flow_error``: for each estimator :func:`flow_error`.
+        ``rows``: the result of :func:`means`; ``flow_error``: the result of :func:`flow_error` for each estimator.
     """
     how = key_of_measure({"scene": key, "protocol": asdict(protocol)})
     path = OrbitPath(scene, protocol, out / "geometry", how, part(progress, 0.0, 0.2))
@@ -139,4 +143,4 @@ def _read(file: Path, key: str) -> list[dict[str, Any]]:
         content = json.loads(file.read_text(encoding="utf-8"))
         return list(content["pairs"]) if content["key"] == key else []
     except (OSError, ValueError, KeyError, TypeError):
-        return []  # not begun, or nothing that can be relied on
+        return []  # not begun, or damaged

@@ -1,6 +1,6 @@
-"""Paintings side by side: scenes x styles on one sheet, and the paper's figures made again with a scene.
+"""Paintings side by side: scenes x styles on one sheet, and the paper's figures reproduced with a scene.
 
-Every painting is a scene file in the folder; those that are there are not painted again.
+Every painting is a scene file in the folder; existing ones are not painted again.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from svv.train.lpips import load_lpips
 from svv.train.pipeline import stylize_scene
 
 PARTS = 3
-"""Parts of one picture that give a scene three pairings."""
+"""Number of parts of one picture, and of their pairings with a scene's regions."""
 
 FAINT, BRIGHT = 0.25, 1.6
 """Factors on opacity and on light in the figure of edits after painting."""
@@ -44,33 +44,33 @@ Mask = NDArray[np.bool_] | None
 
 @dataclass(frozen=True)
 class Exhibit:
-    """How paintings are made and shown."""
+    """Settings with which paintings are made and shown."""
 
     preset: str = "fast"
     """Preset of the stylization."""
     size: int = 320
-    """Side of the pictures, pixels."""
+    """Side of the pictures in pixels."""
     frame: int = 76
-    """View of the path of 181, 0 to 180."""
+    """Number of the view on the 181-view path, 0 to 180."""
     seed: int = 0
 
     def __post_init__(self) -> None:
         if not 0 <= self.frame <= 180:
-            raise BadInput(f"The frame must be one of the path's, 0 to 180, not {self.frame}.")
+            raise BadInput(f"The frame must be one of the path, 0 to 180, not {self.frame}.")
 
 
 class Studio:
     """Paints scenes in one folder and takes their pictures."""
 
     def __init__(self, folder: Path, how: Exhibit, show: Show = unseen) -> None:
-        """Raises BadInput where the folder cannot be made."""
+        """Create the folder; raises BadInput if that fails."""
         self.stages, self.how = Stages(folder, show), how
 
     def paint(
         self, name: str, scene: Path, styles: Sequence[str], masks: Sequence[Mask] | None = None,
         keep: Collection[int] = (), mapping: dict[int, int] | None = None,
     ) -> Scene:  # fmt: skip
-        """The scene painted with styles (files or ``gallery:NAME``), from ``NAME.svv`` if it is there."""
+        """Return the scene painted with styles (files or ``gallery:NAME``), read from ``NAME.svv`` if it exists."""
         path, how = self.stages.folder / f"{name}.svv", self.how
         checkpoint = checkpoint_of(path)
         given = [style if style.startswith(PREFIX) else fingerprint(Path(style)) for style in styles]
@@ -94,15 +94,15 @@ class Studio:
         return Scene.load(path)
 
     def picture(self, scene: Scene, network: str | None = None) -> Picture:
-        """One view of it, over white."""
+        """Render one view of the scene over white."""
         return over_white(self.view(scene, network))
 
     def view(self, scene: Scene, network: str | None = None) -> NDArray[np.float32]:
-        """One view of it, straight alpha, (size, size, 4) in [0, 1]."""
+        """Render one view of the scene, straight alpha, in [0, 1]. (size, size, 4)"""
         return np.asarray(scene.render(self.camera(scene), network).rgba, np.float32)
 
     def camera(self, scene: Scene) -> Camera:
-        """Whence pictures are taken: as near as the sphere around the scene allows."""
+        """Return the camera of the pictures, with its field of view narrowed to the sphere around the scene."""
         camera = orbit(scene, 181, self.how.size, self.how.size)[self.how.frame]
         box = scene.occupancy.box
         away = float(np.linalg.norm(camera.camera_to_world[:3, 3] - box.bounds.mean(axis=0)))
@@ -114,7 +114,7 @@ class Studio:
     def write(
         self, name: str, rows: Sequence[Sequence[Cell]], labels: Sequence[str], captions: Sequence[str] | None = None
     ) -> Path:
-        """Write a sheet as ``NAME.png``: pictures of scenes, all cut alike, and styles, fitted to them."""
+        """Write a sheet as ``NAME.png``: pictures of scenes, all cropped alike, and styles fitted to them."""
         path = self.stages.folder / f"{name}.png"
         (pictures,) = cropped([[cell for row in rows for cell in row if _is_picture(cell)]])
         (down, across), left = pictures[0].shape[:2], iter(pictures)
@@ -132,26 +132,29 @@ def _is_picture(cell: Cell) -> TypeGuard[Picture]:
 
 
 def paint_sheet(scenes: Sequence[Path], styles: Sequence[str], out: Path, how: Exhibit, show: Show = unseen) -> Path:
-    """Paint every scene in every style, and write ``sheet.png``: a row a scene, its own colours first.
+    """Paint every scene in every style, and write ``sheet.png`` with a row per scene, its original colours first.
 
-    Under each style's name stand the figures of :data:`svv.bench.styles.likeness.CAPTION`, means over the scenes.
+    Below each style's name are the figures of :data:`svv.bench.styles.likeness.CAPTION`, means over the scenes.
 
     Args:
-        scenes: Scene files, each with a name of its own.
+        scenes: Scene files with different names.
         styles: Picture files or ``gallery:NAME``.
         out: Folder for the sheet and the painted scenes, ``SCENE-STYLE.svv``.
         how: Preset and size.
-        show: How the progress of each painting is shown.
+        show: Shows the progress of each painting.
+
+    Returns:
+        The sheet.
 
     Raises:
-        BadInput: two scenes or styles of one name, what cannot be read, or a folder that cannot be written to.
+        BadInput: Two scenes or styles have the same name, a file cannot be read, or the folder cannot be written to.
     """
     opened = [open_style(style) for style in styles]
     names = [name for name, _ in opened]
     for what, given in (("scenes", [path.stem for path in scenes]), ("styles", names)):
         twice = sorted({name for name in given if given.count(name) > 1})
         if twice:
-            raise BadInput(f"Two {what} are called '{twice[0]}': rename one, so that their paintings have names.")
+            raise BadInput(f"Two {what} are called '{twice[0]}': rename one, as paintings are named after them.")
     loaded = [Scene.load(path) for path in scenes]
     _check_painted(loaded, scenes)
     studio = Studio(out, how, show)
@@ -174,29 +177,32 @@ def paint_sheet(scenes: Sequence[Path], styles: Sequence[str], out: Path, how: E
 
 
 def paint_figures(scene: Path, styles: Sequence[str], out: Path, how: Exhibit, show: Show = unseen) -> list[Path]:
-    """The paper's figures made again with a scene: what can be styled, and what can be edited afterwards.
+    """Reproduce the paper's figures with a scene, on what can be styled and what can be edited afterwards.
 
-    ``several.png``: each region alone, then several pictures for one scene. ``parts.png``: three pairings of parts of
-    one picture with the regions. ``edits.png``: opacity and light of the regions edited after painting.
+    ``several.png``: each region painted alone, then several pictures on one scene. ``parts.png``: three pairings of
+    parts of one picture with the regions. ``edits.png``: opacity and light of the regions edited after painting.
 
     Args:
-        scene: With two regions at least.
-        styles: Two pictures at least; the first is cut into parts.
+        scene: A scene file with at least two regions.
+        styles: At least two pictures; the first is cut into parts.
         out: Folder for the figures and the painted scenes.
         how: Preset and size.
-        show: How the progress of each painting is shown.
+        show: Shows the progress of each painting.
+
+    Returns:
+        The figures.
 
     Raises:
-        BadInput: a scene of one region, fewer than two styles, what cannot be read, or a folder that cannot be written
-            to.
+        BadInput: The scene has only one region, there are fewer than two styles, a file cannot be read, or the folder
+            cannot be written to.
     """
     if len(styles) < 2:
-        raise BadInput("The figures need two styles at least: give --style twice.")
+        raise BadInput("The figures need at least two styles: give --style twice.")
     opened = [open_style(style) for style in styles]
     plain = Scene.load(scene)
     _check_painted([plain], [scene])
     if len(plain.regions) < 2:
-        raise BadInput("The figures need a scene of two regions at least; this one has one, so there are no parts.")
+        raise BadInput("The figures need a scene with at least two regions, but this one has only one.")
     studio = Studio(out, how, show)
     figures: list[Callable[[], Path]] = [
         lambda: _several(studio, scene, plain, styles, opened),
@@ -262,4 +268,4 @@ def _lit(scene: Scene, factor: float) -> Scene:
 def _check_painted(scenes: Sequence[Scene], paths: Sequence[Path]) -> None:
     for scene, path in zip(scenes, paths, strict=True):
         if scene.palette_network is None:
-            raise BadInput(f"{path} holds no palette network, so it cannot be painted; train it again.")
+            raise BadInput(f"{path} has no palette network, so it cannot be painted; train it again.")

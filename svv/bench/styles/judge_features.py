@@ -1,8 +1,8 @@
-"""Judge feature networks in image space: what ``svv bench judge`` does.
+"""Comparison of feature networks in image space, for ``svv bench judge``.
 
-A view with an alpha mask is stylized with each candidate and style and compared with the style by figures that share
-nothing with any candidate: sliced Wasserstein distances of pixels and of patches without their mean, and the
-orientations of edges. Contact sheets are written beside the table, for the eye has the last word.
+A view with an alpha mask is stylized with each candidate and style, and compared with the style by figures that are
+independent of all candidates: sliced Wasserstein distances of pixels and of patches without their mean, and the
+orientations of edges. Contact sheets are written with the table because the eye has the last word.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from svv.train.style_loss import PAPER_LOSS, PATCH_LOSS, StyleLossSettings, Styl
 
 OURS = PATCH_LOSS
 DIRECTIONS = 128
-"""Random projections of a sliced Wasserstein distance."""
+"""Number of random projections of a sliced Wasserstein distance."""
 
 
 class RawPatches(nn.Module):
-    """Patches of 8 x 8 pixels as they are."""
+    """Unmodified patches of 8 x 8 pixels as features."""
 
     def forward(self, image: Tensor) -> Tensor:
         size = [n // STRIDE for n in image.shape[2:]]
@@ -43,7 +43,7 @@ class RawPatches(nn.Module):
 
 
 def untrained() -> nn.Module:
-    """VGG-16 with random weights (He et al. 2015)."""
+    """Return VGG-16 with random weights (He et al. 2015)."""
     torch.manual_seed(0)
     network = VggFeatures("untrained VGG-16")
     for layer in network.modules():
@@ -70,27 +70,27 @@ CANDIDATES: dict[str, tuple[Callable[[], nn.Module], StyleLossSettings]] = {
 
 
 def stylized(colours: Tensor, mask: Tensor, target: StyleTarget, steps: int, rate: float = 0.03) -> Tensor:
-    """Colours (3, h, w) of a view optimised towards a style, its opacity (h, w) held."""
+    """Optimise the colours (3, h, w) of a view towards a style; its opacity (h, w) does not change."""
     loss = partial(style_loss, mask=mask, target=target)
     return optimised(with_style_colours(colours, mask, target), mask, loss, steps, rate)
 
 
 def with_style_colours(colours: Tensor, mask: Tensor, target: StyleTarget) -> Tensor:
-    """Colours (3, h, w) with the mean and covariance of the style's, over an opacity (h, w): what frames begin with."""
+    """Give colours (3, h, w) with opacity (h, w) the mean and covariance of the style's, to start a frame from."""
     matrix, offset = colour_transfer(colour_statistics(colours.flatten(1).T, mask.flatten()), target.statistics, 1e-3)
     return (torch.einsum("dc,chw->dhw", matrix, colours) + offset[:, None, None]).clamp(0.02, 0.98)
 
 
 def style_loss(picture: Tensor, mask: Tensor, target: StyleTarget) -> Tensor:
-    """A style's loss of straight colours (3, h, w) with an opacity (h, w), seen over the style's background."""
+    """Return the style loss of straight colours (3, h, w) with opacity (h, w), over the style's background."""
     return target.loss(picture * mask + target.background * (1 - mask), mask)
 
 
 def optimised(start: Tensor, mask: Tensor, loss: Callable[[Tensor], Tensor], steps: int, rate: float = 0.03) -> Tensor:
-    """Colours (3, h, w) in [0, 1] for which a loss of them is small, found from a start by Adam.
+    """Minimize a loss of colours (3, h, w) in [0, 1] with Adam, from a start.
 
     The change is a pyramid of five levels, as a radiance field has features at several resolutions. ``mask`` (h, w)
-    says where colours outside [0, 1], which the loss does not see, are held back.
+    weights the penalty on colours outside [0, 1], which the loss does not see.
     """
     size = mask.shape
     levels = [torch.zeros(1, 3, *(-(-n >> k) + 1 for n in size)).requires_grad_() for k in range(5)]
@@ -110,7 +110,7 @@ def optimised(start: Tensor, mask: Tensor, loss: Callable[[Tensor], Tensor], ste
 
 
 def sliced_wasserstein(a: Tensor, b: Tensor) -> float:
-    """Mean distance of sorted projections of two sets of vectors (N, C) and (M, C) (Rabin et al. 2011)."""
+    """Return the mean distance of sorted projections of two sets of vectors (N, C), (M, C) (Rabin et al. 2011)."""
     generator = torch.Generator().manual_seed(0)
     directions = F.normalize(torch.randn(a.shape[1], DIRECTIONS, generator=generator), dim=0)
     at = torch.linspace(0, 1, 257)
@@ -118,7 +118,7 @@ def sliced_wasserstein(a: Tensor, b: Tensor) -> float:
 
 
 def patches(picture: Tensor, mask: Tensor | None = None, side: int = 5) -> Tensor:
-    """Patches without their mean, (N, 3 side^2), that lie wholly in the foreground; at most 20,000."""
+    """Return at most 20,000 patches without their mean that lie completely in the foreground. (N, 3 side^2)"""
     columns = F.unfold(picture[None], side)[0].T
     if mask is not None:
         columns = columns[F.unfold(mask[None, None], side)[0].amin(0) > 0.9]
@@ -127,7 +127,7 @@ def patches(picture: Tensor, mask: Tensor | None = None, side: int = 5) -> Tenso
 
 
 def orientations(picture: Tensor, mask: Tensor | None = None) -> Tensor:
-    """Histogram (12,) over the directions of grey gradients, each counted with its length."""
+    """Return a histogram (12,) of the directions of grey gradients, weighted by their length."""
     grey = picture.mean(0)
     dy, dx = (grey[2:, 1:-1] - grey[:-2, 1:-1]) / 2, (grey[1:-1, 2:] - grey[1:-1, :-2]) / 2
     length = torch.hypot(dx, dy)
@@ -139,7 +139,7 @@ def orientations(picture: Tensor, mask: Tensor | None = None) -> Tensor:
 
 
 def figures(picture: Tensor, mask: Tensor, style: Tensor, background: float) -> dict[str, float]:
-    """How far the foreground of a picture is from a style; 0 is best, except for ``contrast``, best at 1."""
+    """Return distances of a picture's foreground from a style, best at 0; ``contrast`` and ``chroma`` are best at 1."""
     inside = mask > 0.9
     shown = picture.flatten(1).T[inside.flatten()]
     result = {"colour": sliced_wasserstein(shown, style.flatten(1).T)}
@@ -163,7 +163,7 @@ def figures(picture: Tensor, mask: Tensor, style: Tensor, background: float) -> 
 
 
 def read_view(path: Path, size: int) -> tuple[Tensor, Tensor]:
-    """Straight colours (3, h, w) and opacity (h, w) of a view at ``size`` pixels of width, cut to what is visible."""
+    """Read straight colours (3, h, w) and opacity (h, w) of a view, ``size`` pixels wide, cropped to its content."""
     try:
         with Image.open(path) as image:
             levels = np.asarray(image.convert("RGBA"), np.float32)
@@ -185,26 +185,26 @@ def judge(
     view: Path, styles: Sequence[str], out: Path, size: int, steps: int, only: Sequence[str] = (),
     progress: Progress = silent,
 ) -> str:  # fmt: skip
-    """Stylize a view with every candidate and style; write ``table.csv`` and a contact sheet a style.
+    """Stylize a view with every candidate and style; write ``table.csv`` and one contact sheet per style.
 
     Args:
         view: A PNG with alpha.
-        styles: Picture files or ``gallery:NAME``, beside our own two.
-        out: Folder, made where it is missing.
-        size: Width at which the view is stylized, pixels.
+        styles: Picture files or ``gallery:NAME``, in addition to the two built-in ones.
+        out: Output folder; created if missing.
+        size: Width at which the view is stylized, in pixels.
         steps: Iterations of each stylization.
-        only: Parts of the names of the candidates that are to be judged; all of them if there are none.
-        progress: Called after every stylization.
+        only: Parts of the names of the candidates to be judged; empty for all.
+        progress: Called before every stylization and at the end.
 
     Returns:
         The table as Markdown, averaged over the styles.
 
     Raises:
-        BadInput: a view or style that cannot be read, nothing visible in the view, no candidate of that name.
+        BadInput: The view or a style cannot be read, the view shows nothing, or no candidate has such a name.
     """
     chosen = {k: v for k, v in CANDIDATES.items() if not only or any(part in k for part in only)}
     if not chosen:
-        raise BadInput(f"No candidate is called like that; there are {', '.join(CANDIDATES)}.")
+        raise BadInput(f"No candidate has such a name; choose from {', '.join(CANDIDATES)}.")
     colours, mask = read_view(view, size)
     pictures = {name: style_picture(name) for name in STYLE_PICTURES} | dict(open_style(s) for s in styles)
     make_folder(out)
@@ -231,7 +231,7 @@ def judge(
 
 
 def markdown(rows: list[dict[str, str | float]]) -> str:
-    """The table averaged over styles, a line for each candidate."""
+    """Format the table averaged over styles, with a line per candidate."""
     keys = [key for key in rows[0] if key not in ("style", "candidate")]
     lines = ["| candidate | " + " | ".join(keys) + " |", "|---|" + "---|" * len(keys)]
     for name in dict.fromkeys(row["candidate"] for row in rows):

@@ -1,4 +1,4 @@
-"""How near a painted picture comes to its style, by all figures that there are."""
+"""Similarity of a painted picture to its style, by all available figures."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from svv.train.lpips import Lpips
 from svv.train.style_loss import StyleLossSettings, resized
 
 CAPTION = {"neighbours": "neighbours", "contrast": "contrast"}
-"""Figures that stand under a picture's name on sheets, and what they are called there."""
+"""Figures that are shown under a picture's name on sheets -> their names there."""
 
 FIGURES = 3
-"""To be raised when a figure changes its meaning: those that were kept are then taken anew."""
+"""To be raised when the meaning of a figure changes; saved figures are then measured again."""
 
 
 @dataclass(frozen=True)
@@ -30,28 +30,28 @@ class Judge:
     """A style at the size of the pictures that are compared with it."""
 
     style: Tensor
-    """(3, h, w) in [0, 1]"""
+    """Picture of the style, in [0, 1]. (3, h, w)"""
     lines: StyleJudge
 
 
 def judge_of(style: NDArray[np.floating], long_side: int, network: Lpips | None) -> Judge:
-    """A style (h, w, 3) in [0, 1] as it is compared with pictures of a long side: its strokes as large as in paint."""
+    """Scale a style (h, w, 3) in [0, 1] for pictures of a given long side: its strokes become as large as painted."""
     painted = round(long_side * StyleLossSettings().style_size / StylizeSettings().style_size)
     wanted = resized(torch.from_numpy(np.asarray(style, np.float32)).permute(2, 0, 1), painted)
     return Judge(wanted, StyleJudge(wanted.permute(1, 2, 0).numpy(), network))
 
 
 def painted_figures(colours: NDArray[np.floating], alpha: NDArray[np.floating], judge: Judge) -> dict[str, float]:
-    """All figures of a picture, over its opaque pixels; of a translucent one, over the more opaque half.
+    """Return all figures of a picture over its opaque pixels, or over the more opaque half of a translucent picture.
 
     Args:
-        colours: Straight, sRGB in [0, 1]. (h, w, 3)
-        alpha: Opacity that says where it counts, the same for all pictures that are compared. (h, w)
-        judge: Of the style.
+        colours: Straight colours, sRGB in [0, 1]. (h, w, 3)
+        alpha: Opacity that selects the pixels, the same for all pictures that are compared. (h, w)
+        judge: The style.
 
     Returns:
         :func:`svv.bench.styles.judge_features.figures` without the background's, and
-        :meth:`svv.bench.styles.statistics.StyleJudge.figures`; nothing where nothing is seen.
+        :meth:`svv.bench.styles.statistics.StyleJudge.figures`; empty if nothing is visible.
     """
     seen = alpha >= LEAST_ALPHA
     if not seen.any():
@@ -64,5 +64,5 @@ def painted_figures(colours: NDArray[np.floating], alpha: NDArray[np.floating], 
 
 
 def caption(values: Mapping[str, Any]) -> str:
-    """The figures of :data:`CAPTION` in one line."""
+    """Format the figures of :data:`CAPTION` in one line."""
     return "  ".join(f"{title} {values[name]:.2f}" for name, title in CAPTION.items() if values.get(name) is not None)

@@ -1,7 +1,7 @@
-"""Our stylization beside other ways to stylize, on scenes x styles: consistency, likeness to the style, seconds.
+"""Our stylization compared with other ways, on scenes x styles: consistency, similarity to the style, seconds.
 
-Every combination is a folder ``SCENE-STYLE/MODE`` with its scene (where the mode makes one) and its frames; what is
-there is not done again.
+Every combination has a folder ``SCENE-STYLE/MODE`` with its scene (if the mode makes one) and its frames; existing
+results are reused.
 """
 
 from __future__ import annotations
@@ -51,31 +51,31 @@ from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, los
 
 MODES = {
     "unstyled": "the palette network's colours, with light",
-    "ours": "each region by itself, painted start, colour transfer, lighting",
+    "ours": "each region separately, painted start, colour transfer, lighting",
     "ours-unlit": "the same scene, shown without light",
     "arf-like": "one style, whole scene, no palette stage, no lighting",
-    "snerf-like": "images stylized one by one and the field refitted to them, in turn",
-    "frame-by-frame": "every frame optimised alone",
-    "video": "every frame begun from the one before, warped, and held to it",
-    "adain": "every frame alone: mean and deviation of each feature made the style's",
+    "snerf-like": "images stylized one by one and the field refitted to them, alternately",
+    "frame-by-frame": "every frame optimised separately",
+    "video": "every frame started from the previous one, warped, and kept close to it",
+    "adain": "every frame separately, with mean and deviation of each feature set to the style's",
 }
-"""What is compared, and what it is."""
+"""Name of a mode -> its description."""
 
 FRAMES = ("frame-by-frame", "video", "adain")
-"""Modes that have no scene of their own."""
+"""Modes that stylize frames and make no scene."""
 
 RIVALS = ("arf-like", "snerf-like", *FRAMES)
 OURS = ("ours", "ours-unlit")
-"""The same scene twice: the rivals have no light, so only the second is like for like."""
+"""Our modes, with and without light; only the second compares like with like because the rivals have no light."""
 
 LOOKED_AT = 3
-"""Frames that are compared with the style."""
+"""Number of frames that are compared with the style."""
 
 Row = dict[str, Any]
 
 
 class PaintedAsShown:
-    """What is painted at the size of the frames that are compared, so that strokes have the same size everywhere."""
+    """Settings that paint at the size of the compared frames, which gives strokes the same size everywhere."""
 
     protocol: Protocol
     preset: str
@@ -84,13 +84,13 @@ class PaintedAsShown:
 
     @property
     def chosen(self) -> Preset:
-        """The preset, with images as large as the frames, so that strokes have the same size in every mode."""
+        """The preset with images as large as the frames, which gives strokes the same size in every mode."""
         own = preset(self.preset)
         return replace(own, stylize=replace(own.stylize, style_size=self.protocol.size))
 
     @property
     def loss(self) -> StyleLossSettings:
-        """The loss that suits the features, with strokes in proportion to the frames."""
+        """The loss for the features, with strokes in proportion to the frames."""
         own = PAPER_LOSS if self.paper_loss else loss_for(load_features(self.features))
         scale = self.protocol.size / StylizeSettings().style_size
         return replace(own, style_size=round(own.style_size * scale))
@@ -98,7 +98,7 @@ class PaintedAsShown:
 
 @dataclass(frozen=True)
 class Comparison(PaintedAsShown):
-    """How styles are compared."""
+    """Settings with which styles are compared."""
 
     protocol: Protocol
     modes: tuple[str, ...] = tuple(MODES)
@@ -106,16 +106,16 @@ class Comparison(PaintedAsShown):
     seed: int = 0
     features: str = "auto"
     paper_loss: bool = False
-    """Plain matching, as the paper has it, instead of our loss; for all modes."""
+    """Whether all modes use plain matching as in the paper instead of our loss."""
 
     def __post_init__(self) -> None:
         for name in self.modes:
             if name not in MODES:
-                raise BadInput(f"There is no mode '{name}'; choose of {', '.join(MODES)}.")
+                raise BadInput(f"There is no mode '{name}'; choose from {', '.join(MODES)}.")
         preset(self.preset)
 
     def loss_of(self, mode: str) -> StyleLossSettings:
-        """What a mode is trained with, and its result depends on: the others' is without what is ours alone."""
+        """Return the loss that a mode is trained with; that of the rivals lacks our own additions."""
         return unseeded(self.loss) if mode in RIVALS else self.loss
 
 
@@ -128,24 +128,24 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Of its folder."""
+        """Name of its folder."""
         return f"{self.scene.stem}-{self.style.stem}"
 
 
 def compare_styles(
     scenes: Sequence[Path], styles: Sequence[Path], out: Path, how: Comparison, progress: Progress = silent
 ) -> list[Row]:
-    """Do all combinations that are not there yet, and return a row for each.
+    """Do all unfinished combinations, and return a row for each combination.
 
     Args:
-        scenes: Trained scenes.
-        styles: Pictures.
+        scenes: Files of trained scenes.
+        styles: Style pictures.
         out: Folder of the results.
         how: Modes and protocol.
-        progress: Called several times a second; stops the work when it raises, and the same call goes on.
+        progress: Called several times per second; the work stops if it raises, and the same call resumes it.
 
     Raises:
-        BadInput: a file that is missing or no scene or picture, or names that are given twice.
+        BadInput: A file is missing or is not a scene or picture, or two have the same name.
     """
     cases = [Case(scene, style) for scene in scenes for style in styles]
     if len({case.name for case in cases}) < len(cases):
@@ -166,7 +166,7 @@ def compare_styles(
 
 
 class _CaseWork:
-    """All modes of one scene and style."""
+    """The work on all modes of one scene and style."""
 
     def __init__(
         self, case: Case, scene: Scene, style: NDArray[np.float32], out: Path, how: Comparison, progress: Progress
@@ -187,7 +187,7 @@ class _CaseWork:
                 **flat, **judged}  # fmt: skip
 
     def frames(self, mode: str, progress: Progress) -> tuple[Path, float]:
-        """The folder of a mode's frames, and the seconds that stylizing took."""
+        """Return the folder of a mode's frames, and the seconds that stylizing took."""
         how, numbers = self.how, self.how.protocol.frames
         parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), "stylize": asdict(how.chosen.stylize),
                  "loss": asdict(how.loss_of(mode)), "seed": how.seed, "features": how.features,
@@ -207,7 +207,7 @@ class _CaseWork:
         return folder, seconds
 
     def _made(self, mode: str, progress: Progress) -> tuple[Scene, float]:
-        """The scene that a mode makes, and its seconds: read, where it was made before."""
+        """Return the scene of a mode and its seconds, read from its folder if it was made before."""
         how = self.how
         settings, loss = how.chosen.stylize, how.loss_of(mode)
         key = key_of_measure({"mode": mode, **self.hashes, "stylize": asdict(settings), "loss": asdict(loss),
@@ -235,7 +235,7 @@ class _CaseWork:
         numbers = how.protocol.frames
         made_with = (load_features(how.features), self._picture(), how.loss_of(mode),
                      how.chosen.stylize.style_iterations, how.seed)  # fmt: skip
-        # A gap longer than any that is compared begins a sequence anew.
+        # After a gap longer than all compared intervals, a new sequence begins.
         follows = {b: a for a, b in pairwise(numbers) if mode == "video" and b - a <= max(how.protocol.intervals)}
 
         def make(number: int) -> NDArray[np.float32]:
@@ -259,21 +259,21 @@ class _CaseWork:
 
 
 def flat_means(records: Sequence[dict[str, Any]]) -> dict[str, float | None]:
-    """The means of all pairs, each under ``FLOW INTERVAL METRIC``."""
+    """Return the means of all pairs, with keys ``FLOW INTERVAL METRIC``."""
     return {f"{r['flow']} {r['interval']} {k}": r[k] for r in means(records) for k in (*METRICS, "share")}
 
 
 def likeness(path: OrbitPath, frames: Path, style: NDArray[np.float32]) -> dict[str, float]:
-    """Means over some frames of an orbit: distances to a style, and what became of the unstyled picture.
+    """Return means over some frames of an orbit: distances to a style, and the change from the unstyled picture.
 
     Args:
         path: The orbit.
         frames: Folder of its frames.
-        style: The picture, (h, w, 3) in [0, 1].
+        style: The style picture, in [0, 1]. (h, w, 3)
 
     Returns:
-        :func:`svv.bench.styles.likeness.painted_figures`; ``changed``: by how much a pixel's colour changed, root mean
-        square over what is visible; ``content``: SSIM of the grey frame and the unstyled one.
+        :func:`svv.bench.styles.likeness.painted_figures`; ``changed``: root mean square change of colour over the
+        visible pixels; ``content``: SSIM of the grey frame and the grey unstyled one.
     """
     network = load_lpips()
     how = key_of_measure({"style": style, "figures": FIGURES, "alexnet": network is not None})
@@ -300,7 +300,7 @@ def likeness(path: OrbitPath, frames: Path, style: NDArray[np.float32]) -> dict[
 
 
 def write_comparison(out: Path, rows: Sequence[Row], how: Comparison) -> str:
-    """``modes.md``, ``.csv``, ``.json`` and a sheet a case; returns the Markdown."""
+    """Write ``modes.md``, ``.csv`` and ``.json``; return the Markdown."""
     columns = consistency_columns(how.protocol)
     parts = [
         markdown(averaged(rows, "mode"), "mode", [*columns, *JUDGED, "seconds"]),
@@ -313,19 +313,19 @@ def write_comparison(out: Path, rows: Sequence[Row], how: Comparison) -> str:
 
 
 def kept_scene(folder: Path, key: str, make: Callable[[Path], tuple[Scene, dict[str, float]]]) -> tuple[Scene, float]:
-    """A scene that is made once, and the seconds that it took.
+    """Return a scene that is made once and then kept, and the seconds that making it took.
 
     Args:
-        folder: Where it is kept.
-        key: What it depends on; a scene of another key is made anew.
-        make: Makes it, with a file for a checkpoint; returns it and the seconds of its parts.
+        folder: Folder in which it is kept.
+        key: Key of everything that it depends on; a scene with another key is made again.
+        make: Function that makes the scene, given a file for a checkpoint; returns it and the seconds of its parts.
     """
     kept(folder, key)
     file, note, saved = folder / "scene.svv", folder / "seconds.json", folder / "checkpoint"
     if not note.exists():
         made, seconds = make(saved)
         made.save(file)
-        write_json(note, seconds)  # last: it says that the scene is whole
+        write_json(note, seconds)  # last, to show that the scene is complete
         saved.unlink(missing_ok=True)
     return Scene.load(file), float(sum(json.loads(note.read_text(encoding="utf-8")).values()))
 

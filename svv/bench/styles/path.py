@@ -1,6 +1,6 @@
-"""The path of frames that are compared: its cameras, depths, flows and masks, in which styles have no part.
+"""The path of the compared frames: its cameras, depths, flows and masks, which are independent of styles.
 
-What is made is kept in folders that know what they were made of.
+Results are kept in folders that record what they were made from.
 """
 
 from __future__ import annotations
@@ -37,50 +37,50 @@ from svv.render.pictures import over_white, read_png
 
 Array = NDArray[np.float64]
 LEAST_ALPHA = 0.1
-"""Opacity from which on a pixel counts as visible."""
+"""Alpha from which a pixel counts as visible."""
 
 LEAST_ARRIVED = 0.5
-"""Part of a pixel that must have been splatted onto a pixel for it to be compared."""
+"""Least total weight, in pixels, that must have been splatted onto a pixel for it to be compared."""
 
 NEARER = 1000.0
-"""Importance in splatting: this times how much nearer a point is, in diameters of the camera path."""
+"""Importance in splatting per distance by which a point is nearer, in diameters of the camera path."""
 
 BRIGHTER = 20.0
-"""The same without depth: minus this times the difference in grey to where the flow leads (Niklaus & Liu 2020)."""
+"""Importance without depth: minus this times the difference in grey to the flow's target (Niklaus & Liu 2020)."""
 
 FINE: dict[str, Any] = {"stride": 0.5, "joined": 1 / 1024}
-"""Sampling of depths and compared frames. With that of images (:mod:`svv.train.sampling`) the noise of sampling, which
-moves with the camera, was three fifths of what frames of an unstyled scene differed by."""
+"""Sampling of depths and compared frames. With the sampling of images (:mod:`svv.train.sampling`), its noise, which
+moves with the camera, caused three fifths of the difference between frames of an unstyled scene."""
 
 RULES = ["straight colours", LEAST_ALPHA, LEAST_ARRIVED, NEARER, BRIGHTER, RELATIVE, ABSOLUTE, BOUNDARY_RELATIVE,
          BOUNDARY_ABSOLUTE]  # fmt: skip
-"""What decides on pixels and warps: figures under other rules are measured anew."""
+"""Rules that determine pixels and warps; if they change, figures are measured again."""
 
 METRICS = ("rmse", "mse", "flip", "rmse_part", "flip_part")
 TINY = 1e-3
-"""Contrast below which a frame counts as having this much: a plain colour agrees with itself."""
+"""Least contrast assumed of a frame, because a plain colour agrees with itself."""
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """Which frames are compared, and how."""
+    """The frames that are compared, and the kinds of flow."""
 
     orbit: int = 181
-    """Frames of the whole path."""
+    """Number of frames of the whole path."""
     size: int = 400
-    """Width and height in pixels."""
+    """Width and height of frames in pixels."""
     every: int = 1
-    """A pair begins at every so manyth frame."""
+    """Number of frames from the beginning of one pair to that of the next."""
     intervals: tuple[int, ...] = (1, 10)
-    """Frames from the first of a pair to its second."""
+    """Numbers of frames from the first frame of a pair to its second."""
     flows: tuple[str, ...] = ("depth", "tvl1")
-    """``depth``, and estimators of :func:`svv.core.flow.estimated_flow`."""
+    """Kinds of flow: ``depth``, and estimators of :func:`svv.core.flow.estimated_flow`."""
 
     def __post_init__(self) -> None:
         if self.orbit < 1 + max(self.intervals):
-            raise BadInput(f"An orbit of {self.orbit} frames has no two that are {max(self.intervals)} apart.")
+            raise BadInput(f"An orbit of {self.orbit} frames is too short for pairs {max(self.intervals)} apart.")
         if self.every < 1 or self.size < 16:
-            raise BadInput("Pairs begin at every 1st frame or fewer, and frames have 16 pixels or more.")
+            raise BadInput("--every must be at least 1, and frames must be at least 16 pixels wide.")
 
     @property
     def pairs(self) -> list[tuple[int, int, int]]:
@@ -89,29 +89,28 @@ class Protocol:
 
     @property
     def frames(self) -> list[int]:
-        """Numbers of all frames that are in a pair."""
+        """Numbers of all frames that belong to a pair."""
         return sorted({frame for _, *both in self.pairs for frame in both})
 
 
 @dataclass(frozen=True)
 class Warp:
-    """How the first frame of a pair is moved onto the second, and which pixels of the second are compared then."""
+    """The motion from the first frame of a pair to the second, and the pixels of the second that are compared."""
 
     flow: Array
     importance: Array
     mask: NDArray[np.bool_]
 
     def moved(self, first: NDArray[np.uint8]) -> Array:
-        """The first frame's levels (h, w, 3), as they are seen from the second camera; nan where nothing arrives."""
+        """Warp the first frame's levels (h, w, 3) to the second camera; NaN where nothing arrives."""
         return splatted(first / 255.0, self.flow, self.importance)[0]
 
     def differences(self, first: NDArray[np.uint8], second: NDArray[np.uint8]) -> dict[str, float]:
-        """RMSE, MSE and FLIP between two frames' straight colours, levels (h, w, 3), and the share of pixels compared.
+        """Return RMSE, MSE and FLIP between straight colours of two frames, levels (h, w, 3), and the share compared.
 
-        ``rmse_part`` and ``flip_part`` are RMSE and FLIP as parts of what they are between the second frame and its
-        mean colour: pale pictures differ little whatever they show, and here they gain nothing by it. 0 is agreement, 1
-        no better than a plain colour. Pixels that are not compared are white in both pictures for FLIP, which looks at
-        neighbours, too.
+        ``rmse_part`` and ``flip_part`` are RMSE and FLIP relative to those between the second frame and its mean
+        colour, because pale pictures always differ little. 0 is agreement, 1 no better than a plain colour. FLIP also
+        depends on neighbours; for it, pixels that are not compared are white in both pictures.
         """
         moved = self.moved(first)
         there = second / 255.0
@@ -128,19 +127,19 @@ class Warp:
 
 
 def finely(scene: Scene) -> Scene:
-    """A scene whose images take more samples: what a step of the marching is too coarse for, depth shows."""
+    """Return the scene with more samples in images, as depth reveals details that are finer than the usual step."""
     return replace(scene, **FINE)
 
 
 class OrbitPath:
-    """The orbit around one geometry: cameras, depths, and the warps of its pairs. Styles have no part in it.
+    """The orbit around one geometry: cameras, depths, and the warps of its pairs. It is independent of styles.
 
     Args:
-        scene: Whose density and unstyled colours are seen.
-        protocol: Which frames.
-        folder: Where depths, unstyled frames and estimated flows are kept.
-        key: What tells whether those that are there are of this scene and protocol.
-        progress: Called after every frame.
+        scene: Scene that provides density and unstyled colours.
+        protocol: The frames and kinds of flow.
+        folder: Folder in which depths, unstyled frames and estimated flows are kept.
+        key: Key of scene and protocol; results with another key are not reused.
+        progress: Called before every frame.
     """
 
     def __init__(self, scene: Scene, protocol: Protocol, folder: Path, key: str, progress: Progress = silent) -> None:
@@ -160,21 +159,21 @@ class OrbitPath:
         return self.folder / f"{frame:04d}.npz"
 
     def picture(self, frame: int) -> NDArray[np.uint8]:
-        """The unstyled frame over white."""
+        """Return the unstyled frame over white."""
         return over_white(read_png(self.folder / f"{frame:04d}.png"))
 
     def render(self, scene: Scene, network: str, frame: int) -> NDArray[np.float32]:
-        """RGBA of one frame of a scene, straight alpha."""
+        """Render one frame of a scene as RGBA, straight alpha."""
         return scene.render(self.cameras[frame], network).rgba
 
     def _view(self, frame: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Depth, nan where nothing counts as visible, and what does."""
+        """Return the depth, NaN where nothing counts as visible, and the mask of visible pixels."""
         with np.load(self._file(frame)) as content:
             visible = content["visible"]
             return np.where(visible, content["depth"], np.nan).astype(np.float32), visible
 
     def warp(self, kind: str, first: int, second: int) -> Warp:
-        """The warp of a pair, by ``depth`` or by the estimator of that name."""
+        """Return the warp of a pair, by ``depth`` or by the estimator of that name."""
         (depth, seen), (other, seen_there) = self.view(first), self.view(second)
         if kind == "depth":
             a, b = self.cameras[first], self.cameras[second]
@@ -189,7 +188,7 @@ class OrbitPath:
         return Warp(flow, importance, mask & (arrived >= LEAST_ARRIVED))
 
     def _estimated(self, kind: str, first: int, second: int) -> tuple[Array, Array, Array]:
-        """Flow there and back, and importance, read from the unstyled pictures; kept as half floats."""
+        """Return flow there and back, and importance, estimated from the unstyled pictures; kept as half floats."""
         file = self.folder / f"{kind}-{first:04d}-{second:04d}.npz"
         one, two = (self.picture(frame).mean(axis=-1) / 255.0 for frame in (first, second))
         if not file.exists():

@@ -1,12 +1,12 @@
-"""Other ways to stylize an orbit's frames as pictures, without a field: what ours is compared with.
+"""Other ways to stylize an orbit's frames as pictures, without a field, for comparison with ours.
 
-They share our features and schedule, and know nothing of regions, painted starts or light.
+They share our features and schedule, but have no regions, painted starts or light.
 
-- **frame by frame** (as Gatys et al. 2016): every frame is optimised alone and knows of no other.
-- **video** (ReReVST-like; Ruder, Dosovitskiy & Brox 2016): a frame begins from the one before, warped along the exact
-  flow, and is held to it where the flow is valid.
-- **AdaIN** (Huang & Belongie 2017): mean and deviation of each channel of the features become the style's. In the
-  place of their decoder the pixels are optimised.
+- **frame by frame** (as Gatys et al. 2016): every frame is optimised independently of all others.
+- **video** (ReReVST-like; Ruder, Dosovitskiy & Brox 2016): a frame starts from the previous one, warped along the exact
+  flow, and is kept close to it where the flow is valid.
+- **AdaIN** (Huang & Belongie 2017): mean and deviation of each channel of the features become the style's. Instead of
+  using their decoder, the pixels are optimised.
 """
 
 from __future__ import annotations
@@ -27,33 +27,33 @@ from svv.train.style_loss import LEAST_DETAIL, LEAST_SHARE, StyleLossSettings, S
 from svv.train.stylize import RIM
 
 HELD = 100.0
-"""Weight of the mean squared difference to the warped frame before."""
+"""Weight of the mean squared difference to the warped previous frame."""
 
 WARPED_STEPS = 0.5
-"""Part of a frame's steps that one takes which begins from the frame before: it is painted already."""
+"""Fraction of a frame's steps for a frame that starts from the previous one, which is painted already."""
 
 STATISTICS = 10.0
-"""Weight of mean and deviation against the style's, where that of the wanted features is 1."""
+"""Weight of mean and deviation relative to the loss on features, whose weight is 1."""
 
 LEAST_VARIANCE = 1e-5
-"""Added to the variance of a channel before it is divided by."""
+"""Term added to the variance of a channel before dividing by it."""
 
 
 @dataclass(frozen=True)
 class Before:
-    """The frame before, as it is seen from here."""
+    """The previous frame, warped to the current one."""
 
     colours: NDArray[np.floating]
-    """Straight, in [0, 1], nan where nothing arrived. (h, w, 3)"""
+    """Straight colours in [0, 1], NaN where nothing arrived. (h, w, 3)"""
     valid: NDArray[np.bool_]
-    """Where they can be relied on: what is seen in both frames. (h, w)"""
+    """Whether a pixel's colour is reliable because both frames show it. (h, w)"""
 
 
 def frame_alone(
     rgba: NDArray[np.floating], network: nn.Module, style: Tensor, loss: StyleLossSettings, steps: int, seed: int
 ) -> NDArray[np.float32]:
-    """One image, straight alpha (h, w, 4) in [0, 1], optimised towards a style (3, h, w); its alpha stays."""
-    # Made anew for each frame: its random shifts are then the same in all of them.
+    """Optimise one image, straight alpha (h, w, 4) in [0, 1], towards a style (3, h, w); its alpha does not change."""
+    # A new target per frame gives all of them the same random shifts.
     target = StyleTarget(network, style, loss, seed)
     return _painted(rgba, lambda colours, mask, _: stylized(colours, mask, target, steps))
 
@@ -62,24 +62,24 @@ def frame_after(
     rgba: NDArray[np.floating], before: Before, network: nn.Module, style: Tensor, loss: StyleLossSettings,
     steps: int, seed: int, held: float = HELD,
 ) -> NDArray[np.float32]:  # fmt: skip
-    """One image of a sequence: as :func:`frame_alone`, but from the frame before, and like it.
+    """Optimise one image of a sequence as :func:`frame_alone` does, but starting from, and close to, the previous one.
 
-    To the style loss comes a temporal one, the mean squared difference to the warped frame over the pixels where it is
-    valid (Ruder, Dosovitskiy & Brox 2016, the short-term loss). What the frame before does not show begins as a frame
-    alone does.
+    A temporal loss is added to the style loss: the mean squared difference to the warped frame over the pixels where it
+    is valid (Ruder, Dosovitskiy & Brox 2016, the short-term loss). Parts that the previous frame does not show start as
+    in a separate frame.
 
     Args:
-        rgba: The unstyled frame, straight alpha. (h, w, 4) in [0, 1]
-        before: The stylized frame before, warped to this one.
+        rgba: The unstyled frame, straight alpha, in [0, 1]. (h, w, 4)
+        before: The previous stylized frame, warped to this one.
         network: Feature network.
-        style: (3, h, w) in [0, 1].
-        loss: Of the style.
-        steps: That a frame alone takes; here it is ``WARPED_STEPS`` of them.
-        seed: Of the style's vectors and of the shifts.
+        style: Style picture, in [0, 1]. (3, h, w)
+        loss: Settings of the style loss.
+        steps: Steps of a separate frame, of which this one takes the fraction ``WARPED_STEPS``.
+        seed: Seed of the style's vectors and of the shifts.
         held: Weight of the temporal loss.
 
     Returns:
-        The stylized frame (h, w, 4), its alpha that of ``rgba``.
+        The stylized frame, with the alpha of ``rgba``. (h, w, 4)
     """
     target = StyleTarget(network, style, loss, seed)
 
@@ -101,12 +101,12 @@ def frame_after(
 def frame_of_statistics(
     rgba: NDArray[np.floating], network: nn.Module, style: Tensor, loss: StyleLossSettings, steps: int, seed: int
 ) -> NDArray[np.float32]:
-    """One image whose features are the frame's own, normalized to the style's statistics; see :func:`frame_alone`.
+    """Optimise one image to have the frame's features with the style's statistics; see :func:`frame_alone`.
 
-    Pixels are optimised so that the features f are t = sigma_s (f_c - mu_c) / sigma_c + mu_s (AdaIN, eq. 8), f_c the
-    frame's before, and so that their mean and deviation are mu_s and sigma_s (ibid., eq. 13; as style losses: Li et al.
-    2017, Demystifying neural style transfer). Of ``loss`` its size of the style and its total variation count, which is
-    in the place of what a decoder knows of pictures.
+    Pixels are optimised towards features t = sigma_s (f_c - mu_c) / sigma_c + mu_s (AdaIN, eq. 8), where f_c are the
+    original features of the frame, and towards mean mu_s and deviation sigma_s of the features (ibid., eq. 13; as style
+    losses: Li et al. 2017, Demystifying neural style transfer). Only the style size and the total variation of ``loss``
+    are used; the latter replaces the decoder's knowledge of pictures.
     """
     target = StyleTarget(network, style, loss, seed)
 
@@ -122,8 +122,8 @@ class StatisticsLoss:
 
     Args:
         target: The style.
-        colours: The frame's own, straight. (3, h, w)
-        mask: Its opacity. (h, w)
+        colours: Straight colours of the unstyled frame. (3, h, w)
+        mask: Opacity of the frame. (h, w)
     """
 
     def __init__(self, target: StyleTarget, colours: Tensor, mask: Tensor) -> None:
@@ -135,17 +135,17 @@ class StatisticsLoss:
             (mean, deviation), (wanted, spread) = statistics_of(features, weights), self.statistics
             self.features_wanted = spread * (features - mean) / deviation + wanted
         self.scale = spread.square().sum().clamp_min(LEAST_DETAIL * float(wanted.square().sum()) + LEAST_VARIANCE)
-        """So that losses of any features have the same size."""
+        """Scale that makes losses of all kinds of features equally large."""
 
     def features(self, colours: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-        """Features (N, C) of cells, and how much each counts (N,)."""
+        """Return features (N, C) of cells, and their weights (N,)."""
         behind = self.target.background
         seen, cover = solid(colours * mask + behind * (1 - mask), mask, behind)
         weights = cell_weights(cover, STRIDE)
         return self.target.network(seen[None])[0].flatten(1).T, weights * (weights > LEAST_SHARE)
 
     def loss(self, picture: Tensor, mask: Tensor) -> Tensor:
-        """Of straight colours (3, h, w), a scalar."""
+        """Return the loss of straight colours (3, h, w), a scalar."""
         features, weights = self.features(picture, mask)
         total = weights.sum().clamp_min(1e-6)
         content = ((features - self.features_wanted).square().sum(1) * weights).sum() / total
@@ -156,7 +156,7 @@ class StatisticsLoss:
 
 
 def statistics_of(features: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and deviation of each channel, both (C,), of features (N, C) that count by weights (N,)."""
+    """Return mean and deviation of each channel, both (C,), of features (N, C) with weights (N,)."""
     share = weights / weights.sum().clamp_min(1e-6)
     mean = share @ features
     return mean, (share @ (features - mean).square() + LEAST_VARIANCE).sqrt()
@@ -165,9 +165,9 @@ def statistics_of(features: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
 def _painted(
     rgba: NDArray[np.floating], paint: Callable[[Tensor, Tensor, tuple[slice, slice]], Tensor]
 ) -> NDArray[np.float32]:
-    """An image whose colours are painted in the rectangle where something is seen, its alpha as it is.
+    """Paint an image's colours in the bounding rectangle of what is visible; its alpha does not change.
 
-    ``paint`` gets colours (3, h, w), opacity (h, w) and the rows and columns of the rectangle.
+    ``paint`` is called with colours (3, h, w), opacity (h, w) and the rows and columns of the rectangle.
     """
     result = np.array(rgba, np.float32)
     seen = np.argwhere(result[..., 3] > 0)

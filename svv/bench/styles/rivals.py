@@ -1,13 +1,13 @@
-"""Other ways to stylize a scene, as modes of the same trainer: what ours is compared with.
+"""Other ways to stylize a scene, as modes of the same trainer, for comparison with ours.
 
-They share our features, loss, views and schedule, so what differs is what each does with them. None has the palette's
-regions, our painted start, the anchor that holds it, or lighting: their fields say one colour from every side.
+They share our features, loss, views and schedule, so only the methods differ. None has the palette's regions, our
+painted start, the anchor that holds it, or lighting: their fields have the same colour from every side.
 
-- **ARF-like** (Zhang et al. 2022): one style on the whole scene. A field of the scene's own colours, moved by ARF's
-  linear colour transfer, is drawn towards the style view after view, and its colours are transferred once more in the
-  end. ARF's content loss is not taken over.
-- **SNeRF-like** (Nguyen-Phuoc et al. 2022): the views' images are stylized one by one, the field is refitted to them,
-  and so on in turn.
+- **ARF-like** (Zhang et al. 2022): one style on the whole scene. A field of the scene's original colours, mapped by
+  ARF's linear colour transfer, is optimised towards the style view by view, and its colours are transferred once more
+  at the end. ARF's content loss is not used.
+- **SNeRF-like** (Nguyen-Phuoc et al. 2022): the views' images are stylized one by one and the field is refitted to
+  them, alternately.
 
 Modes that stylize frames and have no field are in :mod:`svv.bench.styles.rival_frames`.
 """
@@ -37,37 +37,37 @@ from svv.train.style_loss import StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
 
 ROUNDS = 3
-"""How often the SNeRF-like mode stylizes its images and refits its field."""
+"""Number of times that the SNeRF-like mode stylizes its images and refits its field."""
 
 PASSES = 5
-"""How often each refit of the SNeRF-like mode sees every view. After one pass its pictures are blander yet."""
+"""Passes over all views in each refit of the SNeRF-like mode. After only one pass, its pictures are even blander."""
 
 FLAT = 1e-3
-"""Variance added to a channel's before the colour transfer, so that a scene of one colour is not blown up."""
+"""Variance added to each channel before the colour transfer, to avoid amplifying a scene of one colour."""
 
 Transfer = tuple[Tensor, Tensor]
 """A linear map of colours: A (3, 3) and b (3,), c -> A c + b."""
 
 
 class WholeDistillation(Distillation):
-    """Distils the base network's colours, as one region and without its light: their mean over the directions."""
+    """Distillation of the base network's colours, averaged over directions, as one region without light."""
 
     def __init__(self, scene: Scene, transfer: Transfer | None, settings: StylizeSettings, seed: int) -> None:
-        """``transfer`` moves the colours; without it they stay."""
+        """Start from the base network's features; ``transfer`` maps the colours, None leaves them unchanged."""
         assert scene.palette_network is not None
         super().__init__(scene, scene.palette_network.colours, settings, seed)
-        with torch.no_grad():  # the base field's levels come first in it, and no palette went into it
+        with torch.no_grad():  # the base field's levels come first; the palette has no influence
             self.field.encoding.table[: len(scene.base.encoding.table)] = scene.base.encoding.table
         self.transfer = transfer
 
     def truth(self, samples: Samples, rays: Rays) -> Tensor:
-        """Colours as the rays see them, transferred. (S, 3)"""
+        """Return colours along the rays, transferred. (S, 3)"""
         colours = base_colours(self.scene, samples, rays)
         return colours if self.transfer is None else colours @ self.transfer[0].T + self.transfer[1]
 
 
 class Recoloured(WholeDistillation):
-    """Gives a field's colours a linear map, in the field itself."""
+    """Distillation of a field's colours under a linear map into a copy of the field."""
 
     def __init__(
         self, scene: Scene, field: UnrestrictedField, transfer: Transfer, settings: StylizeSettings, seed: int
@@ -77,19 +77,19 @@ class Recoloured(WholeDistillation):
         self.source, self.linear = field, transfer
 
     def truth(self, samples: Samples, rays: Rays) -> Tensor:
-        """The old field's colours, transferred. (S, 3)"""
+        """Return the old field's colours, transferred. (S, 3)"""
         colours: Tensor = self.source(samples.position)
         return colours @ self.linear[0].T + self.linear[1]
 
 
 class Refit(Stylization):
-    """Stylizes the views' images one by one, and fits the field to them."""
+    """Stylization of the views' images one by one, followed by a fit of the field to them."""
 
     pictures: list[Tensor]
-    """What each view is to look like: the region over the style's background, (3, h, w)."""
+    """Target picture of each view: the region over the style's background. (3, h, w)"""
 
     def paint(self, steps: int, progress: Progress) -> None:
-        """Optimise an image of every view, from how the field shows it now."""
+        """Optimise an image of every view, starting from the field's current rendering."""
         target = self.targets[0]
         self.pictures = []
         for number, view in enumerate(self.views):
@@ -104,27 +104,27 @@ class Refit(Stylization):
         progress(1.0, "images")
 
     def losses(self, index: int, colours: Tensor) -> Iterator[Tensor]:
-        """Squared distance of the view to its picture, over what is visible."""
+        """Yield the mean squared difference of the view from its picture, over what is visible."""
         image, mask = self.views[index].image(colours, 0, self.targets[0].background)
         yield ((image - self.pictures[index]).square().mean(0) * mask).sum() / mask.sum()
 
 
 def unseeded(loss: StyleLossSettings) -> StyleLossSettings:
-    """The loss without what is ours alone: the painted start, the anchor, and one colour along a ray."""
+    """Return the loss without our own additions: the painted start, the anchor, and one colour along a ray."""
     return replace(loss, seeded=False, anchor=0.0, along_rays=0.0)
 
 
 def arf_like(
     scene: Scene, target: StyleTarget, settings: StylizeSettings, seed: int, progress: Progress
 ) -> tuple[Scene, dict[str, float]]:
-    """One style on the whole scene, by matching features from view to view.
+    """Paint one style on the whole scene by matching features view by view.
 
     Args:
-        scene: With a palette colour network, which only the file format asks for.
+        scene: A scene with a palette network, which only the file format requires.
         target: The style, with an :func:`unseeded` loss.
-        settings: Of stage 3.
-        seed: Of networks and rays.
-        progress: Called several times a second; stops the work when it raises.
+        settings: Settings of stage 3.
+        seed: Seed of networks and rays.
+        progress: Called several times per second; the work stops if it raises.
 
     Returns:
         A scene whose network ``styled`` is the result, and the seconds of each part.
@@ -145,10 +145,10 @@ def arf_like(
 def snerf_like(
     scene: Scene, target: StyleTarget, settings: StylizeSettings, seed: int, progress: Progress
 ) -> tuple[Scene, dict[str, float]]:
-    """Images stylized one by one and the field refitted to them, in turn; see :func:`arf_like`.
+    """Stylize images one by one and refit the field to them, alternately; see :func:`arf_like`.
 
-    An image gets as many steps in all as a frame that is optimised alone (``style_iterations``), in ``ROUNDS`` equal
-    rounds; each refit sees every view ``PASSES`` times at least, so the field is fitted, as SNeRF's is.
+    An image gets as many steps in total as a frame that is optimised separately (``style_iterations``), in ``ROUNDS``
+    equal rounds. Each refit sees every view at least ``PASSES`` times, so the field is fitted, as SNeRF's is.
     """
     distillation, seconds = _distilled(scene, None, settings, seed, part(progress, 0.0, 0.1))
     work = Refit(scene, distillation.field, {0: target}, settings, part(progress, 0.1, 0.15), whole=True)
@@ -173,14 +173,14 @@ def flat(scene: Scene, field: UnrestrictedField, name: str) -> Scene:
 
 @torch.no_grad()
 def base_colours(scene: Scene, samples: Samples, rays: Rays) -> Tensor:
-    """What the base network says of samples, seen along their rays. (S, 3)"""
+    """Return the base network's colours of samples, seen along their rays. (S, 3)"""
     _, geometry = scene.base.geometry(samples)
     colours: Tensor = scene.base(geometry, encode_directions(rays.directions, samples.ray))
     return colours
 
 
 def _transfer(scene: Scene, target: StyleTarget, seed: int, colours_of: Callable[[Samples, Rays], Tensor]) -> Transfer:
-    """ARF's colour transfer: the map that gives the scene's visible pixels the style's mean and covariance."""
+    """Return ARF's colour transfer: the map that gives the scene's visible pixels the style's mean and covariance."""
     views = 42
     cameras = scene.rig.sphere(views, DISTILLATION_SIZE)
     pixels = np.random.default_rng(seed).integers(0, views * DISTILLATION_SIZE**2, LOOKED_AT)

@@ -1,6 +1,6 @@
-"""How alike two pictures are in manner: by AlexNet's activations, their statistics and their neighbours, and by lines.
+"""Similarity of two pictures in style: by AlexNet's activations, their statistics and neighbours, and by lines.
 
-No style is trained on either here, so both can judge what was painted with other features.
+No painting is trained on these figures, so they can judge paintings made with other features.
 """
 
 from __future__ import annotations
@@ -20,43 +20,42 @@ from svv.train.lpips import MIN_SIZE, Lpips
 
 @dataclass(frozen=True)
 class Statistics:
-    """Mean and standard deviation of each channel, a pair for each of AlexNet's five layers."""
+    """Mean and standard deviation of each channel in AlexNet's five layers."""
 
     means: tuple[Tensor, ...]
-    """(64,), (192,), (384,), (256,), (256,)"""
+    """Means per layer: (64,), (192,), (384,), (256,), (256,)."""
     deviations: tuple[Tensor, ...]
-    """As many."""
+    """Standard deviations per layer, of the same shapes."""
 
 
 NEIGHBOURS = 1
-"""The layer whose activations look for their nearest, from 0: of conv2, places are 8 pixels apart and see 51."""
+"""Layer, from 0, whose activations are matched to their nearest: in conv2, places are 8 pixels apart and see 51."""
 
 WHOLE, LEAST_PLACES = 0.8, 8
-"""Share of a place that must be inside to be one, and how many it takes."""
+"""Least share of a place that must be inside the mask, and least number of such places."""
 
 Layers = list[tuple[Tensor, Tensor]]
-"""Of each layer the activations (channels, places), and how much of each place the mask covers (places,)."""
+"""Activations (channels, places) of each layer, and the fraction of each place that the mask covers (places,)."""
 
 
 @torch.no_grad()
 def style_activations(
     network: Lpips, picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None
 ) -> Layers:
-    """AlexNet's activations after each ReLU.
+    """Return AlexNet's activations after each ReLU.
 
-    What lies outside the mask does not count: it is given the mean colour of what lies inside before the network sees
-    it.
+    Pixels outside the mask have no influence: before the network sees them, they get the mean colour of those inside.
 
     Args:
-        network: :func:`svv.train.lpips.load_lpips`; its heads are not used.
-        picture: (h, w, 3) sRGB in [0, 1], 31 x 31 pixels or more.
-        mask: (h, w) in [0, 1] or bool: where the picture counts; all of it by default.
+        network: Network from :func:`svv.train.lpips.load_lpips`; its heads are not used.
+        picture: Picture in sRGB, in [0, 1], at least 31 x 31 pixels. (h, w, 3)
+        mask: Where the picture counts, bool or in [0, 1]; all of it by default. (h, w)
 
     Raises:
-        BadInput: a picture that is too small, or a mask that is empty or of another size.
+        BadInput: The picture is too small, or the mask is empty or has another size.
     """
     if picture.ndim != 3 or picture.shape[2] != 3 or min(picture.shape[:2]) < MIN_SIZE:
-        raise BadInput(f"Statistics of a style need a picture of {MIN_SIZE} x {MIN_SIZE} pixels or more in colour.")
+        raise BadInput(f"Statistics of a style need a picture in colour of at least {MIN_SIZE} x {MIN_SIZE} pixels.")
     cover = np.ones(picture.shape[:2]) if mask is None else np.asarray(mask, np.float64)
     if cover.shape != picture.shape[:2] or cover.sum() <= 0:
         raise BadInput("The mask must have the picture's size and cover some of it.")
@@ -73,7 +72,7 @@ def style_activations(
 
 
 def style_statistics(layers: Layers) -> Statistics:
-    """Mean and deviation of each channel (Huang and Belongie 2017, eq. 5 and 6); a place weighs what is covered."""
+    """Return mean and deviation of each channel (Huang and Belongie 2017, eq. 5 and 6), weighted by coverage."""
     means, deviations = [], []
     for activation, covered in layers:
         weight = covered / covered.sum()
@@ -84,7 +83,7 @@ def style_statistics(layers: Layers) -> Statistics:
 
 
 def statistics_distance(a: Statistics, b: Statistics) -> float:
-    """Distance of two pictures' statistics, >= 0 and 0 for equal ones.
+    """Return the distance of two pictures' statistics, >= 0, and 0 if they are equal.
 
     sum over the layers of |mean_a - mean_b| + |deviation_a - deviation_b|, Euclidean lengths
     (Huang and Belongie 2017, eq. 13, there with VGG-19's layers).
@@ -94,20 +93,20 @@ def statistics_distance(a: Statistics, b: Statistics) -> float:
 
 
 def places_of(layers: Layers) -> Tensor:
-    """The activations of :data:`NEIGHBOURS` at places that lie inside. (places, channels)"""
+    """Return the activations of layer :data:`NEIGHBOURS` at places inside the mask. (places, channels)"""
     activation, covered = layers[NEIGHBOURS]
     return activation[:, covered > WHOLE].T
 
 
 def neighbours_distance(a: Tensor, style: Tensor) -> float:
-    """Mean cosine distance of each place to its nearest in the style, plus that of the style's to theirs, from 0 to 4.
+    """Return the mean cosine distance of places to their nearest in the style, plus that in reverse, in [0, 4].
 
-    The first says whether there is anything that the style has not, the second whether all of the style is there
-    (both ways as Simakov et al. 2008, in features). Activations are taken about the style's mean.
+    The first shows whether the picture has anything that the style lacks, the second whether the picture has all of the
+    style (both directions as in Simakov et al. 2008, with features). The style's mean is subtracted from activations.
 
     Args:
-        a: Of the picture. (places, channels)
-        style: Of the style. (places, channels)
+        a: Activations of the picture. (places, channels)
+        style: Activations of the style. (places, channels)
     """
     mean = style.mean(0)
     likeness = F.normalize(a - mean, dim=1) @ F.normalize(style - mean, dim=1).T
@@ -115,11 +114,12 @@ def neighbours_distance(a: Tensor, style: Tensor) -> float:
 
 
 class StyleJudge:
-    """Compares pictures with one style, in what nothing here is trained on.
+    """Comparison of pictures with one style by figures that nothing is trained on.
 
     Args:
-        style: (h, w, 3) sRGB in [0, 1], at the scale at which it is compared: strokes as large as they should be.
-        network: :func:`svv.train.lpips.load_lpips`; None, or a style under 31 x 31 pixels: lines alone are compared.
+        style: Style in sRGB, in [0, 1], scaled to give its strokes the wanted size. (h, w, 3)
+        network: Network from :func:`svv.train.lpips.load_lpips`; if it is None, or the style is smaller than 31 x 31
+            pixels, only lines are compared.
     """
 
     def __init__(self, style: NDArray[np.floating], network: Lpips | None) -> None:
@@ -128,23 +128,23 @@ class StyleJudge:
         if network is not None:
             own, noise = style_activations(network, style), style_activations(network, shuffled(style))
             self.own, self.places = style_statistics(own), places_of(own)
-            # A style of one colour is its own noise.
+            # Shuffling does not change a style of one colour: its distance from the noise is 0.
             self.unit = max(statistics_distance(self.own, style_statistics(noise)), 1e-6)
             self.far = max(neighbours_distance(places_of(noise), self.places), 1e-6)
 
     def figures(
         self, picture: NDArray[np.floating], mask: NDArray[np.floating | np.bool_] | None = None
     ) -> dict[str, float]:
-        """How far a picture is from the style; 0 is equal, about 1 white noise of the style's colours.
+        """Return distances of a picture from the style: 0 if equal, about 1 for white noise of the style's colours.
 
         Args:
-            picture: (h, w, 3) sRGB in [0, 1].
-            mask: (h, w), bool or opacity: where the picture counts; all of it by default.
+            picture: Picture in sRGB, in [0, 1]. (h, w, 3)
+            mask: Where the picture counts, bool or opacity; all of it by default. (h, w)
 
         Returns:
-            ``neighbours`` and ``adain``: :func:`neighbours_distance`, and distance of the statistics of AlexNet's
-            layers, in units of noise's (without a network they are left out); ``lines`` and its parts, see
-            :meth:`svv.core.lines.StyleLines.distances`. Nothing for a picture of which too little lies inside the mask.
+            ``neighbours`` and ``adain``: :func:`neighbours_distance` and the distance of the statistics of AlexNet's
+            layers, both relative to that of noise (left out without a network); ``lines`` and its parts, see
+            :meth:`svv.core.lines.StyleLines.distances`. Empty if too little of the picture is inside the mask.
         """
         inside = np.ones(picture.shape[:2], bool) if mask is None else np.asarray(mask) > 0.9
         if interior(inside).sum() < LEAST_PIXELS:

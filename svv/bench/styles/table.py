@@ -1,4 +1,4 @@
-"""What comparisons of styles add up to: a table as Markdown, CSV and JSON, and contact sheets."""
+"""Results of comparisons of styles: a table as Markdown, CSV and JSON, and contact sheets."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from svv.render.pictures import cropped, error_picture, fitted, over_white, read
 Row = dict[str, Any]
 
 SHOWN = ("flip", "rmse", "flip_part", "rmse_part")
-"""Consistency figures that the table shows."""
+"""Figures of consistency that the table shows."""
 
 JUDGED = ("neighbours", "adain", "lines", "patches 1/1", "patches 1/2", "colour", "contrast", "changed")
-"""Figures against the style that the table shows; the CSV has all."""
+"""Figures of similarity to the style that the table shows; the CSV file has all."""
 
 
 def consistency_columns(protocol: Protocol) -> list[str]:
-    """Names of the consistency figures that the table shows, in order."""
+    """Return the names of the consistency figures that the table shows, in order."""
     return [f"{flow} {n} {name}" for flow in protocol.flows for n in protocol.intervals for name in SHOWN]
 
 
 def averaged(rows: Sequence[Row], by: str) -> list[Row]:
-    """A row for each value of ``by``: means of all numbers."""
+    """Return a row for each value of ``by`` with the means of all numbers."""
     result = []
     for value in dict.fromkeys(r[by] for r in rows):
         own = [r for r in rows if r[by] == value]
@@ -42,7 +42,7 @@ def averaged(rows: Sequence[Row], by: str) -> list[Row]:
 
 
 def markdown(rows: Sequence[Row], first: str, columns: Sequence[str]) -> str:
-    """A table with a line a row; what was not measured is a dash."""
+    """Format a table with a line per row; values that were not measured are dashes."""
     lines = [f"| {first} | " + " | ".join(columns) + " |", "|---" * (1 + len(columns)) + "|"]
     for row in rows:
         lines.append(f"| {row[first]} | " + " | ".join(_text(row.get(name)) for name in columns) + " |")
@@ -50,7 +50,7 @@ def markdown(rows: Sequence[Row], first: str, columns: Sequence[str]) -> str:
 
 
 def victories(rows: Sequence[Row], winner: str, rivals: Sequence[str], columns: Sequence[str]) -> str:
-    """In how many cases a mode's figure is below a rival's, as a Markdown table."""
+    """Count in how many cases a mode's figure is below a rival's, as a Markdown table."""
     cases = {(r["scene"], r["style"]): {} for r in rows}  # type: dict[tuple[str, str], dict[str, Row]]
     for r in rows:
         cases[r["scene"], r["style"]][r["mode"]] = r
@@ -68,7 +68,7 @@ def victories(rows: Sequence[Row], winner: str, rivals: Sequence[str], columns: 
 
 
 def write_tables(out: Path, name: str, rows: Sequence[Row], text: str) -> list[Path]:
-    """``NAME.md`` with a text, ``NAME.csv`` and ``NAME.json`` with all rows; returns the files."""
+    """Write ``NAME.md`` with a text, ``NAME.csv`` and ``NAME.json`` with all rows; return the files."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, list(dict.fromkeys(key for r in rows for key in r)), lineterminator="\n")
     writer.writeheader()
@@ -85,17 +85,17 @@ def contact_sheet(
     file: Path, path: OrbitPath, folders: dict[str, Path], style: NDArray[np.floating] | None,
     captions: Mapping[str, str] | None = None,
 ) -> None:  # fmt: skip
-    """Frames of several modes side by side.
+    """Draw frames of several modes side by side.
 
-    Two rows are frames of the pair with the largest interval in the middle of the path, the third shows where they
+    Two rows show the frames of the pair with the largest interval in the middle of the path. The third shows where they
     differ after warping, from white (not at all, or not compared) to dark red.
 
     Args:
-        file: A PNG.
+        file: A PNG file.
         path: The orbit, for the warp by depth.
-        folders: Frames of each mode, by its label.
-        style: The style picture, shown in a column of its own.
-        captions: A line of figures for each label that has some.
+        folders: Folder of each mode's frames, by its label.
+        style: The style picture, shown in a separate column; None leaves it out.
+        captions: A line of figures by label, where available.
     """
     interval = max(path.protocol.intervals)
     pairs = [(a, b) for n, a, b in path.protocol.pairs if n == interval]
@@ -117,7 +117,7 @@ def contact_sheet(
 
 
 def _inside(style: NDArray[np.floating] | None, like: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A style picture fitted into a white picture as large as another one, or nothing but white."""
+    """Return a white picture as large as another, with the style picture fitted into it if there is one."""
     canvas = np.full_like(like, 255)
     if style is not None:
         side = min(like.shape[:2])

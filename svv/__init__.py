@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from svv._version import __version__ as __version__
+from svv.own_symbols import TRITON, prefer_own_symbols
 
 if TYPE_CHECKING:
     from svv.core.cameras import Camera as Camera
@@ -63,6 +64,8 @@ PUBLIC = {
     "write_png": "svv.io.output",
 }
 """Public name -> the module that defines it, imported on first access (PEP 562)."""
+
+prefer_own_symbols(TRITON)
 
 
 def __getattr__(name: str) -> Any:

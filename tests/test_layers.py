@@ -19,8 +19,8 @@ MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "svv").rglob("*.py")
 BOTTOM = {"_version", "errors", "options"}
 COLUMN = ["core", "kernels", "fields", "styles", "train", "render", "job", "bench"]
 BELOW = {layer: BOTTOM | set(COLUMN[:level]) for level, layer in enumerate(COLUMN)}
-BELOW["svv"] = {"_version"}
-BELOW["_version"] = set()
+BELOW["svv"] = {"_version", "own_symbols"}
+BELOW["_version"] = BELOW["own_symbols"] = set()
 BELOW["errors"] = set()
 BELOW["options"] = {"errors"}
 BELOW["io"] = BOTTOM | {"core"}
@@ -32,7 +32,7 @@ BELOW["train"] |= {"io", "measure"}
 BELOW["render"] |= {"io", "measure"}
 BELOW["job"] |= {"io", "dvr", "progress", "measure", "ending"}
 BELOW["bench"] |= BELOW["job"]
-BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending", "measure"} - {"bench"}
+BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending", "measure", "own_symbols"} - {"bench"}
 BELOW["cli"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "ending", "pv"}
 BELOW["__main__"] = {"cli"}
 

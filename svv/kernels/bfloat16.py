@@ -1,7 +1,7 @@
 """The small networks in half precision, on CPUs that multiply bfloat16 matrices (AMX).
 
-What goes in and comes out is float32, and so are the weights that learn; between, activations are bfloat16 (8 bits of
-mantissa, the exponents of float32) and every product adds up in float32. S samples.
+Inputs, outputs and trained weights are float32; activations in between are bfloat16 (8 bits of mantissa, the exponent
+range of float32), and products are accumulated in float32. S samples.
 """
 
 from __future__ import annotations
@@ -13,29 +13,29 @@ import torch
 from torch import Tensor
 
 LEAST_SAMPLES = 4096
-"""Samples from which on it pays; fewer are multiplied in float32."""
+"""Fewest samples for which bfloat16 is faster; fewer are multiplied in float32."""
 
 SAMPLES_MULTIPLE = 1024
-"""The number of samples is rounded up to a multiple of it: a product is prepared for each new shape of its matrices,
-which takes longer than the product itself."""
+"""Number to whose multiples the number of samples is rounded up: a product is prepared for each new shape of its
+matrices, which takes longer than the product itself."""
 
 
 @cache
 def cpu_has_bfloat16() -> bool:
-    """Whether this CPU multiplies bfloat16 matrices in hardware of its own, and torch can make use of it."""
-    ask = getattr(torch.cpu, "get_capabilities", None)  # torch before 2.7 has no such question
+    """Return whether this CPU multiplies bfloat16 matrices in hardware and torch can use that."""
+    ask = getattr(torch.cpu, "get_capabilities", None)  # missing before torch 2.7
     if ask is None or not ask().get("amx_bf16") or not hasattr(torch.ops.mkldnn, "_linear_pointwise"):
         return False
     x = torch.zeros(SAMPLES_MULTIPLE, 16, dtype=torch.bfloat16)
     try:
         torch.ops.mkldnn._linear_pointwise(x, x[:16], None, "none", [], "")
-    except RuntimeError:  # oneDNN may be held back (ONEDNN_MAX_CPU_ISA), and there is no question for that
+    except RuntimeError:  # ONEDNN_MAX_CPU_ISA may restrict oneDNN, which cannot be queried
         return False
     return True
 
 
 class HalfNetwork(torch.autograd.Function):
-    """Linear layers without biases, ReLU between: x (S, I) and weights (O, I) each -> (S, O)."""
+    """Linear layers without biases, with ReLU between them: x (S, I) and weights (O, I) each -> (S, O)."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, *weights: Tensor) -> Tensor:
@@ -62,7 +62,7 @@ class HalfNetwork(torch.autograd.Function):
 
 
 def _padded(x: Tensor) -> Tensor:
-    """As bfloat16, with zeros behind."""
+    """Convert to bfloat16 and pad with zero rows."""
     out = torch.empty(-(-len(x) // SAMPLES_MULTIPLE) * SAMPLES_MULTIPLE, x.shape[1], dtype=torch.bfloat16)
     out[: len(x)] = x
     out[len(x) :] = 0.0

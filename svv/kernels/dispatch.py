@@ -1,4 +1,4 @@
-"""Which device calculates, and which kernels run there."""
+"""Choice of the device and of the kernels that run on it."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from svv.kernels.types import Kernels
 CPU = torch.device("cpu")
 
 KERNELS_VARIABLE = "SVV_KERNELS"
-"""Environment variable that, set to ``reference``, has the plain torch reference run instead of faster kernels.
+"""Environment variable that, if set to ``reference``, selects the plain torch reference instead of faster kernels.
 
-``torch`` means the same: the reference was called so before."""
+``torch``, its former name, means the same."""
 
 
 @cache
 def kernels_of(kind: str) -> Kernels:
-    """The kernels for a kind of device, ``cpu`` or ``cuda``.
+    """Return the kernels for a kind of device, ``cpu`` or ``cuda``.
 
     Raises:
-        BadInput: the environment's ``SVV_KERNELS`` is neither ``reference`` (or ``torch``, its former name) nor empty.
+        BadInput: The variable ``SVV_KERNELS`` is neither ``reference`` (or ``torch``, its former name) nor empty.
     """
     wanted = os.environ.get(KERNELS_VARIABLE, "")
     if wanted not in ("", "reference", "torch"):
@@ -42,15 +42,15 @@ def kernels_of(kind: str) -> Kernels:
 
 
 def kernels_for(tensor: Tensor) -> Kernels:
-    """The kernels that run where a tensor lies."""
+    """Return the kernels for the device of a tensor."""
     return kernels_of(tensor.device.type)
 
 
 def device_named(name: str) -> torch.device:
-    """The device of the option ``auto``, ``cpu`` or ``cuda``; ``auto`` takes the GPU where there is one.
+    """Return the device for the option ``auto``, ``cpu`` or ``cuda``; ``auto`` is the GPU if there is one.
 
     Raises:
-        BadInput: ``cuda`` where torch finds no GPU, or another name.
+        BadInput: The name is unknown, or it is ``cuda`` and torch finds no GPU.
     """
     if name not in ("auto", "cpu", "cuda"):
         raise BadInput(f"There is no device '{name}'; choose auto, cpu or cuda.")
@@ -62,13 +62,13 @@ def device_named(name: str) -> torch.device:
 
 
 def forget_gpu_peak(device: torch.device) -> None:
-    """Let :func:`device_report` count the GPU's memory anew."""
+    """Reset the peak GPU memory that :func:`device_report` returns."""
     if device.type == "cuda":
         torch.cuda.reset_peak_memory_stats(device)
 
 
 def device_report(device: torch.device) -> dict[str, Any]:
-    """What calculated: ``device``, ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (both None on a CPU)."""
+    """Describe the device: ``device``, ``kernels``, and ``gpu`` (name) and ``peak_gpu_bytes``, None on the CPU."""
     on_gpu = device.type == "cuda"
     return {
         "device": device.type,

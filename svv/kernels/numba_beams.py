@@ -1,4 +1,4 @@
-"""Which parts of an image look past everything, compiled with numba: one beam for a tile of pixels."""
+"""Search for the parts of an image that can show occupied cells, one beam per tile of pixels; compiled with numba."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ TILE_SIDE = 8
 """Pixels along the side of a tile."""
 
 LEAST_ADVANCE = 0.1
-"""Part of a cell: a beam that can only advance by less counts as one that meets something."""
+"""Fraction of a cell; a beam that cannot advance by this much counts as meeting an occupied cell."""
 
 POSITION_ERROR = 1e-5
-"""Box units by which single precision may misplace a sample."""
+"""Bound of a sample's position error in single precision, in box units."""
 
 
 @njit(cache=True)
 def _direction(column, row, focal, width, height):  # type: ignore[no-untyped-def]
-    """Unit direction through a place in the image, in pixels from its first centre, in the camera's own axes."""
+    """Return the unit direction, in camera axes, through a point in pixels from the centre of the first pixel."""
     u = (column - 0.5 * (width - 1)) / focal
     v = -(row - 0.5 * (height - 1)) / focal
     norm = math.sqrt(u * u + v * v + 1.0)
@@ -29,23 +29,23 @@ def _direction(column, row, focal, width, height):  # type: ignore[no-untyped-de
 
 @njit(parallel=True, cache=True)
 def tiles_in_sight(rotation, position, focal, width, height, distance, cells, extent, seen):  # type: ignore[no-untyped-def]
-    """Mark the tiles of an image through which an occupied cell may be seen.
+    """Mark the tiles of an image through which an occupied cell may be visible.
 
-    A beam is the axis of a tile with all of its rays: after a way t they are within t k of the axis, where k is the
-    largest difference of their unit directions from its own. Around a point of the axis there is a cube without
-    occupied cells, so the beam can advance until its rays might leave that cube (sphere tracing, Hart 1996, in the
-    maximum norm). No tile is left out through whose pixels' centres a ray meets an occupied cell.
+    A beam is the axis of a tile together with all rays of the tile: at distance t they are within t k of the axis,
+    where k is the largest difference between their unit directions and the axis. Each point of the axis is the centre
+    of a cube without occupied cells, and the beam can advance until its rays might leave that cube (sphere tracing,
+    Hart 1996, in the maximum norm). Every tile with a pixel centre whose ray meets an occupied cell is marked.
 
     Args:
         rotation: Camera-to-box rotation, as in :mod:`svv.kernels.numba_rays`. (3, 3)
-        position: The camera's, in box coordinates. (3,)
+        position: Camera position in box coordinates. (3,)
         focal: Focal length in pixels.
-        width: Of the image in pixels.
-        height: Likewise.
-        distance: Chessboard distance of each cell to the nearest occupied one, 0 for those. (X, Y, Z)
+        width: Image width in pixels.
+        height: Image height in pixels.
+        distance: Chessboard distance of each cell to the nearest occupied one, 0 for occupied cells. (X, Y, Z)
         cells: Cells per box unit.
         extent: Sides of the box. (3,)
-        seen: Result, one number a tile. (rows of tiles, columns of tiles)
+        seen: Result, 1 for marked tiles. (rows of tiles, columns of tiles)
     """
     side = 1.0 / cells
     reach = 0.0
@@ -69,7 +69,7 @@ def tiles_in_sight(rotation, position, focal, width, height, distance, cells, ex
                 inside = min(max(x, 0.0), extent[axis])
                 away = max(away, abs(x - inside))
                 cell[axis] = min(int(inside * cells), distance.shape[axis] - 1)
-            # From outside, nothing in the box is nearer than the box.
+            # Outside the box, nothing in it is nearer than the box itself.
             free = max(away, (float(distance[cell[0], cell[1], cell[2]]) - 1.0) * side)
             step = free - t * spread - POSITION_ERROR
             if step < LEAST_ADVANCE * side:
@@ -79,7 +79,7 @@ def tiles_in_sight(rotation, position, focal, width, height, distance, cells, ex
 
 
 def pixels_of(seen: NDArray[np.uint8], width: int, height: int) -> NDArray[np.int64]:
-    """Flat indices of the pixels of the tiles that are marked, tile by tile, so that neighbours stay together."""
+    """Return the flat indices of the pixels in marked tiles, tile by tile, so that neighbours stay together."""
     row, column = (TILE_SIDE * place[:, None, None] for place in np.nonzero(seen))
     rows, columns = np.broadcast_arrays(row + np.arange(TILE_SIDE)[:, None], column + np.arange(TILE_SIDE))
     within = (rows < height) & (columns < width)

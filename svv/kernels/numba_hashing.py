@@ -1,6 +1,6 @@
 """The multiresolution hash grid (Müller et al. 2022), compiled with numba.
 
-Letters: S samples, L levels, F features a level, V rows (over all levels).
+Letters: S samples, L levels, F features per level, V rows (over all levels).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from numba import njit, prange
 
 @njit(inline="always")
 def row(x, y, z, resolution, entries):  # type: ignore[no-untyped-def]
-    """Row of a vertex in its level: direct where all vertices fit, hashed otherwise (eq. 4)."""
+    """Return the row of a vertex in its level: direct if all vertices fit, hashed otherwise (eq. 4)."""
     side = resolution + 1
     if side * side * side <= entries:
         return (x * side + y) * side + z
@@ -21,7 +21,7 @@ def row(x, y, z, resolution, entries):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, fastmath=True, cache=True)
 def encode(x, resolutions, offsets, table, out):  # type: ignore[no-untyped-def]
-    """Features of all levels, side by side: x (S, 3) in [0, 1] -> out (S, L * F)."""
+    """Compute the features of all levels, concatenated: x (S, 3) in [0, 1] -> out (S, L * F)."""
     levels, features = resolutions.shape[0], table.shape[1]
     for i in prange(x.shape[0]):
         for level in range(levels):
@@ -42,7 +42,7 @@ def encode(x, resolutions, offsets, table, out):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, fastmath=True, cache=True)
 def encode_backward(x, g_out, resolutions, offsets, g_table, used):  # type: ignore[no-untyped-def]
-    """Gradient of :func:`encode` with respect to the table, added to ``g_table``; marks ``used``."""
+    """Add the gradient of :func:`encode` with respect to the table to ``g_table`` (V, F); mark rows in ``used``."""
     levels, features = resolutions.shape[0], g_table.shape[1]
     for level in prange(levels):
         r = resolutions[level]

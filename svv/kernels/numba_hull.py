@@ -8,17 +8,17 @@ from numba import njit, prange
 
 @njit(parallel=True, cache=True)
 def visual_hull(tables, rotations, positions, focal, half, cells, shape, reach, occupied):  # type: ignore[no-untyped-def]
-    """Keep the cells whose projection meets the mask in every view that sees them.
+    """Keep the cells whose projection meets the mask in every view that contains them.
 
     Args:
         tables: Summed-area tables of the masks, int32. (N, H + 1, W + 1)
         rotations: World-to-camera rotation in box axes. (N, 3, 3)
         positions: Camera positions in box coordinates. (N, 3)
         focal: Focal length in mask pixels. (N,)
-        half: Half the mask's width and height, in pixels. (2,)
+        half: Half of the mask's width and height in pixels. (2,)
         cells: Cells per box unit.
         shape: Cells per axis. (3,)
-        reach: Radius of a cell's bounding sphere, in box units.
+        reach: Radius of a cell's bounding sphere in box units.
         occupied: Result, uint8. (X, Y, Z)
     """
     views, height, width = tables.shape[0], tables.shape[1] - 1, tables.shape[2] - 1
@@ -40,7 +40,7 @@ def visual_hull(tables, rotations, positions, focal, half, cells, shape, reach, 
                     x0, x1 = int(np.floor(px - r)), int(np.ceil(px + r))
                     y0, y1 = int(np.floor(py - r)), int(np.ceil(py + r))
                     if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
-                        continue  # the view's frame cuts the cell, so it cannot tell
+                        continue  # the view's frame cuts the cell, so the view does not decide
                     seen = True
                     t = tables[n]
                     if t[y1, x1] - t[y0, x1] - t[y1, x0] + t[y0, x0] == 0:

@@ -1,9 +1,10 @@
-"""What stands around the networks in an image, compiled with numba: features, material, light, compositing.
+"""Everything but the networks in an image, compiled with numba: features, material, light, compositing.
 
-Each loop does in one pass over the samples what takes a dozen torch operations, whose time goes into memory: a sixth of
-an image's. The functions behind the loops are those of :class:`svv.kernels.types.ImageKernels`, which describes them.
+Each loop does in one pass over the samples what would take a dozen torch operations, which are bound by memory: a sixth
+of an image's time. The functions after the loops are those of :class:`svv.kernels.types.ImageKernels`, which describes
+them.
 
-Letters: S samples, R rays, P palette colours, L levels, F features a level, H spherical harmonics.
+Letters: S samples, R rays, P palette colours, L levels, F features per level, H spherical harmonics.
 """
 
 from __future__ import annotations
@@ -25,20 +26,20 @@ from svv.kernels.numba_trilinear import ONE32, cell_at, mean_of, weights_of
 from svv.kernels.types import Lattice, Samples, Surface
 
 RIM32, GRAZING32 = np.float32(RIM_COSINE), np.float32(LEAST_COSINE)
-"""In single precision: a float beside would make numba calculate in double."""
+"""The constants in single precision; with Python floats, numba would compute in double precision."""
 
 
 @njit(fastmath=True, inline="always")
 def _softplus(x):  # type: ignore[no-untyped-def]
-    """log(1 + e^x), as torch has it."""
+    """Return log(1 + e^x), computed as in torch."""
     return x if x > 20.0 else np.log1p(np.exp(x))
 
 
 @njit(parallel=True, fastmath=True, cache=True)
 def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit, plain):  # type: ignore[no-untyped-def]
-    """Inputs of the lighting MLP, ``lit`` (S, L F + H), and of the palette MLP, ``plain`` (S, L F).
+    """Write inputs of the lighting MLP, ``lit`` (S, L F + H), and of the palette MLP, ``plain`` (S, L F).
 
-    ``tables`` (V, 2 F) holds the geometry's features and the material's, so each vertex is fetched once. ``width``: see
+    ``tables`` (V, 2 F) holds features of geometry and material, so each vertex is fetched only once. ``width``: see
     :func:`svv.kernels.numba_lattice.encode`.
     """
     levels, own, count = shapes.shape[0], len(width), harmonics.shape[1]
@@ -59,7 +60,7 @@ def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, li
 
 @njit(parallel=True, fastmath=True, cache=True)
 def _material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-untyped-def]
-    """Diffuse colour I sum_i w_i (P_i + delta_i) (S, 3) and region (S,) of what the palette MLP says (S, 1 + 4 P)."""
+    """Write diffuse colour I sum_i w_i (P_i + delta_i) (S, 3) and region (S,) from the palette MLP (S, 1 + 4 P)."""
     count = colours.shape[0]
     for i in prange(raw.shape[0]):
         red = green = blue = total = largest = np.float32(0.0)
@@ -79,7 +80,7 @@ def _material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-u
 
 @njit(fastmath=True, inline="always")
 def _lit(colour, i, factor, shade, specular):  # type: ignore[no-untyped-def]
-    """Light a sample's diffuse ``colour`` (S, 3), in place, for f, a m and f (c_s - b).
+    """Light a sample's diffuse ``colour`` (S, 3) in place, given f, a m and f (c_s - b).
 
     See :func:`svv.core.palette_shading.lit`.
     """
@@ -90,9 +91,9 @@ def _lit(colour, i, factor, shade, specular):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, fastmath=True, cache=True)
 def _light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
-    """Light diffuse ``colour`` (S, 3), in place, as the lighting MLP says (S, 1 or 2).
+    """Light diffuse ``colour`` (S, 3) in place with the output of the lighting MLP (S, 1 or 2).
 
-    ``lights`` (P, 3): what each region makes of it (:func:`svv.fields.paint_light.lights_of`).
+    ``lights`` (P, 3): response of each region (:func:`svv.fields.paint_light.lights_of`).
     """
     for i in prange(raw.shape[0]):
         shade, r = ONE32, region[i]
@@ -107,11 +108,12 @@ def _phong(  # type: ignore[no-untyped-def]
     position, ray, facing, toward, half, intensity, shapes, scales, bases, index, normals, scale, soft, raw,
     coefficients, floor, lights, region, colour,
 ):  # fmt: skip
-    """Light diffuse ``colour`` (S, 3), in place, as an explicit light does (:func:`svv.core.light.blinn_phong`).
+    """Light diffuse ``colour`` (S, 3) in place with an explicit light (:func:`svv.core.light.blinn_phong`).
 
-    ``facing``, ``toward``, ``half`` (R, 3): unit vectors of rays towards viewer, light and between both. ``normals``
-    (V, 3) times ``scale``: what the lattice holds, of which lengths above ``soft`` count. ``raw`` (S, 1 + 4 P): what
-    the palette MLP says, whose weights mix the ``coefficients`` (P, 4). ``lights`` (P, 3): see :func:`light`.
+    ``facing``, ``toward``, ``half`` (R, 3): unit vectors of rays towards the viewer, the light and halfway between.
+    ``normals`` (V, 3): values of the lattice, which become vectors when multiplied by ``scale``; those much shorter
+    than ``soft`` stay unlit. ``raw`` (S, 1 + 4 P): output of the palette MLP, whose weights mix the ``coefficients``
+    (P, 4). ``lights`` (P, 3): see :func:`light`.
     """
     levels, count = shapes.shape[0], coefficients.shape[0]
     for i in prange(position.shape[0]):
@@ -152,10 +154,10 @@ def _phong(  # type: ignore[no-untyped-def]
 def _composite(  # type: ignore[no-untyped-def]
     position, sigma, skipped, colour, region, opacity, origins, start, count, tail, step, size, faint, rgba, depth, seen
 ):
-    """Pixels of rays: straight ``rgba`` (R, 4) in [0, 1], ``depth`` (R,) and the region that is ``seen`` (R,) int16.
+    """Write the pixels of rays: straight ``rgba`` (R, 4) in [0, 1], ``depth`` (R,) and region ``seen`` (R,) int16.
 
-    A pixel whose alpha is not above ``faint`` stays as it is. ``opacity`` (P,) scales each region's extinction; its
-    region is that which holds most of a pixel's weight. ``size``: world units of a box unit.
+    A pixel whose alpha does not exceed ``faint`` is unchanged. ``opacity`` (P,) scales each region's extinction. A
+    pixel's region is the one with most of its weight. ``size``: world units per box unit.
     """
     rays, regions = start.shape[0], opacity.shape[0]
     for block in prange((rays + RAYS_A_BLOCK - 1) // RAYS_A_BLOCK):
@@ -241,5 +243,5 @@ def _layout(lattice: Lattice) -> tuple[NDArray[Any], ...]:
 
 
 def _arrays(*tensors: Tensor) -> tuple[NDArray[Any], ...]:
-    """The tensors' own memory."""
+    """Return arrays that share the tensors' memory."""
     return tuple(t.detach().numpy() for t in tensors)

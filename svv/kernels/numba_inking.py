@@ -1,9 +1,9 @@
-"""Strokes of a pen on a surface: where lines and dots may go, and how much of a place they cover.
+"""Pen strokes on a surface: placement of lines and dots, and how much of each place they cover.
 
-A surface is points, at most one in each cube of a side, with what is known of it there. Letters: S points of the
-surface, K points of strokes, C candidates for dots, V places that are asked for. Distances between strokes are measured
-along the surface, without their part along the normal, so that a stroke is the same all through a shell's thickness.
-Compiled with numba for the CPU.
+A surface is a set of points with normals, tangents and tones, at most one point in each cube of a grid. Letters: S
+points of the surface, K points of strokes, C candidates for dots, V places to evaluate. Distances between strokes are
+measured along the surface, without their component along the normal, so that a stroke is the same throughout a shell's
+thickness. Compiled with numba for the CPU.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ import numpy as np
 from numba import njit, prange
 
 SAME_SIDE_COSINE = 0.3
-"""Cosine of two normals from which on they are of one side of a surface."""
+"""Cosine of two normals above which they belong to the same side of a surface."""
 
 
 @njit(cache=True)
 def look(p, n, t, side, slot, points, normals, tangents, tones, out):  # type: ignore[no-untyped-def]
-    """The surface around p, where its normal is about n and strokes run about along t, up to their sign.
+    """Average the surface around p where its normal is similar to n; tangents are aligned with t, up to their sign.
 
-    ``slot`` (X, Y, Z) holds the point in each cube of the side, -1 for none. ``out`` (10,) gets p moved along the
-    normal onto the surface, normal, tangent and tone, all averaged over two sides around. Returns the sum of the
-    weights, 0 where there is no surface.
+    ``slot`` (X, Y, Z) holds the point in each cube, whose side is ``side``, or -1. ``out`` (10,) receives p moved along
+    the normal onto the surface, normal, tangent and tone, averaged within two sides. Returns the sum of the weights, 0
+    if there is no surface.
     """
     a, b, c = int(p[0] / side), int(p[1] / side), int(p[2] / side)
     reach, total = 4.0 * side * side, 0.0
@@ -67,16 +67,17 @@ def look(p, n, t, side, slot, points, normals, tangents, tones, out):  # type: i
 
 @njit(parallel=True, cache=True)
 def settle(side, slot, points, normals, tangents, tones, out):  # type: ignore[no-untyped-def]
-    """What :func:`look` finds at each point of the surface itself. ``out`` (S, 10)"""
+    """Evaluate :func:`look` at each point of the surface. ``out`` (S, 10)"""
     for s in prange(len(points)):
         look(points[s], normals[s], tangents[s], side, slot, points, normals, tangents, tones, out[s])
 
 
 @njit(cache=True)
 def flat_distance(x, y, z, n, m, depth, thin):  # type: ignore[no-untyped-def]
-    """How far something is away that lies (x, y, z) from a point of a stroke with the normal n, and has the normal m.
+    """Return the distance along the surface of a place with normal m at (x, y, z) from a stroke point with normal n.
 
-    The part along n does not count within ``depth``, for the other side of a sheet within ``thin``; beyond: infinite.
+    The component along n does not count up to ``depth``, or up to ``thin`` for the other side of a sheet; beyond that,
+    the distance is infinite.
     """
     height = x * n[0] + y * n[1] + z * n[2]
     facing = n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
@@ -87,7 +88,7 @@ def flat_distance(x, y, z, n, m, depth, thin):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def put(p, k, bin_side, head, following):  # type: ignore[no-untyped-def]
-    """Note point k of a stroke, which lies at p, in its bin: a list that begins in ``head`` (X, Y, Z)."""
+    """Add stroke point k at p to its bin, a linked list that begins in ``head`` (X, Y, Z)."""
     a = min(max(int(p[0] / bin_side), 0), head.shape[0] - 1)
     b = min(max(int(p[1] / bin_side), 0), head.shape[1] - 1)
     c = min(max(int(p[2] / bin_side), 0), head.shape[2] - 1)
@@ -97,14 +98,14 @@ def put(p, k, bin_side, head, following):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def put_all(where, bin_side, head, following):  # type: ignore[no-untyped-def]
-    """Note all points of strokes (K, 3)."""
+    """Add all stroke points (K, 3) to their bins."""
     for k in range(len(where)):
         put(where[k], k, bin_side, head, following)
 
 
 @njit(cache=True)
 def is_free(p, n, distance, thin, bin_side, head, following, where, normal):  # type: ignore[no-untyped-def]
-    """Whether no stroke is nearer to p than a distance, at most a bin's side."""
+    """Return whether no stroke is nearer to p than ``distance``, which is at most the side of a bin."""
     a, b, c = int(p[0] / bin_side), int(p[1] / bin_side), int(p[2] / bin_side)
     for i in range(max(a - 1, 0), min(a + 2, head.shape[0])):
         for j in range(max(b - 1, 0), min(b + 2, head.shape[1])):
@@ -123,10 +124,10 @@ def walk(  # type: ignore[no-untyped-def]
     first, step, steps, near, thin, least, skip, side, slot, points, normals, tangents, tones,
     bin_side, head, following, where, normal, own, done,
 ):  # fmt: skip
-    """Follow the tangents from a place (10,), as :func:`look` gives it, until something is in the way.
+    """Follow the tangents from a place (10,), as :func:`look` writes it, until the line must end.
 
-    That is light (a tone under ``least``), a rim, a sharp turn, another line nearer than ``near``, or the line itself
-    more than ``skip`` points ago. Points go to ``own`` (?, 10) from row ``done`` on; returns how many are there then.
+    It ends at light (a tone below ``least``), a rim, a sharp turn, another line nearer than ``near``, or itself more
+    than ``skip`` points earlier. Points are appended to ``own`` (?, 10) from row ``done`` on; returns their new number.
     """
     here = first.copy()
     there = np.empty(10)
@@ -162,13 +163,13 @@ def draw(  # type: ignore[no-untyped-def]  # long: one loop, whose state would b
     order, least, longest, apart, near, thin, step, shortest, side, slot, points, normals, tangents, tones,
     bin_side, head, following, where, normal, tangent, tone, start, lines,
 ):  # fmt: skip
-    """Evenly spaced lines along the tangents (Jobard & Lefer 1997), beside those that are there already.
+    """Add evenly spaced lines along the tangents (Jobard & Lefer 1997) to the existing ones.
 
-    A line begins ``apart`` from another one, or at a point of the surface in the ``order`` given where none is near,
-    and ends where it would come nearer than ``near`` to one; see :func:`walk`. ``least`` (N,) and ``longest`` (N,) are
-    tones and numbers of points for one line after the other, in turn; lines of fewer points than ``shortest`` are left
-    out. Points of line l are rows start[l] to start[l + 1] of ``where``, ``normal``, ``tangent`` (K, 3) and ``tone``
-    (K,); ``lines`` are there already. Returns how many there are then; when the arrays are full, it ends.
+    A line begins at a distance ``apart`` from another one or, in the given ``order``, at a point of the surface without
+    lines nearby. It ends where it would come nearer than ``near`` to another; see :func:`walk`. ``least`` (N,) and
+    ``longest`` (N,) are tones and numbers of points, used by the lines in turn; lines of fewer points than ``shortest``
+    are left out. Points of line l are rows start[l] to start[l + 1] of ``where``, ``normal``, ``tangent`` (K, 3) and
+    ``tone`` (K,); ``lines`` is their number so far. Returns the new number of lines; stops when the arrays are full.
     """
     own, back, seed = np.empty((4096, 10)), np.empty((4096, 10)), np.empty(10)
     place, n, t = np.empty(3), np.empty(3), np.empty(3)
@@ -207,7 +208,7 @@ def draw(  # type: ignore[no-untyped-def]  # long: one loop, whose state would b
         own[0] = seed
         forward = walk(seed, step, most, near, thin, low, skip, side, slot, points, normals, tangents, tones,
                        bin_side, head, following, where, normal, own, 1)  # fmt: skip
-        # Backwards it must not run into its own forward half, so that goes first.
+        # The backward half must not run into the forward half, so the forward half comes first.
         for s in range(forward):
             back[s] = own[forward - 1 - s]
             for f in range(6, 9):
@@ -235,9 +236,9 @@ def draw(  # type: ignore[no-untyped-def]  # long: one loop, whose state would b
 
 @njit(cache=True)
 def scatter(place, normal, distance, thin, bin_side, head, following, kept):  # type: ignore[no-untyped-def]
-    """Dots no two of which are nearer than the mean of their distances (C,), each candidate taken if it may be.
+    """Choose dots among candidates in order, so that no two are nearer than the mean of their ``distance`` (C,).
 
-    ``kept`` (C,) gets the numbers of those that are; returns how many. No distance exceeds a bin's side.
+    ``kept`` (C,) receives the numbers of the chosen dots; returns how many. No distance exceeds a bin's side.
     """
     count = 0
     for p in range(len(place)):
@@ -263,9 +264,9 @@ def scatter(place, normal, distance, thin, bin_side, head, following, kept):  # 
 def cover(  # type: ignore[no-untyped-def]
     place, facing, depth, thin, soft, bin_side, head, following, where, normal, radius, out
 ):
-    """How much of each place (V, 3), whose normal is ``facing``, is ink, in [0, 1]. ``out`` (V,)
+    """Compute the ink coverage in [0, 1] of each place (V, 3) with normal ``facing``. ``out`` (V,)
 
-    Points of strokes are discs of a ``radius`` (K,), ``depth`` thick either way, whose rims are ``soft`` wide.
+    Points of strokes are discs of ``radius`` (K,) that extend ``depth`` to either side, with edges ``soft`` wide.
     """
     for v in prange(len(place)):
         a, b, c = int(place[v, 0] / bin_side), int(place[v, 1] / bin_side), int(place[v, 2] / bin_side)

@@ -1,4 +1,4 @@
-"""The kernels on the CPU: numba, on the tensors' own memory. See :class:`svv.kernels.types.Kernels`."""
+"""The kernels on the CPU: numba, working in the tensors' memory. See :class:`svv.kernels.types.Kernels`."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
 
 NAME = "numba"
 RAYS = 1 << 13
-"""Their activations stay in the CPU's cache (1 << 16 took 1.2 times as long)."""
+"""Rays of an image at a time: few enough that activations stay in the CPU cache (1 << 16 took 1.2 times as long)."""
 SAMPLES = 1 << 14
-"""Their activations stay in the CPU's cache."""
+"""Samples at a time: few enough that activations stay in the CPU cache."""
 IMAGE: ImageKernels | None = numba_image
 
 
@@ -79,7 +79,7 @@ def pixels_in_sight(
     camera: tuple[Tensor, Tensor, Tensor], width: int, height: int, distance: Tensor, cells: int,
     extent: Sequence[float],
 ) -> Tensor:  # fmt: skip
-    """Whole tiles that look past all occupied cells are left out: to march their rays takes as long as any others."""
+    """Leave out whole tiles that miss all occupied cells, because marching their rays would take as long as others."""
     rotation, position, focal = (part.numpy().astype(np.float64) for part in camera)
     seen = np.zeros((-(-height // numba_beams.TILE_SIDE), -(-width // numba_beams.TILE_SIDE)), np.uint8)
     numba_beams.tiles_in_sight(
@@ -95,12 +95,12 @@ def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
 ) -> tuple[Samples, int]:  # fmt: skip
-    """Every block of rays writes into a part of its own, which is then moved together."""
+    """March blocks of rays, each into a separate part of the buffers, and pack the parts afterwards."""
     count, blocks = len(origins), -(-len(origins) // numba_marching.RAYS_A_BLOCK)
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
     while True:
-        # Room for the longest possible ray would be hundreds of times what is needed, so it is found by trying.
+        # Room for the longest possible ray would be hundreds of times too much, so the size is found by trial.
         buffers = _sample_buffers(blocks * numba_marching.RAYS_A_BLOCK * room)
         full = np.zeros(blocks, np.uint8)
         numba_marching.march(
@@ -175,7 +175,7 @@ def _layout(where: Lattice) -> tuple[NDArray[Any], ...]:
 
 
 def _sample_buffers(capacity: int) -> tuple[NDArray[Any], ...]:
-    """Position, skipped, sigma and ray of ``capacity`` samples (the system hands out only what is written)."""
+    """Return buffers for position, skipped, sigma and ray of samples (only pages that are written take up memory)."""
     return (
         np.empty((capacity, 3), np.float32),
         np.empty(capacity, np.float32),

@@ -1,6 +1,6 @@
-"""Interpolation on sparse vertex lattices and its optimiser, compiled with numba.
+"""Interpolation on sparse vertex lattices and their optimiser, compiled with numba.
 
-Letters: S samples, L levels, F features a level, V stored vertices (over all levels).
+Letters: S samples, L levels, F features per level, V stored vertices (over all levels).
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at, mean_of, weigh
 
 @njit(parallel=True, fastmath=True, cache=True)
 def encode(x, shapes, scales, bases, index, table, width, out):  # type: ignore[no-untyped-def]
-    """Trilinear features of all levels, side by side: x (S, 3) -> out (S, L * F).
+    """Compute the trilinear features of all levels, concatenated: x (S, 3) -> out (S, L * F).
 
-    ``width`` is a tuple of F numbers: a loop whose length is known when it is compiled takes half the time.
+    ``width`` is a tuple of F numbers: a loop whose length is known at compile time takes half the time.
     """
     levels, features = shapes.shape[0], len(width)
     for i in prange(x.shape[0]):
@@ -29,15 +29,15 @@ def encode(x, shapes, scales, bases, index, table, width, out):  # type: ignore[
 
 @njit(parallel=True, fastmath=True, cache=True)
 def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used):  # type: ignore[no-untyped-def]
-    """Gradient of :func:`encode` with respect to the table, added to ``g_table`` (V, F); marks ``used`` (V,).
+    """Add the gradient of :func:`encode` with respect to the table to ``g_table`` (V, F); mark rows in ``used`` (V,).
 
-    A task has the vertices of one level whose place along x is even, or odd: that is one side of every cell. So no two
-    tasks write the same vertex, and each vertex sums in the order of the samples, whatever the number of threads; a
-    lattice of one level has work for two of them, too.
+    A task handles the vertices of one level with even or with odd x indices, which is one side of every cell. No two
+    tasks write the same vertex, and each vertex sums in the order of the samples, whatever the number of threads. Even
+    a lattice of one level has work for two threads.
     """
     levels, features = shapes.shape[0], len(width)
     for task in prange(2 * levels):
-        odd, level = task // levels, task % levels  # two threads get all levels each, and so the same work
+        odd, level = task // levels, task % levels  # each of two threads gets all levels and so the same work
         scale, column = scales[level], level * features
         nx, ny, nz = shapes[level, 0], shapes[level, 1], shapes[level, 2]
         for i in range(x.shape[0]):
@@ -58,12 +58,12 @@ def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used
 
 
 BIAS_CORRECTED_STEPS = 10000
-"""Steps after which the bias correction of Adam is the same for good."""
+"""Number of steps after which Adam's bias correction no longer changes."""
 
 
 @njit(fastmath=True, cache=True)
 def bias_corrections(beta1, beta2):  # type: ignore[no-untyped-def]
-    """1 - beta1^n and 1 / (1 - beta2^n) of the ages n = 0 to :data:`BIAS_CORRECTED_STEPS`, float32; row 0 is unused.
+    """Return 1 - beta1^n and 1 / (1 - beta2^n) for n = 0 to :data:`BIAS_CORRECTED_STEPS`, float32; row 0 is unused.
 
     (BIAS_CORRECTED_STEPS + 1, 2)
     """
@@ -79,12 +79,12 @@ def bias_corrections(beta1, beta2):  # type: ignore[no-untyped-def]
 def adam(  # type: ignore[no-untyped-def]
     table, gradient, used, first, second, age, rate, beta1, beta2, epsilon, pull, corrections, finer
 ):
-    """One Adam step (Kingma & Ba 2015) on the vertices that the batch used; clears their gradient and mark.
+    """Take one Adam step (Kingma & Ba 2015) on the vertices that the batch used; clear their gradient and mark.
 
     ``pull`` times the value is added to the gradient of the vertices from ``finer`` on.
 
-    ``age`` counts the steps of each vertex, so the bias correction of one that is rarely seen is right; those of all
-    ages are :func:`bias_corrections`, for two exponentials a vertex take as long as the rest of its step.
+    ``age`` counts the steps of each vertex, so that the bias correction is right for rarely used vertices, too. The
+    corrections come from :func:`bias_corrections`, because two exponentials per vertex would double the time of a step.
     """
     features = table.shape[1]
     for v in prange(table.shape[0]):

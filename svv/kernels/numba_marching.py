@@ -1,7 +1,7 @@
 """Marching through occupied cells and compositing along rays, compiled with numba.
 
 Letters: R rays, S samples, C channels, (X, Y, Z) cells of the occupancy grid, L levels of a lattice.
-All positions are box coordinates (:mod:`svv.core.box`), all lengths box units.
+All positions are box coordinates (:mod:`svv.core.box`), all lengths are box units.
 
 The compiled functions use one thread per block of rays and write disjoint ranges, so their results do not depend
 on the number of threads.
@@ -17,12 +17,12 @@ from numba import njit, prange
 from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at
 
 RAYS_A_BLOCK = 64
-"""Rays that one thread marches in a row; a block's samples are written contiguously."""
+"""Number of rays in a block, which one thread marches; the samples of a block are written contiguously."""
 
 
 @njit(fastmath=True)
 def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
-    """Sum over levels of the trilinear interpolation of a one-channel table."""
+    """Return the sum over levels of the trilinear interpolation of a one-channel table."""
     total = np.float32(0.0)
     for level in range(shapes.shape[0]):
         a, b, c, d, wx, wy, wz = cell_at(x, y, z, level, shapes, scales, bases, index)
@@ -35,7 +35,7 @@ def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: i
 
 @njit(fastmath=True, inline="always")
 def uniform(seed, a, b):  # type: ignore[no-untyped-def]
-    """A number in [0, 1) from three integers (counter-based, so threads need no state)."""
+    """Return a random number in [0, 1) from three integers (counter-based, so threads need no state)."""
     h = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) ^ np.uint64(a) * np.uint64(0xBF58476D1CE4E5B9)
     h ^= np.uint64(b) * np.uint64(0x94D049BB133111EB)
     h ^= h >> np.uint64(31)
@@ -48,13 +48,13 @@ def uniform(seed, a, b):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=True, inline="always")
 def inverse(d):  # type: ignore[no-untyped-def]
-    """1 / d, or 0 for a ray that runs along the axis' planes."""
+    """Return 1 / d, or 0 for a ray parallel to the planes normal to the axis."""
     return np.float32(0.0) if abs(d) < 1e-9 else np.float32(1.0) / d
 
 
 @njit(fastmath=True, inline="always")
 def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
-    """Where a ray leaves the slab of ``empty`` - 1 cells to either side of a cell, along one axis."""
+    """Return where a ray leaves the slab of ``empty`` - 1 cells on either side of a cell, along one axis."""
     if inverse_d == 0.0:
         return np.float32(1e30)
     return (np.float32(cell + empty if d > 0 else cell + 1 - empty) * side - o) * inverse_d
@@ -91,17 +91,17 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
 ):
     """March rays through the occupied cells and keep the samples that matter.
 
-    ``distance`` (X, Y, Z) holds 0 for occupied cells, else the chessboard distance to the nearest occupied one.
-    Every ray is sampled with a fixed step (shifted by a random part of it if ``jitter_seed`` > 0, by half a step
-    otherwise). A sample whose weight stays below ``least_weight`` is kept with probability ``keep`` only; the optical
-    depth of the samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so
-    transmittance stays exact. With ``merge`` what was left out becomes part of the next sample instead, as soon as
-    the two weigh enough together: few samples, and nothing of the pixel is lost. A ray ends where its optical depth
-    times ``fade`` exceeds ``stop``, and what lies in front of a sample dims it by that much: extinctions may be scaled
-    afterwards by factors from ``fade`` on. With 0 no ray ends.
+    ``distance`` (X, Y, Z) holds 0 for occupied cells, otherwise the chessboard distance to the nearest occupied one.
+    Every ray is sampled with a fixed step (shifted by a random fraction of it if ``jitter_seed`` > 0, by half a step
+    otherwise). A sample whose weight is below ``least_weight`` is kept only with probability ``keep``; the optical
+    depth of samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so that
+    transmittance stays exact. With ``merge``, it becomes part of the next sample instead, as soon as both together
+    weigh enough: there are few samples, and no part of the pixel is lost. Optical depth is multiplied by ``fade`` when
+    it dims a sample and when it ends a ray (above ``stop``), because extinctions may be scaled later by factors of
+    ``fade`` or more. With 0, no ray ends.
 
     The samples of block k are written from ``k * capacity`` on, where capacity is ``len(sigma) // blocks``. A
-    block that would need more marks itself in ``full`` (blocks,) and stops.
+    block that needs more room marks itself in ``full`` (blocks,) and stops.
     """
     rays = origins.shape[0]
     blocks = (rays + RAYS_A_BLOCK - 1) // RAYS_A_BLOCK
@@ -125,8 +125,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     a, b = -o / d, (e - o) / d
                     near, far = max(near, min(a, b)), min(far, max(a, b))
             left_out = np.float32(0.0)  # optical depth since the last kept sample
-            tau = np.float32(0.0)  # optical depth from the beginning of the ray
-            front = ONE32  # at least the transmittance in front of the next sample
+            tau = np.float32(0.0)  # optical depth since the start of the ray
+            front = ONE32  # upper bound of the transmittance in front of the next sample
             if near < far:
                 ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)
                 shift = np.float32(0.5)
@@ -142,7 +142,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     cz = min(max(int(z * cells), 0), nz - 1)
                     empty = int(distance[cx, cy, cz])
                     if empty > 0:
-                        # To the first sample behind the cube of empty cells around this one.
+                        # Go to the first sample behind the cube of empty cells around this one.
                         tx = leap(cx, empty, dx, ox, ix_, side)
                         ty = leap(cy, empty, dy, oy, iy_, side)
                         tz = leap(cz, empty, dz, oz, iz_, side)
@@ -155,7 +155,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     s = np.exp(min(raw, ceiling))
                     thickness = s * step
                     before = left_out if merge else np.float32(0.0)
-                    weight = (thickness + before) * front  # it cannot weigh more, which spares most exponentials
+                    weight = (thickness + before) * front  # an upper bound, which saves most exponentials
                     if weight >= least_weight:
                         front = np.exp(fade * (before - tau))
                         weight = front * (ONE32 - np.exp(-thickness - before))
@@ -181,7 +181,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
 
 @njit(parallel=True, cache=True)
 def gather(start, count, offset, position, skipped, sigma, ray, position_, skipped_, sigma_, ray_):  # type: ignore[no-untyped-def]
-    """Move the samples of every ray to ``offset`` so that they lie without gaps; ``start`` becomes ``offset``."""
+    """Move the samples of every ray to ``offset`` to close the gaps; ``start`` becomes ``offset``."""
     for r in prange(start.shape[0]):
         a, b = start[r], offset[r]
         for j in range(count[r]):
@@ -217,7 +217,7 @@ def composite(sigma, skipped, values, start, count, tail, step, out, transmittan
 def composite_backward(  # type: ignore[no-untyped-def]
     sigma, skipped, values, weights, start, count, step, out, transmittance, g_out, g_transmittance, g_sigma, g_values
 ):
-    """Gradients of :func:`composite` with respect to extinction (S,) and values (S, C)."""
+    """Compute the gradients of :func:`composite` with respect to extinction (S,) and values (S, C)."""
     channels = values.shape[1]
     for r in prange(start.shape[0]):
         behind = transmittance[r] * g_transmittance[r]
@@ -238,10 +238,10 @@ def composite_backward(  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def cut(skipped, own, start, count, every, shift, begin, end, taken):  # type: ignore[no-untyped-def]
-    """Where the weight of a ray's samples is cut, see :func:`svv.fields.rendering.representatives`.
+    """Find the cuts through the weights of a ray's samples; see :func:`svv.fields.rendering.representatives`.
 
-    Writes the weight in front of each sample, ``begin``, and behind it, ``end`` (S,), in units of ``every`` and shifted
-    by the ray's ``shift`` (R,), and how many samples of each ray are ``taken`` (R,).
+    Writes the cumulative weight before each sample, ``begin``, and behind it, ``end`` (S,), in units of ``every`` and
+    shifted by the ray's ``shift`` (R,), and the number of samples ``taken`` on each ray (R,).
     """
     for r in prange(start.shape[0]):
         tau, number = np.float64(0.0), 0
@@ -255,13 +255,13 @@ def cut(skipped, own, start, count, every, shift, begin, end, taken):  # type: i
 
 @njit(parallel=True, cache=True)
 def choose(start, count, begin, end, first, rows, place):  # type: ignore[no-untyped-def]
-    """The samples that a cut falls into, ``rows`` (K,), and for each sample the ``place`` of its own in them (S,).
+    """Write the samples into which a cut falls, ``rows`` (K,), and each sample's ``place`` in them (S,).
 
-    ``first`` (R,): place of each ray's first one.
+    ``first`` (R,): place of each ray's first chosen sample.
     """
     for r in prange(start.shape[0]):
         at, last = first[r] - 1, start[r] + count[r] - 1
-        waiting = start[r]  # samples from here on are not given a place yet
+        waiting = start[r]  # samples from here on do not have a place yet
         for j in range(start[r], last + 1):
             if np.floor(end[j]) > np.floor(begin[j]) or (j == last and at < first[r]):
                 at += 1

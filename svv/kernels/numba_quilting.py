@@ -1,7 +1,8 @@
-"""Pieces of a picture laid on a surface: what a piece would look like, and which of those over a point is seen.
+"""Pieces of a picture on a surface: how well a piece would fit, and which of the pieces over a point is visible.
 
-Letters: P points, K pieces or candidates for one, N points of the overlap. Pictures are (H, W, 3) float32; where a
-piece reaches beyond the rim the picture is mirrored. Compiled with numba for the CPU: a scene is laid out once.
+Letters: P points, K pieces or candidates for one, N points of the overlap. Pictures are (H, W, 3) float32 and are
+mirrored at the border where a piece extends beyond it. Compiled with numba for the CPU only, because a scene is laid
+out just once.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from numba import njit, prange
 
 @njit(cache=True)
 def mirrored(i, n):  # type: ignore[no-untyped-def]
-    """A whole number brought into [0, n) by mirroring at the ends."""
+    """Bring an integer into [0, n) by mirroring at the ends."""
     if n == 1:
         return 0
     i = abs(i) % (2 * n - 2)
@@ -21,7 +22,7 @@ def mirrored(i, n):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def read(picture, u, v, out):  # type: ignore[no-untyped-def]
-    """Bilinear colour at pixel coordinates u (across) and v (down); whole numbers are centres of pixels."""
+    """Interpolate the colour at pixel coordinates u (right) and v (down) bilinearly; integers are pixel centres."""
     h, w = picture.shape[0], picture.shape[1]
     u0, v0 = int(np.floor(u)), int(np.floor(v))
     fu, fv = np.float32(u - u0), np.float32(v - v0)
@@ -35,10 +36,11 @@ def read(picture, u, v, out):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def misfits(picture, places, weights, colours, centres, turns, out):  # type: ignore[no-untyped-def]
-    """Mean squared difference between each candidate and what is painted already.
+    """Compute the mean squared difference between each candidate and the existing paint.
 
-    ``places`` (N, 2) right and up of the piece's middle in pixels, ``weights`` (N,), ``colours`` (N, 3); ``centres``
-    (K, 2) of candidates in the picture, ``turns`` (K,) radians by which each is turned on the surface; ``out`` (K,).
+    ``places`` (N, 2): points right of and above the piece's centre, in pixels, with ``weights`` (N,) and ``colours``
+    (N, 3). ``centres`` (K, 2): centres of candidates in the picture; ``turns`` (K,): rotation of each on the surface,
+    in radians. ``out`` (K,).
     """
     h, w = picture.shape[0], picture.shape[1]
     total = np.float32(0.0)
@@ -59,11 +61,12 @@ def misfits(picture, places, weights, colours, centres, turns, out):  # type: ig
 
 @njit(cache=True)
 def place_on(dx, dy, dz, n, right, upward, normal, radius, through, out):  # type: ignore[no-untyped-def]
-    """Where on a piece a point lies that is (dx, dy, dz) from its middle and has the normal n.
+    """Find the place on a piece of a point at (dx, dy, dz) from the piece's centre with the normal n.
 
-    Coordinates are thrown along the piece's own normal, and stretched where the surface turns away: on a tube the arc
-    counts, not the chord. ``through``: a normal and its opposite are the same, so a piece goes on through a shell,
-    whose inner half turns the other way. Returns how well the piece suits the point, at most 1; under 0 it does not.
+    Coordinates are projected along the piece's normal and stretched where the surface turns away, so that on a tube the
+    arc counts rather than the chord. With ``through``, a normal and its opposite are equivalent, and a piece extends
+    through a shell, whose inner half faces the other way. Returns how well the piece suits the point, at most 1;
+    negative if it does not.
     """
     facing = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]
     side = -1.0 if through and facing < 0.0 else 1.0
@@ -88,7 +91,7 @@ def place_on(dx, dy, dz, n, right, upward, normal, radius, through, out):  # typ
 
 @njit(cache=True)
 def places(position, normal, middle, right, upward, outward, radius, through, at, suits):  # type: ignore[no-untyped-def]
-    """:func:`place_on` of points (P, 3) with normals (P, 3) and one piece: ``at`` (P, 2) and ``suits`` (P,)."""
+    """Apply :func:`place_on` to points (P, 3) with normals (P, 3) and one piece: ``at`` (P, 2), ``suits`` (P,)."""
     for i in range(len(position)):
         dx, dy, dz = position[i, 0] - middle[0], position[i, 1] - middle[1], position[i, 2] - middle[2]
         suits[i] = place_on(dx, dy, dz, normal[i], right, upward, outward, radius, through, at[i])
@@ -99,12 +102,12 @@ def paint(  # type: ignore[no-untyped-def]
     position, normal, near, middle, right, upward, outward, centre, turn, picture, mean, spread, radius, pixels, ink,
     through, colours, suits,
 ):  # fmt: skip
-    """Colour of points by the piece that suits each best, strokes reaching over the borders of pieces.
+    """Colour points by the piece that suits each best; strokes extend over the borders of pieces.
 
-    ``near`` (P, M) the pieces to be asked, -1 for none; ``middle``, ``right``, ``upward``, ``outward`` (K, 3) of
-    pieces, ``centre`` (K, 2), ``turn`` (K,); ``mean`` (3,) and ``spread`` of the picture's colours; ``radius`` of a
-    piece in box units and ``pixels`` of the picture; ``ink``: how far strokes reach over. Written: ``colours`` (P, 3)
-    and ``suits`` (P,), under 0 where no piece is for the point; its colour is left alone then.
+    ``near`` (P, M): pieces to consider, -1 for none. ``middle``, ``right``, ``upward``, ``outward`` (K, 3), ``centre``
+    (K, 2) and ``turn`` (K,): those of the pieces. ``mean`` (3,) and ``spread``: those of the picture's colours.
+    ``radius`` of a piece in box units and ``pixels`` in the picture; ``ink``: how far strokes extend over borders.
+    Writes ``colours`` (P, 3) and ``suits`` (P,), which is negative where no piece suits; such colours are unchanged.
     """
     for i in prange(len(position)):
         at, found = np.empty(2, np.float32), np.empty(3, np.float32)
@@ -123,7 +126,7 @@ def paint(  # type: ignore[no-untyped-def]
             away = np.float32(0.0)
             for f in range(3):
                 away += (found[f] - mean[f]) ** 2
-            # At the rim of a piece even a stroke gives way, or every piece would end in a straight cut.
+            # At the edge of a piece even strokes fade, or every piece would end in a straight cut.
             score += ink * min(np.sqrt(away) / spread, 2.0) * min(4.0 * score, 1.0)
             if score > best:
                 best = score

@@ -8,17 +8,17 @@ from numba import njit, prange
 
 @njit(parallel=True, fastmath=True, cache=True)
 def pixel_rays(pixels, rotations, positions, focal, width, height, origins, directions):  # type: ignore[no-untyped-def]
-    """Rays through pixel centres.
+    """Compute the rays through pixel centres.
 
     Args:
         pixels: Flat indices (view * height + row) * width + column, row 0 at the top. (R,)
         rotations: Camera-to-box rotations, float32. (N, 3, 3)
         positions: Camera positions in box coordinates, float32. (N, 3)
         focal: Focal lengths in pixels, float32. (N,)
-        width: Of the images in pixels.
-        height: Likewise.
+        width: Image width in pixels.
+        height: Image height in pixels.
         origins: Result, box coordinates, float32. (R, 3)
-        directions: Result, of unit length, float32. (R, 3)
+        directions: Result, unit vectors, float32. (R, 3)
     """
     for r in prange(pixels.shape[0]):
         view, rest = pixels[r] // (width * height), pixels[r] % (width * height)

@@ -1,7 +1,7 @@
-"""Where a position lies among the vertices of a lattice, and the mean of what they hold, compiled with numba.
+"""Position of a point among the vertices of a lattice, and interpolation of their values, compiled with numba.
 
-All is in single precision and with unsigned rows: an integer beside a float would make numba calculate in double, and a
-signed row would have it ask whether it counts from the end.
+Everything is in single precision with unsigned rows: if integers and floats were mixed, numba would compute in double
+precision, and for a signed row it would check for indices that count from the end.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ NEXT_ROW = np.uint64(1)
 
 @njit(fastmath=True)
 def cell_at(x, y, z, level, shapes, scales, bases, index):  # type: ignore[no-untyped-def]
-    """Rows of four corners of a position's cell, and how far it lies from the first of them along each axis, in cells.
+    """Return the rows of four corners of a position's cell, and its offset from the first along each axis, in cells.
 
     The corners are (0, 0, 0), (0, 1, 0), (1, 0, 0) and (1, 1, 0). Vertices are numbered in raster order, so the
-    neighbour in z is always the next row.
+    neighbour in z always has the next row.
     """
     s = scales[level]
     fx, fy, fz = x * s, y * s, z * s
@@ -35,7 +35,7 @@ def cell_at(x, y, z, level, shapes, scales, bases, index):  # type: ignore[no-un
 
 @njit(fastmath=True)
 def weights_of(wx, wy, wz):  # type: ignore[no-untyped-def]
-    """Weights of the eight corners, the neighbours in z side by side."""
+    """Return the weights of the eight corners, neighbours in z next to each other."""
     ux, uy, uz = ONE32 - wx, ONE32 - wy, ONE32 - wz
     uu, uw, wu, ww = ux * uy, ux * wy, wx * uy, wx * wy
     return uu * uz, uu * wz, uw * uz, uw * wz, wu * uz, wu * wz, ww * uz, ww * wz
@@ -43,7 +43,7 @@ def weights_of(wx, wy, wz):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=True)
 def mean_of(table, a, b, c, d, w, f):  # type: ignore[no-untyped-def]
-    """Column ``f`` of the rows of a cell (see :func:`cell_at`), weighted by ``w`` (see :func:`weights_of`)."""
+    """Return the mean of column ``f`` over a cell's rows (:func:`cell_at`) with weights ``w`` (:func:`weights_of`)."""
     return (
         w[0] * table[a, f]
         + w[1] * table[a + NEXT_ROW, f]

@@ -21,7 +21,7 @@ SAMPLES = 1 << 16
 IMAGE: ImageKernels | None = None
 
 STEPS_AT_A_TIME = 1 << 22
-"""Steps of rays that are looked at together."""
+"""Number of ray steps evaluated together."""
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
@@ -90,7 +90,7 @@ def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
 ) -> tuple[Samples, int]:  # fmt: skip
-    """Every step of every ray is looked at, without leaps."""
+    """March without leaps: every step of every ray is evaluated."""
     occupied = distance == 0
 
     def extinction(x: Tensor) -> Tensor:

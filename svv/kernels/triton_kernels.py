@@ -14,14 +14,15 @@ from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
 
 NAME = "triton"
 RAYS = 1 << 18
-"""Enough to fill the GPU; the features of their samples take some hundred megabytes."""
+"""Rays of an image at a time: enough to fill the GPU; the features of their samples take a few hundred megabytes."""
 SAMPLES = 1 << 18
+"""Samples at a time: enough to fill the GPU."""
 IMAGE: ImageKernels | None = None
 
 TABLE_BLOCK = 128
-"""Samples of a program that reads or writes tables."""
+"""Samples per program that reads or writes tables."""
 RAY_BLOCK = 32
-"""Rays of a program: one warp, which is done when its longest ray is."""
+"""Rays per program: one warp, which finishes with its longest ray."""
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
@@ -90,7 +91,7 @@ def pixels_in_sight(
     camera: tuple[Tensor, Tensor, Tensor], width: int, height: int, distance: Tensor, cells: int,
     extent: Sequence[float],
 ) -> Tensor:  # fmt: skip
-    """All: a GPU marches them at once."""
+    """Return all pixels, because a GPU marches them at once."""
     return torch.arange(width * height, device=distance.device)
 
 
@@ -98,7 +99,7 @@ def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
 ) -> tuple[Samples, int]:  # fmt: skip
-    """Rays are marched twice: samples are counted, their sum says where each ray's begin, and they are written."""
+    """March twice: count the samples, find the start of each ray from their sums, and write them."""
     device, rays = origins.device, len(origins)
     count, tail = torch.zeros(rays, dtype=torch.int64, device=device), torch.zeros(rays, device=device)
     position, sigma, skipped = (torch.empty(shape, device=device) for shape in ((0, 3), 0, 0))
@@ -171,7 +172,7 @@ def composite_backward(
 
 
 def leaps(occupied: Tensor) -> Tensor:
-    """Axis by axis: the nearest of what is known along it."""
+    """Combine distances axis by axis."""
     nearest = torch.where(occupied > 0, 0, 255).to(torch.uint8)
     for axis, length in enumerate(occupied.shape):
         known, nearest = nearest, torch.empty_like(nearest)

@@ -1,16 +1,17 @@
-"""Small networks in Triton, on tensor cores: all layers of a block of samples in one kernel, forward and backward.
+"""Small networks in Triton on tensor cores: all layers for a block of samples in one kernel, forward and backward.
 
-Products take float16 operands and add up in float32; weights, inputs, outputs and gradients are float32 in memory.
-Activations never reach it: the backward pass computes them again, which costs less than to read them.
+Products have float16 operands and are accumulated in float32; weights, inputs, outputs and gradients are float32 in
+memory. Activations are never stored there: the backward pass recomputes them, which costs less than reading them.
 
-float16 has eleven bits where bfloat16 has eight, but it ends at 65504 and fades below 6e-5. So activations stop there
-instead of becoming infinite. The gradients of a loss that is a mean over thousands of pixels would all be too small:
-those of a block are scaled, layer by layer, to make the largest 2^15, and the sums scaled back. Then nothing overflows,
-and only what is 2^39 times smaller than a neighbour is lost.
+float16 has eleven bits of precision instead of the eight of bfloat16, but its largest number is 65504 and it loses
+precision below 6e-5. Activations are therefore clamped to its range instead of becoming infinite. The gradients of a
+loss that is a mean over thousands of pixels would all be too small, so those of a block are scaled layer by layer to
+make the largest 2^15, and the sums are scaled back. Nothing overflows, and only values 2^39 times smaller than a
+neighbour are lost.
 
-Letters: S samples, I inputs, W width of the hidden layers, O outputs. ``WIDE_IN``, ``WIDE`` and ``WIDE_OUT`` are these
-three, rounded up to a power of two of at least 16, the least that a tensor core takes; ``DEEP`` says that there are two
-hidden layers and not one, and ``BLOCK`` is the samples that a program looks at together.
+Letters: S samples, I inputs, W width of the hidden layers, O outputs. ``WIDE_IN``, ``WIDE`` and ``WIDE_OUT`` are the
+last three, rounded up to a power of two of at least 16, the minimum for tensor cores; ``DEEP`` means two hidden layers
+instead of one, and ``BLOCK`` is the number of samples that a program processes together.
 """
 
 from __future__ import annotations
@@ -29,44 +30,45 @@ from torch.autograd.function import once_differentiable
 from svv.core.networks import relu_layers
 
 WIDEST_LAYER = 64
-"""Widest layer that a program takes: backward it holds the gradients of all weights at once."""
+"""Widest layer that the kernels support: the backward pass holds the gradients of all weights at once."""
 
 AMPERE = (8, 0)
-"""Compute capability from which on Triton uses the tensor cores, and a program has the 64 KiB that it needs."""
+"""Lowest compute capability with which Triton uses tensor cores and a program has the 64 KiB that it needs."""
 
 
 @dataclass(frozen=True)
 class Launch:
-    """How a kernel is spread over the GPU."""
+    """Distribution of a kernel over the GPU."""
 
     block: int
-    """Samples that a program looks at together."""
+    """Number of samples that a program processes together."""
     programs: int
-    """Programs at most; each goes over many blocks, with the weights read once."""
+    """Maximum number of programs; each processes many blocks and reads the weights once."""
 
 
 FORWARD = Launch(128, 1024)
+"""Distribution of the forward pass."""
 BACKWARD = Launch(64, 264)
-"""Two programs for each multiprocessor of the largest GPUs, each with its part of the weights' gradients. The parts are
-added up in one order, so that they come out the same each time."""
+"""Distribution of the backward pass: two programs per multiprocessor of the largest GPUs, each with a partial sum of
+the weights' gradients. The parts are added in a fixed order, so that the results are reproducible."""
 
 
 @triton.jit
 def half(x):  # type: ignore[no-untyped-def]
-    """float16, with its largest number for what lies beyond; what is no number stays so."""
+    """Convert to float16, clamped to its largest number; NaN stays NaN."""
     x = tl.where(x > 65504.0, 65504.0, x)
     return tl.where(x < -65504.0, -65504.0, x).to(tl.float16)
 
 
 @triton.jit
 def relu(x):  # type: ignore[no-untyped-def]
-    """max(x, 0); what is no number stays so."""
+    """Return max(x, 0); NaN stays NaN."""
     return tl.where(x < 0.0, 0.0, x)
 
 
 @triton.jit
 def scaled(g):  # type: ignore[no-untyped-def]
-    """Gradients as operands, the largest 2^15, and what to multiply their products with."""
+    """Return gradients as operands, scaled to a largest of 2^15, and the factor to multiply their products by."""
     largest = tl.max(tl.max(tl.abs(g), axis=1), axis=0)
     unit = tl.where(largest < 1e-30, 1.0, largest * (1.0 / 32768.0))
     return (g / unit).to(tl.float16), unit
@@ -74,14 +76,14 @@ def scaled(g):  # type: ignore[no-untyped-def]
 
 @triton.jit
 def rows_of(first, end, columns, ROWS: tl.constexpr, COLUMNS: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Places of rows from ``first`` on in a matrix (``end``, ``columns``), and which of them there are."""
+    """Return the offsets of rows from ``first`` on in a matrix (``end``, ``columns``), and a mask of existing ones."""
     row, column = first + tl.arange(0, ROWS), tl.arange(0, COLUMNS)
     return row.to(tl.int64)[:, None] * columns + column[None, :], (row < end)[:, None] & (column < columns)[None, :]
 
 
 @triton.jit
 def weights_of(weights, outputs, inputs, OUTPUTS: tl.constexpr, INPUTS: tl.constexpr):  # type: ignore[no-untyped-def]
-    """A layer's weights (to, from) as operands, with zeros around them."""
+    """Load a layer's weights (to, from) as operands, padded with zeros."""
     at, there = rows_of(0, outputs, inputs, OUTPUTS, INPUTS)
     return half(tl.load(weights + at, mask=there, other=0.0))
 
@@ -91,9 +93,9 @@ def network(  # type: ignore[no-untyped-def]
     x, first, middle, last, out, samples, inputs, width, outputs,
     WIDE_IN: tl.constexpr, WIDE: tl.constexpr, WIDE_OUT: tl.constexpr, DEEP: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """A network of two or three layers: ``x`` (S, I) -> ``out`` (S, O).
+    """Run a network of two or three layers: ``x`` (S, I) -> ``out`` (S, O).
 
-    Weights are ``first`` (W, I), ``middle`` (W, W) and ``last`` (O, W).
+    The weights are ``first`` (W, I), ``middle`` (W, W) and ``last`` (O, W).
     """
     w_first = weights_of(first, width, inputs, WIDE, WIDE_IN)
     w_middle = w_first
@@ -116,9 +118,9 @@ def network_backward(  # type: ignore[no-untyped-def]
     WIDE_IN: tl.constexpr, WIDE: tl.constexpr, WIDE_OUT: tl.constexpr, DEEP: tl.constexpr, INWARD: tl.constexpr,
     BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Gradients of :func:`network`: ``g_x`` (S, I) if ``INWARD``, and each program's part of those of the weights.
+    """Compute the gradients of :func:`network`: ``g_x`` (S, I) if ``INWARD``, and partial sums for the weights.
 
-    ``parts`` (programs, W I + W W + O W), those of the middle layer only if it is there.
+    ``parts`` (programs, W I + W W + O W) holds each program's sums, without W W if there is no middle layer.
     """
     w_first = weights_of(first, width, inputs, WIDE, WIDE_IN)
     w_last = weights_of(last, outputs, width, WIDE_OUT, WIDE)
@@ -160,7 +162,7 @@ def network_backward(  # type: ignore[no-untyped-def]
 
 
 def fits(x: Tensor, weights: Sequence[Tensor]) -> bool:
-    """Whether the kernels take a network: one or two hidden layers of one width, at most :data:`WIDEST_LAYER`."""
+    """Return whether the kernels support a network: one or two hidden layers, none wider than :data:`WIDEST_LAYER`."""
     width = weights[0].shape[0]
     return (
         _has_tensor_cores(x.device)
@@ -171,7 +173,7 @@ def fits(x: Tensor, weights: Sequence[Tensor]) -> bool:
 
 
 def run(x: Tensor, weights: Sequence[Tensor]) -> Tensor:
-    """See :meth:`svv.kernels.types.Kernels.network`; networks that do not fit run in plain torch."""
+    """Run a network as in :meth:`svv.kernels.types.Kernels.network`; unsupported networks run in plain torch."""
     if not fits(x, weights):
         return relu_layers(x, weights)
     return _Network.apply(x.contiguous(), *weights)
@@ -197,7 +199,7 @@ class _Network(torch.autograd.Function):
         shape = len(x), x.shape[1], len(weights[0]), len(weights[-1])
         inward, programs = ctx.needs_input_grad[0], _programs(x, BACKWARD)
         g_x = torch.empty_like(x) if inward else None
-        # The parts of all layers in one buffer are added up by one sum.
+        # One buffer holds the parts of all layers, so that a single sum adds them up.
         parts = torch.empty(programs, sum(w.numel() for w in weights), device=x.device)
         if len(x):
             network_backward[programs,](

@@ -1,8 +1,8 @@
-"""Rays, marching and compositing in Triton: one thread a ray.
+"""Rays, marching and compositing in Triton: one thread per ray.
 
-Letters: R rays, S samples, C channels, L levels of the density lattice. ``WIDE`` is C, rounded up to a power of two,
-and ``BLOCK`` the rays of one program. What each function calculates is told in :mod:`svv.kernels.numba_rays` and
-:mod:`svv.kernels.numba_marching`.
+Letters: R rays, S samples, C channels, L levels of the density lattice. ``WIDE`` is C rounded up to a power of two, and
+``BLOCK`` is the number of rays of one program. :mod:`svv.kernels.numba_rays` and :mod:`svv.kernels.numba_marching`
+describe what each function computes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import triton.language as tl
 def pixel_rays(  # type: ignore[no-untyped-def]
     pixels, rotations, positions, focal, width, height, origins, directions, rays, BLOCK: tl.constexpr
 ):
-    """Origins and unit directions (R, 3) of rays through pixel centres."""
+    """Compute origins and unit directions (R, 3) of rays through pixel centres."""
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     there = r < rays
     pixel = tl.load(pixels + r, mask=there, other=0)
@@ -35,7 +35,7 @@ def pixel_rays(  # type: ignore[no-untyped-def]
 
 @triton.jit
 def nearest_along(known, nearest, size, stride, length, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Chessboard distance of each cell to the nearest of the ``length`` cells along one axis, beyond what is known."""
+    """Extend chessboard distances ``known`` for the previous axes along one more, ``length`` cells long."""
     i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     place = (i // stride) % length
     first = known + i - place * stride
@@ -48,7 +48,7 @@ def nearest_along(known, nearest, size, stride, length, BLOCK: tl.constexpr):  #
 
 @triton.jit
 def harmonics(directions, ray, out, samples, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Spherical harmonics of degree 4 of each sample's ray, as :func:`svv.core.encodings.spherical_harmonics`."""
+    """Evaluate degree 4 harmonics of each sample's ray, as :func:`svv.core.encodings.spherical_harmonics`."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     there = i < samples
     at = directions + 3 * tl.load(ray + i, mask=there, other=0).to(tl.int64)
@@ -77,7 +77,7 @@ def harmonics(directions, ray, out, samples, BLOCK: tl.constexpr):  # type: igno
 
 @triton.jit
 def uniform(seed, a, b):  # type: ignore[no-untyped-def]
-    """A number in [0, 1) from three integers, as :func:`svv.core.marching.uniform`."""
+    """Return a random number in [0, 1) from three integers, as :func:`svv.core.marching.uniform`."""
     h = seed.to(tl.uint64) * 0x9E3779B97F4A7C15 ^ a.to(tl.uint64) * 0xBF58476D1CE4E5B9
     h ^= b.to(tl.uint64) * 0x94D049BB133111EB
     h ^= h >> 31
@@ -90,7 +90,7 @@ def uniform(seed, a, b):  # type: ignore[no-untyped-def]
 
 @triton.jit
 def slab(o, d, extent, near, far):  # type: ignore[no-untyped-def]
-    """What is left of a ray between the two planes of one axis."""
+    """Clip a ray to the slab between the two planes of one axis; return near, far and the inverse direction."""
     along = tl.abs(d) < 1e-9
     inverse = 1.0 / tl.where(along, 1.0, d)
     a, b = -o * inverse, (extent - o) * inverse
@@ -102,14 +102,14 @@ def slab(o, d, extent, near, far):  # type: ignore[no-untyped-def]
 
 @triton.jit
 def leap(cell, empty, d, o, inverse, side):  # type: ignore[no-untyped-def]
-    """Where a ray leaves the slab of ``empty`` - 1 cells to either side of a cell, along one axis."""
+    """Return where a ray leaves the slab of ``empty`` - 1 cells on either side of a cell, along one axis."""
     plane = tl.where(d > 0, cell + empty, cell + 1 - empty).to(tl.float32) * side
     return tl.where(inverse == 0.0, 1e30, (plane - o) * inverse)
 
 
 @triton.jit
 def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Sum over levels of the trilinear interpolation of a one-channel table."""
+    """Return the sum over levels of the trilinear interpolation of a one-channel table."""
     total = tl.zeros_like(x)
     for level in tl.static_range(LEVELS):
         scale = tl.load(scales + level)
@@ -123,7 +123,7 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
         wx, wy, wz = fx - ix.to(tl.float32), fy - iy.to(tl.float32), fz - iz.to(tl.float32)
         at = index + (tl.load(bases + level) + (ix.to(tl.int64) * ny + iy) * nz + iz)
         for corner in tl.static_range(4):
-            # Vertices are numbered in raster order, so the neighbour in z is always the next number.
+            # Vertices are numbered in raster order, so the neighbour in z always has the next number.
             row = tl.load(at + (corner >> 1) * ny * nz + (corner & 1) * nz, mask=inside, other=0)
             low = tl.load(table + row, mask=inside, other=0.0)
             high = tl.load(table + row + 1, mask=inside, other=0.0)
@@ -140,7 +140,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     LEVELS: tl.constexpr, KEEPS: tl.constexpr, MERGE: tl.constexpr, JITTERS: tl.constexpr,
     WRITES: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """March a block of rays twice: first to count their samples, then (``WRITES``) to write them from ``start`` on."""
+    """March a block of rays, either to count their samples or, with ``WRITES``, to write them from ``start`` on."""
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     there = r < rays
     ox = tl.load(origins + 3 * r, mask=there, other=0.0)
@@ -162,7 +162,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     going = hit & (i <= last)
     side = 1.0 / cells
     rate = 1.0 / step
-    # Optical depth left out since the last kept sample, and from the beginning of the ray.
+    # Optical depth left out since the last kept sample, and total since the start of the ray.
     left_out, tau = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
     n = tl.zeros((BLOCK,), tl.int64)
     if WRITES:
@@ -175,7 +175,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         cz = tl.minimum(tl.maximum((z * cells).to(tl.int32), 0), nz - 1)
         empty = tl.load(distance + (cx.to(tl.int64) * ny + cy) * nz + cz, mask=going, other=0).to(tl.int32)
         inside = going & (empty == 0)
-        # To the first sample behind the cube of empty cells around this one.
+        # Go to the first sample behind the cube of empty cells around this one.
         tx = leap(cx, empty, dx, ox, inverse_x, side)
         ty = leap(cy, empty, dy, oy, inverse_y, side)
         tz = leap(cz, empty, dz, oz, inverse_z, side)
@@ -216,7 +216,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
 def cuts_of_rays(  # type: ignore[no-untyped-def]
     sigma, skipped, start, count, step, cuts, shift, begin, end, taken, rays, BLOCK: tl.constexpr
 ):
-    """Where samples ``begin`` and ``end`` (S,) among the cuts of their ray, and how many of each ray are ``taken``."""
+    """Write where samples ``begin`` and ``end`` (S,) among their ray's cuts, and how many are ``taken`` (R,)."""
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     first = tl.load(start + r, mask=r < rays, other=0)
     length = tl.load(count + r, mask=r < rays, other=0)
@@ -232,7 +232,7 @@ def cuts_of_rays(  # type: ignore[no-untyped-def]
         tl.store(begin + first + k, low, mask=inside)
         tl.store(end + first + k, high, mask=inside)
         number += (inside & (tl.floor(high) > tl.floor(low))).to(tl.int64)
-    # The last sample of a ray without any cut stands for all.
+    # The last sample of a ray without any cut represents all.
     tl.store(taken + r, tl.where(length > 0, tl.maximum(number, 1), 0), mask=r < rays)
 
 
@@ -240,9 +240,9 @@ def cuts_of_rays(  # type: ignore[no-untyped-def]
 def representatives(  # type: ignore[no-untyped-def]
     begin, end, start, count, own, chosen, place, passed, rays, BLOCK: tl.constexpr
 ):
-    """Samples that a cut falls into, ``chosen`` (K,), each ray's from ``own`` on; in them the ``place`` of each's (S,).
+    """Write the samples into which a cut falls, ``chosen`` (K,), and each sample's ``place`` in them (S,).
 
-    ``passed`` (S,) is room for how far behind each sample the last cut is.
+    Those of each ray begin at ``own`` (R,). ``passed`` (S,) is a buffer for each sample's distance from the last cut.
     """
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     first = tl.load(start + r, mask=r < rays, other=0)
@@ -312,7 +312,7 @@ def composite_backward(  # type: ignore[no-untyped-def]
     g_sigma, g_values, rays,
     CHANNELS: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Gradients of :func:`composite` with respect to extinction (S,) and values (S, C), a block of rays."""
+    """Compute gradients of :func:`composite` for extinction (S,) and values (S, C) of a block of rays."""
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     c = tl.arange(0, WIDE)
     there = r < rays

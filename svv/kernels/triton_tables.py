@@ -1,8 +1,8 @@
-"""Look-ups in tables of features and their optimiser, in Triton.
+"""Look-ups in feature tables, and the optimiser of the tables, in Triton.
 
-Letters: S samples, L levels, F features a level, V rows of a table. ``WIDE`` is F, rounded up to a power of two, and
-``BLOCK`` the samples or rows of one program. What each function calculates is told in
-:mod:`svv.kernels.numba_lattice` and :mod:`svv.kernels.numba_hashing`.
+Letters: S samples, L levels, F features per level, V rows of a table. ``WIDE`` is F rounded up to a power of two, and
+``BLOCK`` is the number of samples or rows of one program. :mod:`svv.kernels.numba_lattice` and
+:mod:`svv.kernels.numba_hashing` describe what each function computes.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import triton.language as tl
 
 @triton.jit
 def position_in_cell(x, i, there, sx, sy, sz, highest_x, highest_y, highest_z):  # type: ignore[no-untyped-def]
-    """Lowest vertex of the cell around each sample, and where in the cell it lies."""
+    """Return the lowest vertex of the cell around each sample, and the sample's position in the cell."""
     fx = tl.load(x + 3 * i, mask=there, other=0.0) * sx
     fy = tl.load(x + 3 * i + 1, mask=there, other=0.0) * sy
     fz = tl.load(x + 3 * i + 2, mask=there, other=0.0) * sz
@@ -25,7 +25,7 @@ def position_in_cell(x, i, there, sx, sy, sz, highest_x, highest_y, highest_z): 
 
 @triton.jit
 def corner_weight(wx, wy, wz, corner: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Trilinear weight of one corner; its three bits are steps along x, y and z."""
+    """Return the trilinear weight of a corner, whose three bits are steps along x, y and z."""
     x = wx if corner & 4 else 1.0 - wx
     y = wy if corner & 2 else 1.0 - wy
     z = wz if corner & 1 else 1.0 - wz
@@ -34,7 +34,7 @@ def corner_weight(wx, wy, wz, corner: tl.constexpr):  # type: ignore[no-untyped-
 
 @triton.jit
 def lattice_cells(x, i, there, shapes, scales, bases, level):  # type: ignore[no-untyped-def]
-    """Where in ``index`` the lowest vertex of each sample's cell is, strides of x and y, and the place in the cell."""
+    """Return the place in ``index`` of each sample's lowest vertex, x and y strides, and the position in the cell."""
     scale = tl.load(scales + level)
     nx = tl.load(shapes + 3 * level).to(tl.int32)
     ny = tl.load(shapes + 3 * level + 1).to(tl.int32)
@@ -49,7 +49,7 @@ def lattice_encode(  # type: ignore[no-untyped-def]
     x, shapes, scales, bases, index, table, out, samples,
     LEVELS: tl.constexpr, FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """One level of a block of samples: x (S, 3) -> out (S, L * F)."""
+    """Compute one level for a block of samples: x (S, 3) -> out (S, L * F)."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     level = tl.program_id(1)
     f = tl.arange(0, WIDE)
@@ -58,7 +58,7 @@ def lattice_encode(  # type: ignore[no-untyped-def]
     at, along_x, along_y, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
     total = tl.zeros((BLOCK, WIDE), tl.float32)
     for corner in tl.static_range(8):
-        # Vertices are numbered in raster order, so the neighbour in z is always the next number.
+        # Vertices are numbered in raster order, so the neighbour in z always has the next number.
         vertex = at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y
         row = tl.load(index + vertex, mask=there, other=0) + (corner & 1)
         value = tl.load(table + row[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
@@ -71,7 +71,7 @@ def lattice_backward(  # type: ignore[no-untyped-def]
     x, g_out, shapes, scales, bases, index, gradient, used, samples,
     LEVELS: tl.constexpr, FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Gradient of one level of a block of samples, added to ``gradient`` (V, F); marks ``used`` (V,)."""
+    """Add the gradient of one level for a block of samples to ``gradient`` (V, F); mark rows in ``used`` (V,)."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     level = tl.program_id(1)
     f = tl.arange(0, WIDE)
@@ -90,9 +90,9 @@ def lattice_backward(  # type: ignore[no-untyped-def]
 
 @triton.jit
 def hash_row(x, y, z, resolution, entries):  # type: ignore[no-untyped-def]
-    """Row of a vertex in its level: direct where all vertices fit, hashed otherwise (Müller et al. 2022, eq. 4).
+    """Return the row of a vertex in its level: direct if all fit, hashed otherwise (Müller et al. 2022, eq. 4).
 
-    A level that is hashed has a power of two of rows.
+    The number of rows of a hashed level is a power of two.
     """
     side = (resolution + 1).to(tl.int64)
     direct = (x.to(tl.int64) * side + y) * side + z
@@ -105,7 +105,7 @@ def hash_encode(  # type: ignore[no-untyped-def]
     x, resolutions, offsets, table, out, samples,
     LEVELS: tl.constexpr, FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """One level of a block of samples: x (S, 3) in [0, 1] -> out (S, L * F)."""
+    """Compute one level for a block of samples: x (S, 3) in [0, 1] -> out (S, L * F)."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     level = tl.program_id(1)
     f = tl.arange(0, WIDE)
@@ -128,7 +128,7 @@ def hash_backward(  # type: ignore[no-untyped-def]
     x, g_out, resolutions, offsets, gradient, used, samples,
     LEVELS: tl.constexpr, FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Gradient of one level of a block of samples, added to ``gradient`` (V, F); marks ``used`` (V,)."""
+    """Add the gradient of one level for a block of samples to ``gradient`` (V, F); mark rows in ``used`` (V,)."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
     level = tl.program_id(1)
     f = tl.arange(0, WIDE)
@@ -152,7 +152,7 @@ def adam(  # type: ignore[no-untyped-def]
     table, gradient, used, first, second, age, rate, beta1, beta2, epsilon, pull, finer, rows,
     FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """One Adam step on a block of rows, those that are marked; clears their gradient and mark."""
+    """Take one Adam step on the marked rows of a block; clear their gradient and mark."""
     v = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     f = tl.arange(0, WIDE)
     marked = tl.load(used + v, mask=v < rows, other=0) > 0

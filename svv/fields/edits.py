@@ -35,13 +35,13 @@ Edits = dict[str, Any]
 
 
 def edits_of(region: Region) -> Edits:
-    """A region's edits."""
+    """Return a region's edits."""
     plain = _plain(region)
     return {name: getattr(region, name) for name in plain if getattr(region, name) != plain[name]}
 
 
 def with_edits(region: Region, edits: Edits) -> Region:
-    """A region with these edits and no others; raises TypeError for a field that is not an edit."""
+    """Return a region with these edits and no others; raises TypeError for a field that is not an edit."""
     plain = _plain(region)
     if unknown := sorted(set(edits) - set(plain)):
         raise TypeError(f"'{unknown[0]}' is not an edit of a region")
@@ -49,12 +49,12 @@ def with_edits(region: Region, edits: Edits) -> Region:
 
 
 def restyled(region: Region, style: str | None) -> Region:
-    """A region with another style and the same edits; light on paint takes the style's default unless it was edited."""
+    """Return a region with another style and the same edits; light on paint takes the style's default unless edited."""
     return with_edits(replace(region, style=style), edits_of(region))
 
 
 def _plain(region: Region) -> Edits:
-    """The edit fields of a region that has not been edited."""
+    """Return the edit fields of a region that has not been edited."""
     plain = {f.name: f.default for f in fields(region) if f.name not in IDENTITY}
     return {**plain, "paint_light": paint_light_of(region.style)}
 
@@ -79,17 +79,17 @@ class History:
     future: tuple[Step, ...] = ()
 
     def after(self, what: str, before: EditedModel) -> History:
-        """The history with one more step, from ``before`` on; undone edits can no longer be redone."""
+        """Return the history with one more step, from ``before`` on; undone edits can no longer be redone."""
         return History((*self.past, before.as_step(what))[-MOST_UNDO_STEPS:])
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for the scene's header."""
+        """Return plain values for the scene's header."""
         named = {"past": self.past, "future": self.future}
         return {name: [{**vars(s), "lamp": vars(s.lamp)} for s in steps] for name, steps in named.items()}
 
     @classmethod
     def from_json(cls, content: dict[str, Any], regions: Sequence[Region]) -> History:
-        """The inverse of :meth:`to_json`; raises KeyError, TypeError or ValueError if it does not fit the regions."""
+        """Invert :meth:`to_json`; raises KeyError, TypeError or ValueError if the content does not fit the regions."""
 
         def step(values: dict[str, Any]) -> Step:
             edits = [_with_tuples(e) for e in values["edits"]]
@@ -114,7 +114,7 @@ class EditedModel(Model):
         lighting: float | None = None,
         **reflects: float | None,
     ) -> Self:
-        """A scene with one region's colour, opacity or lighting changed (photorealistic style editing).
+        """Return a scene with one region's colour, opacity or lighting changed (photorealistic style editing).
 
         Args:
             region: Number of the region.
@@ -168,7 +168,7 @@ class EditedModel(Model):
         direction: Sequence[float] | None = None,
         intensity: float | None = None,
     ) -> Self:
-        """A scene with the light moved; without arguments it becomes a headlight of the same brightness again.
+        """Return a scene with the light moved; without arguments it becomes a headlight of the same brightness again.
 
         Args:
             azimuth: Degrees to the right of the camera, which the light follows, in [-180, 180].
@@ -188,7 +188,7 @@ class EditedModel(Model):
         return self._after(lamp.said(), self.regions, lamp)
 
     def hidden(self, *regions: int) -> Self:
-        """A scene in which these regions are hidden; their opacities are kept for when they are shown again.
+        """Return a scene in which these regions are hidden; their opacities are kept for when they are shown again.
 
         Raises:
             BadInput: No region is named, or a region does not exist.
@@ -197,7 +197,7 @@ class EditedModel(Model):
         return self._changed(f"hide {_list(regions)}", {region: {"hidden": True} for region in regions})
 
     def shown(self, *regions: int) -> Self:
-        """A scene in which these regions, by default all, are visible again, as opaque as they were.
+        """Return a scene in which these regions, by default all, are visible again, as opaque as they were.
 
         Raises:
             BadInput: There is no such region.
@@ -207,7 +207,7 @@ class EditedModel(Model):
         return self._changed(f"show {_list(regions) or 'all'}", {region: {"hidden": False} for region in chosen})
 
     def isolated(self, *regions: int) -> Self:
-        """A scene in which only these regions are visible; all opacities are kept.
+        """Return a scene in which only these regions are visible; all opacities are kept.
 
         Raises:
             BadInput: No region is named, or a region does not exist.
@@ -217,7 +217,7 @@ class EditedModel(Model):
         return self._changed(f"isolate {_list(regions)}", hidden)
 
     def with_strength(self, strength: float, *regions: int) -> Self:
-        """A scene with the styles of these regions, by default all, at a strength from 0 (palette colours) to 1.
+        """Return a scene with the styles of these regions, by default all, at a strength of 0 (palette colours) to 1.
 
         Raises:
             BadInput: The strength is outside [0, 1], or a region does not exist.
@@ -227,7 +227,7 @@ class EditedModel(Model):
         return self._changed_each(f"strength {strength:g}", regions, {"strength": float(strength)})
 
     def with_paint_light(self, amount: float, *regions: int) -> Self:
-        """A scene with more or less light on the paint of these regions, by default of all.
+        """Return a scene with more or less light on the paint of these regions, by default of all.
 
         The mean brightness of paint stays the same, because only the light's deviation from its mean is shown. Regions
         that are not painted do not change.
@@ -244,7 +244,7 @@ class EditedModel(Model):
         return self._changed_each(f"light on paint {amount:g}", regions, {"paint_light": float(amount)})
 
     def with_stroke_opacity(self, amount: float, *regions: int) -> Self:
-        """A scene in which the opacity of these regions' paint, by default of all, follows its strokes.
+        """Return a scene in which the opacity of these regions' paint, by default of all, follows its strokes.
 
         Mean opacities (:mod:`svv.fields.stroke_opacity`) and regions that are unpainted or of one colour do not change.
 
@@ -266,7 +266,7 @@ class EditedModel(Model):
         width: float | None = None,
         colour: Sequence[float] | None = None,
     ) -> Self:
-        """A scene with the silhouettes and creases of these regions, by default of all, drawn in ink.
+        """Return a scene with the silhouettes and creases of these regions, by default of all, drawn in ink.
 
         Args:
             strength: Opacity of the ink, from 0 (invisible) to 1. Unchanged by default, or 1 where it is 0.
@@ -296,7 +296,7 @@ class EditedModel(Model):
         return self._changed(", ".join(said), changes)
 
     def reset(self, *regions: int) -> Self:
-        """A scene with these regions, by default all and the light, as trained and painted. The reset can be undone.
+        """Return a scene with these regions, by default all and the light, as trained and painted; this can be undone.
 
         Raises:
             BadInput: There is no such region.
@@ -307,7 +307,7 @@ class EditedModel(Model):
         return self._after(f"reset {_list(regions) or 'all'}", after, self.lamp if regions else Lamp())
 
     def undone(self) -> Self:
-        """The scene before the last edit.
+        """Return the scene before the last edit.
 
         Raises:
             BadInput: Nothing was edited, or every edit is undone already.
@@ -318,7 +318,7 @@ class EditedModel(Model):
         return self._at(step, History(tuple(past), (*self.history.future, self.as_step(step.what))))
 
     def redone(self) -> Self:
-        """The scene with the most recently undone edit applied again.
+        """Return the scene with the most recently undone edit applied again.
 
         Raises:
             BadInput: Nothing was undone since the last edit.
@@ -329,11 +329,11 @@ class EditedModel(Model):
         return self._at(step, History((*self.history.past, self.as_step(step.what)), tuple(future)))
 
     def as_step(self, what: str) -> Step:
-        """The current edits, as a step for the history."""
+        """Return the current edits as a step for the history."""
         return Step(what, tuple(map(edits_of, self.regions)), self.lamp)
 
     def as_one_step(self, before: EditedModel) -> Self:
-        """The scene with all its edits since ``before``, an earlier state of it, as one step of the history."""
+        """Return the scene with all its edits since ``before``, an earlier state of it, as one step of the history."""
         known = {id(step) for step in before.history.past}
         steps = [step.what for step in self.history.past if id(step) not in known]
         if len(steps) < 2:
@@ -343,7 +343,7 @@ class EditedModel(Model):
         return replace(self, history=before.history.after("; ".join(steps), before))
 
     def with_edits_of(self, other: EditedModel) -> Self:
-        """This scene with the edits, and their history, of another scene that has the same regions.
+        """Return this scene with the edits, and their history, of another scene that has the same regions.
 
         Which regions are styled, and how strongly, does not change.
         """
@@ -372,7 +372,7 @@ class EditedModel(Model):
                 raise BadInput(f"There is no region {region}: the scene has the regions 0 to {len(self.regions) - 1}.")
 
     def _changed_each(self, what: str, regions: Sequence[int], edits: Edits) -> Self:
-        """The scene with the same edits of these regions, or of all if none is named."""
+        """Return the scene with the same edits of these regions, or of all if none is named."""
         if regions:
             self._check(*regions)
         return self._changed(what, dict.fromkeys(regions or range(len(self.regions)), edits))
@@ -381,7 +381,7 @@ class EditedModel(Model):
         return self._after(what, tuple(replace(r, **changes.get(k, {})) for k, r in enumerate(self.regions)))
 
     def _after(self, what: str, regions: tuple[Region, ...], lamp: Lamp | None = None) -> Self:
-        """The scene with other regions or light, and one more step in its history unless they are the same."""
+        """Return the scene with other regions or light, and one more step in its history unless they are the same."""
         lamp = lamp or self.lamp
         if regions == self.regions and lamp == self.lamp:
             return self

@@ -55,14 +55,14 @@ class Encoding(nn.Module):
         return self.levels * self.features
 
     def packed(self) -> dict[str, NDArray[Any]]:
-        """The table as files keep it: name -> array; here in half precision, under the empty name."""
+        """Return the table as files keep it: name -> array; here in half precision, under the empty name."""
         return {"": self.table.detach().cpu().numpy().astype(np.float16)}
 
     def unpacked(self, arrays: Mapping[str, NDArray[Any]]) -> Tensor:
-        """The table of what :meth:`packed` gave, or of the whole numbers of an unpacked file. (V, F)
+        """Return the table from the result of :meth:`packed`, or from the full-precision numbers of a file. (V, F)
 
         Raises:
-            ValueError: arrays of another shape.
+            ValueError: The arrays do not have the table's shape.
         """
         return torch.from_numpy(arrays[""].astype(np.float32))
 
@@ -72,20 +72,20 @@ class Encoding(nn.Module):
             self.table.copy_((torch.rand(self.table.shape, generator=generator) * 2.0 - 1.0) * scale)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Features (S, width) at box coordinates (S, 3), both float32."""
+        """Return features (S, width) at box coordinates (S, 3), both float32."""
         if torch.is_grad_enabled() and self.table.requires_grad:
             return _Lookup.apply(x, self.table, self)
         return self.look_up(x)
 
     def buffers_for_gradient(self) -> tuple[Tensor, Tensor]:
-        """The gradient (V, F) and the marks of used rows (V,) uint8, allocated when first needed."""
+        """Return the gradient (V, F) and the marks of used rows (V,) uint8, allocated when first needed."""
         if self.gradient is None or self.used is None:
             self.gradient = torch.zeros_like(self.table, requires_grad=False)
             self.used = self.table.new_zeros(len(self.table), dtype=torch.uint8)
         return self.gradient, self.used
 
     def look_up(self, x: Tensor) -> Tensor:
-        """Features without a graph. (S, width)"""
+        """Return features without a graph. (S, width)"""
         raise NotImplementedError
 
     def add_gradient(self, x: Tensor, gradient: Tensor) -> None:
@@ -139,15 +139,15 @@ class SparseLattice(Encoding):
         return Lattice(self.shapes, self.scales, self.bases, self.index)
 
     def rows_of_level(self, level: int) -> slice:
-        """Rows of the table that belong to a level."""
+        """Return the rows of the table that belong to a level."""
         return slice(self._ends[level - 1] if level else 0, self._ends[level])
 
     def vertices_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.int64]:
-        """Integer coordinates of a level's vertices in the order of its rows; the cells are those of construction."""
+        """Return integer coordinates of a level's vertices, in the order of its rows, for the lattice's cells."""
         return np.argwhere(_vertices(_resample(occupied, cells, self.resolutions[level])))
 
     def places_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.float32]:
-        """Box coordinates of a level's vertices in the order of its rows, at which they can be looked up. (V, 3)
+        """Return box coordinates for looking up a level's vertices, in the order of its rows. (V, 3)
 
         By its coordinates, a vertex on the far side of every occupied cell it belongs to lies in a cell that is not
         stored. Each vertex is therefore moved by one float32 step towards the middle of an occupied cell.
@@ -163,7 +163,7 @@ class SparseLattice(Encoding):
         return np.nextafter((vertices / resolution).astype(np.float32), (middle / resolution).astype(np.float32))
 
     def packed(self) -> dict[str, NDArray[Any]]:
-        """The table as bytes: codes (V, F), and ``ends``, least and greatest value of a level's features (L, 2, F)."""
+        """Return the table as bytes: codes (V, F), and ``ends``, the range of each level's features (L, 2, F)."""
         table = self.table.detach().cpu()
         codes, ends = torch.empty(table.shape, dtype=torch.uint8), torch.zeros(self.levels, 2, self.features)
         for level in range(self.levels):
@@ -174,7 +174,7 @@ class SparseLattice(Encoding):
         return {"": codes.numpy(), ".ends": ends.numpy()}
 
     def unpacked(self, arrays: Mapping[str, NDArray[Any]]) -> Tensor:
-        """The table before :meth:`packed`, to within half a 255th of a feature's range. (V, F)
+        """Return the table before :meth:`packed`, to within half a 255th of a feature's range. (V, F)
 
         Raises:
             ValueError: The arrays do not have this lattice's shape.
@@ -198,7 +198,7 @@ class SparseLattice(Encoding):
         kernels_for(x).lattice_backward(x, gradient, self.layout, *self.buffers_for_gradient())
 
     def restricted(self, occupied: NDArray[np.uint8], cells: int, finer: Sequence[int] = ()) -> SparseLattice:
-        """The same features on fewer cells, followed by ``finer`` levels of zeros.
+        """Return the same features on fewer cells, followed by ``finer`` levels of zeros.
 
         ``occupied`` must be a subset of the cells this lattice was made for.
         """
@@ -214,7 +214,7 @@ class SparseLattice(Encoding):
         return result
 
     def summed(self, occupied: NDArray[np.uint8], cells: int) -> SparseLattice:
-        """A lattice of only the finest level that gives exactly the sum of all levels' features.
+        """Return a lattice of only the finest level that gives exactly the sum of all levels' features.
 
         Resolutions are nested, so within a fine cell every coarser level is itself trilinear: its values at the fine
         vertices determine it. ``occupied`` must be a subset of the cells this lattice was made for.
@@ -294,7 +294,7 @@ class LatticeAdam:
                                     self.constants, pulls[k], self.finer[k])  # fmt: skip
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Moments, ages and constants, for a checkpoint."""
+        """Return moments, ages and constants, for a checkpoint."""
         state: dict[str, NDArray[Any]] = {"constants": np.array(self.constants)}
         state |= {f"{k}.moments": v.cpu().numpy() for k, v in enumerate(self.moments)}
         return state | {f"{k}.age": v.cpu().numpy() for k, v in enumerate(self.age)}
@@ -310,7 +310,7 @@ class LatticeAdam:
 
 
 def _resample(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArray[np.bool_]:
-    """Occupancy at another resolution: a coarser cell is occupied if any of its parts is."""
+    """Return occupancy at another resolution: a coarser cell is occupied if any of its parts is."""
     o = occupied > 0
     if resolution >= cells:
         if resolution % cells:
@@ -326,7 +326,7 @@ def _resample(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArr
 
 
 def _vertices(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Corners of occupied cells. (X, Y, Z) -> (X + 1, Y + 1, Z + 1)"""
+    """Mark the corners of occupied cells. (X, Y, Z) -> (X + 1, Y + 1, Z + 1)"""
     out = np.zeros([n + 1 for n in cells.shape], bool)
     x, y, z = cells.shape
     for i in (0, 1):

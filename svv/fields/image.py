@@ -25,7 +25,7 @@ from svv.kernels.types import ImageKernels, Samples, Surface
 
 
 def image_kernels_of(scene: Model) -> ImageKernels | None:
-    """The kernels that draw the scene's palette and paint; None if its device or encoding has no such kernels."""
+    """Return the kernels that draw the scene's palette and paint; None if its device or encoding has none."""
     on_lattices = (
         scene.palette_network is not None
         and isinstance(scene.base.encoding, SparseLattice)
@@ -79,7 +79,7 @@ _BOTH: WeakKeyDictionary[SparseLattice, tuple[Tensor, Tensor]] = WeakKeyDictiona
 
 
 def _both_tables(geometry: Tensor, material: SparseLattice) -> Tensor:
-    """Features of geometry and material side by side (V, 2 F), cached for the next image unless they are training."""
+    """Return features of geometry and material side by side (V, 2 F), cached for the next image unless training."""
     known, both = _BOTH.get(material, (None, None))
     learning = geometry.requires_grad or material.table.requires_grad
     if both is None or known is not geometry or learning:

@@ -74,7 +74,7 @@ class Model:
         return replace(self.marching, step=self.stride * self.marching.step, least_weight=self.joined, merge=True)
 
     def coefficients(self) -> Tensor | None:
-        """Edited ambient, diffuse, specular and shininess of each region (P, 4); None without an explicit light."""
+        """Return each region's edited ambient, diffuse, specular and shininess (P, 4); None without explicit light."""
         if self.palette_network is None or self.palette_network.phong is None:
             return None
         learned = self.palette_network.phong.coefficients()
@@ -84,7 +84,7 @@ class Model:
         return torch.where(edited.isnan(), learned, edited)
 
     def edited_colours(self, offsets: Tensor) -> Tensor:
-        """Palette colours of samples with their offsets, recoloured by the regions' edits. (S, P, 3)"""
+        """Return palette colours of samples with their offsets, recoloured by the regions' edits. (S, P, 3)"""
         assert self.palette_network is not None
         palette = self.palette_network.colours
         colours = palette + offsets
@@ -98,11 +98,11 @@ class Model:
         return colours
 
     def paint(self, position: Tensor, network: str) -> Tensor | None:
-        """The UCN's colours (S, 3) at positions (S, 3), unstyled regions included; None for any other network."""
+        """Return the UCN's colours (S, 3) at positions (S, 3), also of unstyled regions; None for other networks."""
         return None if network != "styled" or self.styled is None else self.styled(position)
 
     def with_style(self, diffuse: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
-        """Diffuse colour (S, 3), replaced by the paint's (S, 3) where the sample's region (S,) is styled."""
+        """Return diffuse colour (S, 3), replaced by the paint's (S, 3) where the sample's region (S,) is styled."""
         if paint is None:
             return diffuse
         share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]

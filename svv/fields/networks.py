@@ -53,11 +53,11 @@ class FieldSettings:
     """Lattice levels beyond ``resolutions`` that the scene's own colours do not need but its paint may."""
 
     def encode(self, occupancy: Occupancy) -> Encoding:
-        """A new table for this scene."""
+        """Return a new table for this scene."""
         return ENCODINGS[self.encoding](self, occupancy)
 
     def to_json(self) -> dict[str, object]:
-        """Plain values for the scene's header."""
+        """Return plain values for the scene's header."""
         return asdict(self)
 
 
@@ -65,7 +65,7 @@ ENCODINGS: dict[str, Callable[[FieldSettings, Occupancy], Encoding]] = {
     "lattice": lambda s, o: SparseLattice(o.occupied, o.cells, s.resolutions, s.features),
     "hash": lambda s, o: HashGrid(s.levels, s.features, s.log2_entries, *s.resolutions),
 }
-"""Name -> a new table of a scene. All but the lattice leave the density to an MLP, as the paper does."""
+"""Name -> maker of a new table for a scene. Without the lattice, an MLP gives the density, as in the paper."""
 
 
 class Layers(nn.Sequential):
@@ -75,13 +75,13 @@ class Layers(nn.Sequential):
     """Whether three digits are enough, so that kernels may multiply in half precision."""
 
     def forward(self, x: Tensor) -> Tensor:
-        """(S, I) -> (S, O)"""
+        """Apply the layers. (S, I) -> (S, O)"""
         weights = [layer.weight for layer in self if isinstance(layer, nn.Linear)]
         return kernels_for(x).network(x, weights, self.rough)
 
 
 def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) -> Layers:
-    """Linear layers without biases and with ReLU between them, as in Instant-NGP.
+    """Build linear layers without biases and with ReLU between them, as in Instant-NGP.
 
     Args:
         inputs: Inputs per sample.
@@ -100,7 +100,7 @@ def mlp(inputs: int, width: int, hidden: int, outputs: int, rough: bool = True) 
 
 
 def encode_directions(directions: Tensor, ray: Tensor) -> Tensor:
-    """Spherical harmonics of each sample's ray: (R, 3) and (S,) -> (S, 16)."""
+    """Return spherical harmonics of each sample's ray: (R, 3) and (S,) -> (S, 16)."""
     return kernels_for(directions).directions_of_samples(directions, ray)
 
 
@@ -136,7 +136,7 @@ class BaseField(nn.Module):
         return [self.encoding] if self.density is None else [self.density, self.encoding]
 
     def geometry(self, samples: Samples) -> tuple[Tensor, Tensor]:
-        """Extinction (S,) and geometry features (S, G)."""
+        """Return extinction (S,) and geometry features (S, G)."""
         features = self.encoding(samples.position)
         if self.density is not None:
             sigma = samples.sigma
@@ -148,11 +148,11 @@ class BaseField(nn.Module):
         return torch.exp(h[:, 0].clamp(max=MOST_LOG_EXTINCTION)), h[:, 1:]
 
     def extinction(self, samples: Samples) -> Tensor:
-        """Extinction alone, without a graph. (S,)"""
+        """Return only the extinction, without a graph. (S,)"""
         return samples.sigma if self.density is not None else self.geometry(samples)[0]
 
     def forward(self, geometry: Tensor, directions: Tensor) -> Tensor:
-        """RGB in (0, 1): (S, G) and encoded directions (S, 16) -> (S, 3)."""
+        """Return RGB in (0, 1): (S, G) and encoded directions (S, 16) -> (S, 3)."""
         return torch.sigmoid(self.colour_mlp(torch.cat([geometry, directions], dim=1)))
 
 
@@ -177,7 +177,11 @@ class PaletteColours:
         return self.weights.argmax(dim=1)
 
     def diffuse(self, colours: Tensor) -> Tensor:
-        """Diffuse colour (S, 3) of offset palette colours (S, P, 3), see :func:`svv.core.palette_shading.diffuse`."""
+        """Mix offset palette colours (S, P, 3) into the diffuse colour; see :func:`svv.core.palette_shading.diffuse`.
+
+        Returns:
+            Diffuse colour. (S, 3)
+        """
         return palette_shading.diffuse(self.intensity, self.weights, colours)
 
 
@@ -221,11 +225,11 @@ class PaletteField(nn.Module):
                     mine.weight.copy_(its.weight)
 
     def material(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """View-independent intensity (S,), weights (S, P) and offsets (S, P, 3)."""
+        """Return view-independent intensity (S,), weights (S, P) and offsets (S, P, 3)."""
         return palette_shading.material(self.palette_mlp(self.encoding(position)))
 
     def lighting(self, geometry: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-        """Specular grey c_s >= 0 (S,) and shade m in (0, 2) (S,)."""
+        """Return specular grey c_s >= 0 (S,) and shade m in (0, 2) (S,)."""
         if self.lighting_mlp is None:
             return geometry.new_zeros(len(geometry)), geometry.new_ones(len(geometry))
         return palette_shading.network_light(self.lighting_mlp(torch.cat([geometry, directions], dim=1)))
@@ -238,7 +242,7 @@ class PaletteField(nn.Module):
         beams: Beams | None = None,
         coefficients: Tensor | None = None,
     ) -> PaletteColours:
-        """All parts of eq. 4 at samples.
+        """Return all parts of eq. 4 at samples.
 
         Args:
             position: Box coordinates. (S, 3)
@@ -269,7 +273,7 @@ class UnrestrictedField(nn.Module):
         resolutions: Sequence[int] | None = None,
         direct: bool = False,
     ) -> None:
-        """An unlearned one; ``resolutions`` are those of its lattice, by default all that the settings name."""
+        """Lay out an untrained field; ``resolutions`` are those of its lattice, by default all of the settings."""
         super().__init__()
         self.resolutions = tuple(resolutions or settings.resolutions + settings.finer)
         self.colour_mlp: nn.Sequential | None = None
@@ -286,6 +290,6 @@ class UnrestrictedField(nn.Module):
         return self.colour_mlp is None
 
     def forward(self, position: Tensor) -> Tensor:
-        """Diffuse RGB in [0, 1]. (S, 3) -> (S, 3)"""
+        """Return diffuse RGB in [0, 1]. (S, 3) -> (S, 3)"""
         features = self.encoding(position)
         return features if self.colour_mlp is None else torch.sigmoid(self.colour_mlp(features))

@@ -39,13 +39,13 @@ class Occupancy:
         self._distance: dict[torch.device, Tensor] = {}
 
     def occupied_on(self, device: torch.device) -> Tensor:
-        """``occupied`` on a device. (X, Y, Z) uint8"""
+        """Return ``occupied`` on a device. (X, Y, Z) uint8"""
         if device not in self._moved:
             self._moved[device] = torch.tensor(self.occupied, device=device)
         return self._moved[device]
 
     def distance_on(self, device: torch.device) -> Tensor:
-        """How far a ray may leap: the chessboard distance to the nearest occupied cell. (X, Y, Z) uint8"""
+        """Return how far a ray may leap: the chessboard distance to the nearest occupied cell. (X, Y, Z) uint8"""
         if device not in self._distance:
             self._distance[device] = kernels_of(device.type).leaps(self.occupied_on(device))
         return self._distance[device]
@@ -57,11 +57,11 @@ class Occupancy:
 
     @classmethod
     def full(cls, box: Box, cells: int) -> Occupancy:
-        """An occupancy with every cell occupied."""
+        """Return an occupancy with every cell occupied."""
         return cls(box, cells, np.ones(_shape(box, cells), np.uint8))
 
     def pruned(self, optical_depth: Tensor, least: float, grow: bool) -> Occupancy:
-        """The occupancy without the cells in which a step never reaches the optical depth ``least``.
+        """Return the occupancy without the cells in which a step never reaches the optical depth ``least``.
 
         Args:
             optical_depth: Largest optical depth of a step found in each occupied cell, in raster order, on the device
@@ -79,7 +79,7 @@ class Occupancy:
 
 
 def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Occupancy:
-    """The visual hull of the views' masks and the box around it.
+    """Return the visual hull of the views' masks and the box around it.
 
     Args:
         masks: Pixels in which something is visible. (N, H, W)
@@ -105,7 +105,7 @@ def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Oc
 
 
 def _first_box(cameras: Sequence[Camera]) -> Box:
-    """A cube certain to hold what the cameras look at, around the point nearest to their optical axes."""
+    """Return a cube that surely contains the subject, around the point nearest to the cameras' optical axes."""
     rig = CameraRig.of(cameras)
     centre, distance = np.array(rig.centre), rig.radius if rig.radius > 0 else 1.0
     half = 1.1 * distance * max(np.tan(c.fov_x / 2) * max(1.0, c.height / c.width) for c in cameras)
@@ -117,7 +117,7 @@ def _shape(box: Box, cells: int) -> NDArray[np.int64]:
 
 
 def _shrink(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Masks of at most about MASK_SIZE pixels per side; a pixel is set if any of its parts is."""
+    """Shrink masks to at most about MASK_SIZE pixels per side; a pixel is set if any of its parts is."""
     n, h, w = masks.shape
     k = max(1, max(h, w) // MASK_SIZE)
     padded = np.pad(masks, [(0, 0), (0, -h % k), (0, -w % k)])

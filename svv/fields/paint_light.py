@@ -33,12 +33,12 @@ _known: WeakKeyDictionary[PaletteField, tuple[tuple[float, float], ...]] = WeakK
 
 
 def paint_light_of(style: str | None) -> float:
-    """Default light on the paint of a region of this style; none for ink, whose strokes are the shading."""
+    """Return the default light on paint of this style: 0 for ink, whose strokes are the shading."""
     return 0.0 if style is not None and style.startswith(DRAWN) else PAINT_LIGHT
 
 
 def lights_of(scene: Model, network: str) -> Tensor:
-    """How each region responds to light: a factor f, a scale a of the shade, and b, subtracted from the specular.
+    """Return how each region responds to light: a factor f, a scale a of the shade, and b, subtracted from specular.
 
     The lit colour is (1 + f (a m - 1)) c_d + f (c_s - b) for a diffuse colour c_d, shade m and specular c_s. Without
     paint, f is the region's lighting, a is 1 and b is 0. On paint, f is the lighting times the region's light on paint,
@@ -69,7 +69,7 @@ def lights_of(scene: Model, network: str) -> Tensor:
 
 @torch.no_grad()
 def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
-    """Mean shade m and specular c_s over the visible parts of each region, all around, under the light of the views.
+    """Return mean shade m and specular c_s over each region's visible parts, all around, under the views' light.
 
     Edits do not change them. A region that is not visible gets the means over all. Computed once per palette network.
     """

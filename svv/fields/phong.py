@@ -51,12 +51,12 @@ class Beams:
 
     @classmethod
     def headlight(cls, facing: Tensor) -> Beams:
-        """Beams of a light at the viewer."""
+        """Return beams of a light at the viewer."""
         return cls(facing, facing)
 
     @classmethod
     def of(cls, lamp: Lamp, camera: Camera, rays: Rays, headlight: str) -> Beams:
-        """Beams of a lamp for a camera's rays; see :attr:`svv.fields.networks.FieldSettings.headlight`."""
+        """Return beams of a lamp for a camera's rays; see :attr:`svv.fields.networks.FieldSettings.headlight`."""
         rotation = camera.camera_to_world[:3, :3]
         facing = -rays.directions
         if headlight == "axis":
@@ -69,7 +69,7 @@ class Beams:
         return cls(facing, facing @ facing.new_tensor(lamp.turn(rotation).T), lamp.intensity)
 
     def at(self, ray: Tensor) -> Beams:
-        """Beams of each sample's ray. (S,) -> S beams"""
+        """Return the beams of each sample's ray. (S,) -> S beams"""
         ray = ray.long()
         facing = self.facing[ray]
         return Beams(facing, facing if self.toward is self.facing else self.toward[ray], self.intensity)
@@ -85,7 +85,7 @@ class PhongLight(nn.Module):
         self.raw = nn.Parameter(torch.zeros(regions, len(COEFFICIENTS)))
 
     def coefficients(self) -> Tensor:
-        """Ambient, diffuse, specular (>= 0) and shininess (> 0) of each region. (P, 4)"""
+        """Return ambient, diffuse, specular (>= 0) and shininess (> 0) of each region. (P, 4)"""
         return softplus(self.raw) * self.raw.new_tensor([1.0, 1.0, 1.0, SHININESS_UNIT])
 
     def start(self, density: SparseLattice, occupancy: Occupancy, shading: Shading | None, seed: int) -> None:
@@ -112,20 +112,20 @@ class PhongLight(nn.Module):
         self.normals.table.mul_(LONGEST_VECTOR / length.clamp(min=LONGEST_VECTOR))
 
     def normal(self, position: Tensor) -> Tensor:
-        """Normals of either orientation, shorter than 1 away from surfaces. (S, 3) -> (S, 3)"""
+        """Return normals of either orientation, shorter than 1 away from surfaces. (S, 3) -> (S, 3)"""
         return normals_of(self.normals(position).view(len(position), -1, 3).sum(dim=1))
 
     def forward(
         self, position: Tensor, weights: Tensor, beams: Beams, coefficients: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """Specular grey c_s >= 0 (S,) and shade m >= 0 (S,): coefficients (P, 4) mixed by palette weights (S, P)."""
+        """Return specular grey c_s >= 0 (S,) and shade m >= 0 (S,), from coefficients (P, 4) and weights (S, P)."""
         mixed = weights @ (self.coefficients() if coefficients is None else coefficients)
         return blinn_phong(self.normal(position), beams.facing, beams.toward, beams.intensity, mixed)
 
 
 @torch.no_grad()
 def gradient_of(density: SparseLattice, occupancy: Occupancy, resolution: int) -> Tensor:
-    """Unit vectors against the gradient of the extinction at a lattice's vertices, in storage order. (V, 3)
+    """Return unit vectors against the gradient of the extinction at a lattice's vertices, in storage order. (V, 3)
 
     They are shorter where the gradient nearly vanishes. The levels of ``density`` sum to the extinction's logarithm.
     """

@@ -194,7 +194,7 @@ class Scene(PaintedModel):
 
     @classmethod
     def from_bytes(cls, content: bytes, name: str = "The scene") -> Scene:
-        """The inverse of :meth:`to_bytes`; raises BadInput as :meth:`load` does."""
+        """Read the content from :meth:`to_bytes`; raises BadInput as :meth:`load` does."""
         return cls._restored(*parse_scene(content, name), name)
 
     @classmethod
@@ -215,7 +215,7 @@ class Scene(PaintedModel):
 
     @classmethod
     def from_arrays(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]]) -> Scene:
-        """The inverse of :meth:`to_arrays`."""
+        """Restore a scene from the result of :meth:`to_arrays`."""
         parts = parts_of(header, tensors)
         regions = tuple(Region(**values) for values in parts["regions"])
         history = History.from_json(header["history"], regions) if "history" in header else History()

@@ -22,12 +22,12 @@ class TrainTask:
     run: Training
 
     def to_json(self) -> Content:
-        """With the name of the work."""
+        """Return the task with the name of its work."""
         return {"work": "train", "folder": str(self.folder), "views": str(self.views), "run": asdict(self.run)}
 
     @classmethod
     def from_json(cls, content: Content) -> TrainTask:
-        """The inverse of :meth:`to_json`."""
+        """Restore a task from the result of :meth:`to_json`."""
         return cls(Path(content["folder"]), Path(content["views"]), Training(**content["run"]))
 
 
@@ -50,13 +50,13 @@ class RenderTask:
     """Volume from which the truth is drawn; None if the views' test split is the truth."""
 
     def to_json(self) -> Content:
-        """With the name of the work."""
+        """Return the task with the name of its work."""
         paths = {"folder": str(self.folder), "views": str(self.views)}
         return {"work": "render", **asdict(self), **paths, "volume": self.volume and str(self.volume)}
 
     @classmethod
     def from_json(cls, content: Content) -> RenderTask:
-        """The inverse of :meth:`to_json`."""
+        """Restore a task from the result of :meth:`to_json`."""
         values = {name: content[name] for name in ("file", "size", "test", "network", "device")}
         volume = None if content["volume"] is None else Path(content["volume"])
         return cls(Path(content["folder"]), Path(content["views"]), **values, volume=volume)

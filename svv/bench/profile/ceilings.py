@@ -56,7 +56,7 @@ class Ceilings:
         return parts[bound], bound
 
     def to_json(self) -> dict[str, float | None]:
-        """Plain values."""
+        """Return plain values."""
         return asdict(self)
 
 

@@ -51,10 +51,10 @@ def draw_frames(folder: Path, key: str, numbers: Sequence[int], make: Frame, pro
 
 
 def measure_frames(path: OrbitPath, frames: Path, progress: Progress = silent) -> list[dict[str, Any]]:
-    """Measure the differences of all pairs in a folder of frames that are not yet in its ``pairs.json``.
+    """Measure the differences of pairs in a folder of frames that are not yet in its ``pairs.json``.
 
     Returns:
-        One record per pair and kind of flow: ``flow``, ``interval``, ``first``, ``second``, ``rmse``, ``mse``, ``flip``,
+        Records per pair and kind of flow: ``flow``, ``interval``, ``first``, ``second``, ``rmse``, ``mse``, ``flip``,
         ``share`` (of the image's pixels that were compared).
     """
     file = frames / "pairs.json"

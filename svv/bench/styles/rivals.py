@@ -165,7 +165,7 @@ def snerf_like(
 
 
 def flat(scene: Scene, field: UnrestrictedField, name: str) -> Scene:
-    """A scene that shows a colour field as it is, in all regions, without light."""
+    """Return a scene that shows a colour field unchanged in all regions, without light."""
     field.requires_grad_(False)
     regions = tuple(replace(r, style=name, strength=1.0, edited_colour=None, lighting=0.0) for r in scene.regions)
     return replace(scene, styled=field, regions=regions)

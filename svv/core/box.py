@@ -1,4 +1,4 @@
-"""The mapping between a volume's world and the unit box in which everything is trained and rendered.
+"""The mapping between a volume's world and the box in which everything is trained and rendered.
 
 Whatever a volume's spacing, origin or direction, its visible part lies in a box whose longest side is 1. Positions in
 that box are box coordinates and lengths are box units. The mapping is a shift and a uniform scale, so directions are

@@ -32,8 +32,8 @@ class Camera:
     Args:
         camera_to_world: (4, 4) float64, OpenGL convention. Its last row is set to (0, 0, 0, 1) exactly.
         fov_x: Full horizontal angle of view in radians, in (0, pi).
-        width: Pixels, >= 1.
-        height: Pixels, >= 1.
+        width: Width of the image in pixels, >= 1.
+        height: Height of the image in pixels, >= 1.
 
     Raises:
         BadInput: The matrix is not finite, its 3x3 part is not a rotation, or an angle or size is out of range.
@@ -100,12 +100,12 @@ def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0
     If ``up`` is parallel to the view direction, the z axis replaces it; for views close to the z axis, the x axis.
 
     Args:
-        position: (3,) world units.
-        target: (3,) world units, different from ``position``.
-        up: (3,) direction that points up in the image.
+        position: Position of the camera in world units. (3,)
+        target: Point in world units, different from ``position``. (3,)
+        up: Direction that points up in the image. (3,)
 
     Returns:
-        (4, 4) float64.
+        The matrix, float64. (4, 4)
 
     Raises:
         BadInput: Position and target coincide.
@@ -149,10 +149,10 @@ def geodesic_directions(n: int) -> Array:
         n: Number of directions, >= 3.
 
     Returns:
-        (n, 3) unit vectors, from y = -1 upwards.
+        Unit vectors, from y = -1 upwards. (n, 3)
 
     Raises:
-        BadInput: n < 3.
+        BadInput: n is less than 3.
     """
     if n < 3:
         raise BadInput(f"At least 3 views are needed, not {n}.")
@@ -199,13 +199,13 @@ def sphere_cameras(n: int, centre: ArrayLike, radius: float, fov_x: float, size:
 
     Args:
         n: Number of cameras, >= 3.
-        centre: (3,) world units.
-        radius: World units, > 0.
-        fov_x: Full horizontal angle in radians.
-        size: Width and height of the square images, pixels.
+        centre: Centre of the sphere in world units. (3,)
+        radius: Radius of the sphere in world units, > 0.
+        fov_x: Full horizontal angle of view in radians.
+        size: Width and height of the square images in pixels.
 
     Raises:
-        BadInput: Fewer than 3 cameras, or a radius, an angle or a size out of range.
+        BadInput: There are fewer than 3 cameras, or the radius, angle or size is out of range.
     """
     return [_on_sphere(direction, centre, radius, fov_x, size) for direction in geodesic_directions(n)]
 
@@ -226,14 +226,14 @@ def orbit_cameras(
 
     Args:
         n: Number of views, >= 2.
-        centre: (3,) world units.
-        radius: World units, > 0.
-        fov_x: Full horizontal angle in radians.
-        size: Width and height of the square images, pixels.
+        centre: Centre of the sphere in world units. (3,)
+        radius: Radius of the sphere in world units, > 0.
+        fov_x: Full horizontal angle of view in radians.
+        size: Width and height of the square images in pixels.
         frames: Numbers of the views to return, 0 to n - 1; all by default.
 
     Raises:
-        BadInput: Fewer than 2 views, or a radius, an angle or a size out of range.
+        BadInput: There are fewer than 2 views, or the radius, angle or size is out of range.
     """
     if n < 2:
         raise BadInput(f"An orbit needs at least 2 views, not {n}.")

@@ -40,7 +40,7 @@ def composite_samples(
     Args:
         sigma: Extinction, >= 0, in 1 / box unit. (S,)
         values: Values to composite. (S, C)
-        skipped: Optical depth before each sample that has no value. (S,)
+        skipped: Optical depth before each sample that contributes no value. (S,)
         start: Index of the first sample of each ray, int64. (R,)
         count: Number of samples of each ray, int64. (R,)
         tail: Optical depth behind the last sample of each ray. (R,)

@@ -46,7 +46,7 @@ class Correction:
     merge: tuple[tuple[int, ...], ...] = ()
     """Groups of colours to merge into their mean, weighted by their shares."""
     remove: tuple[int, ...] = ()
-    """Colours to remove. Their ranges go to the colours of neighbouring ranges; if unknown, the views decide."""
+    """Colours to remove. Colours of neighbouring ranges take their ranges; if ranges are unknown, the views decide."""
     colours: Mapping[int, RGB] = field(default_factory=dict)
     """New colours by number; a merged colour can be set under any of its numbers."""
     split: tuple[int, ...] = ()
@@ -67,7 +67,7 @@ def corrected(
     Args:
         palette: P colours.
         correction: Changes, applied in the order merge, remove, set, split, add.
-        ranges: R ranges of the transfer function in ascending order, if known; otherwise colours have no ranges.
+        ranges: R ranges of the transfer function in ascending order; empty if they are unknown.
 
     Returns:
         Q colours, in the order of the palette with new ones at the end, and a description of each change.

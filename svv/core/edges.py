@@ -23,7 +23,7 @@ Floats = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
 VIEW = 800
-"""Shorter side, in pixels, of the image in whose pixels lengths are given."""
+"""Shorter side of the reference image, in whose pixels lengths are given."""
 
 CHANGE_DEVIATION = 1.6
 """Standard deviation of the Gaussian with which change is measured."""
@@ -35,7 +35,7 @@ SAMPLING_VARIANCE = 5.0 / 12.0
 """Variance, in pixels squared, by which a pixel and a difference between its neighbours widen an edge."""
 
 DEPTH_JUMP = 0.2
-"""Jump in depth, in sides of the box, that counts as much as the edge of an opaque object."""
+"""Jump in depth, relative to the box's longest side, that counts as much as the edge of an opaque object."""
 DEPTH_JUMP_PIXELS = 8.0
 """Lower bound of that jump, in pixels at that depth: the depth of rendered fields is noisy by about one pixel."""
 
@@ -47,7 +47,7 @@ FOLD_BOUNDS = (1.2, 1.5)
 FOLD_DEVIATION = 4.5
 """Standard deviation of the Gaussian that averages normals."""
 FOLD_BOX = 0.011
-"""Lower bound of that deviation, in sides of the box: depth noise scales with the sampling distance, even close up."""
+"""Lower bound of that deviation, relative to the box: depth noise scales with the sampling distance, even close up."""
 BAND_DEVIATION = 2.0
 """Standard deviation of the band along silhouettes in which normals are ignored: depth mixes two surfaces there."""
 

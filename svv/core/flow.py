@@ -134,7 +134,7 @@ def splatted(
 
 
 def is_consistent(forward: NDArray[np.floating], backward: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Mark the pixels whose flow the other image's flow leads back (the forward-backward check).
+    """Mark the pixels to which the other image's flow leads back (the forward-backward check).
 
     |f(p) + b(p + f(p))|^2 <= 0.01 (|f|^2 + |b|^2) + 0.5 (Sundaram et al. 2010, eq. 5). Pixels that are hidden in
     the other image, leave it or have no flow fail.

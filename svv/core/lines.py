@@ -47,7 +47,9 @@ class Sample(NamedTuple):
     """Values with non-negative weights."""
 
     values: Floats
+    """Values of the distribution."""
     weights: Floats
+    """Weight of each value, >= 0."""
 
 
 @dataclass(frozen=True)

@@ -112,15 +112,15 @@ def extract_palette(
     light = WHITE  # (G, 3), may be mixed in besides the palette
     if len(grey):
         light = np.concatenate((WHITE, grey))
-        steps.append("grey pixels are more than highlights explain: a range of its own")
+        steps.append("there are more grey pixels than highlights explain: grey is a separate range")
     edges = _grow_cone(colours, mass, coloured, light, settings)
     steps.append(f"{len(edges)} of them needed as edges of the cone of mixtures, shades and highlights")
     edges = _drop_mixtures(colours, mass, edges, light, settings)
-    steps.append(f"{len(edges)} left without those that the others mix")
+    steps.append(f"{len(edges)} left after dropping those that the others can mix")
     peaks = _peaks(colours, mass, edges, settings)
     if len(peaks):
         edges = np.concatenate((edges, peaks))
-        steps.append(f"{len(peaks)} more that others could mix, but that too much of the image is of alone")
+        steps.append(f"{len(peaks)} more that others could mix, but whose hue is frequent in the image")
     edges = _join_hues(colours, mass, edges, settings)
     steps.append(f"{len(edges)} left after joining hues closer than {settings.hue_distance:g}")
     found = np.concatenate((colours[edges], grey))
@@ -177,7 +177,7 @@ def _simplified_hull(colours: Array, mass: Array, corners: NDArray[np.int64], se
     nearest = np.linalg.norm(colours[:, None] - colours[chosen], axis=2).argmin(axis=1)
     share = np.bincount(nearest, mass, len(chosen)).astype(np.float64)
     order = np.argsort(-share, kind="stable")
-    steps = (f"{len(corners)} corners of the RGB hull, {len(chosen)} left far from each other, nothing refined",)
+    steps = (f"{len(corners)} corners of the RGB hull, {len(chosen)} chosen far from each other, without refinement",)
     return Palette(colours[chosen][order], share[order] / share.sum(), steps)
 
 

@@ -20,8 +20,8 @@ def look(p, n, t, side, slot, points, normals, tangents, tones, out):  # type: i
     """Average the surface around p where its normal is similar to n; tangents are aligned with t, up to their sign.
 
     ``slot`` (X, Y, Z) holds the point in each cube, whose side is ``side``, or -1. ``out`` (10,) receives p moved along
-    the normal onto the surface, normal, tangent and tone, averaged within two sides. Returns the sum of the weights, 0
-    if there is no surface.
+    the normal onto the surface, normal, tangent and tone, averaged within a distance of two sides. Returns the sum of
+    the weights, 0 if there is no surface.
     """
     a, b, c = int(p[0] / side), int(p[1] / side), int(p[2] / side)
     reach, total = 4.0 * side * side, 0.0

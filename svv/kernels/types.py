@@ -28,11 +28,17 @@ class Limits:
     """Limits that decide which samples a march keeps; see :class:`svv.fields.rendering.Marching`."""
 
     step: float
+    """Sample spacing in box units."""
     least_weight: float
+    """Smallest weight of a sample that is kept."""
     keep: float
+    """Share of the samples of less weight that is kept all the same."""
     stop: float
+    """Optical depth at which a ray ends."""
     fade: float
+    """Smallest factor by which extinctions will be scaled later."""
     merge: bool
+    """Whether samples of less weight are merged into the next one."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,7 @@ class ImageKernels(Protocol):
 
         Pixels whose alpha does not exceed :data:`svv.core.compositing.LEAST_ALPHA` are unchanged. ``opacity`` (P,)
         scales each region's extinction. A pixel's region is the one with most of its weight. Depth is measured from
-        ``origins`` (R, 3) in world units, ``size`` of which are a box unit.
+        ``origins`` (R, 3) in world units; ``size`` is a box unit in world units.
         """
 
 
@@ -125,7 +131,7 @@ class Kernels(Protocol):
     """
 
     NAME: str
-    """Name for reports: ``reference``, ``numba`` or ``triton``; no code decides by it what a set can do."""
+    """Name for reports: ``reference``, ``numba`` or ``triton``; code never branches on it."""
     RAYS: int
     """Number of rays of an image that are rendered at a time."""
     SAMPLES: int

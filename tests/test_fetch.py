@@ -46,7 +46,7 @@ def fetched(url: str, to: Path, progress: Callable[[float, str], None] = lambda 
 def test_a_download_is_whole_and_the_file_expected_or_not_there(server: str, tmp_path: Path) -> None:
     assert fetched(f"{server}/file", tmp_path).read_bytes() == Sender.content
     for name, reason in (
-        ("short", "broke off after"), ("other", "not the file expected"), ("missing", "cannot be fetched .*Not Found"),
+        ("short", "stopped after"), ("other", "not the expected one"), ("missing", "cannot be fetched .*Not Found"),
     ):  # fmt: skip
         with pytest.raises(BadInput, match=reason):
             fetched(f"{server}/{name}", tmp_path)
@@ -78,7 +78,7 @@ def test_a_pip_that_says_nothing_more_is_ended(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
     monkeypatch.setattr(fetch, "STALL_SECONDS", 0.5)
     (place := tmp_path / "place").mkdir()
-    with pytest.raises(BadInput, match="sent nothing more"):
+    with pytest.raises(BadInput, match="stopped sending"):
         fetch.from_index("name", "1.0", "name-1.0.tar.gz", place, "0" * 64, 1000)
 
 

@@ -148,11 +148,11 @@ def test_a_missing_folder_and_a_file_as_folder_are_one_sentence(tmp_path: Path) 
     with pytest.raises(BadInput, match="folder does not exist"):
         write_scene_file(tmp_path / "none" / "s.svv", {}, {})
     (tmp_path / "file").write_text("x")
-    with pytest.raises(BadInput, match="is a file and not a folder"):
+    with pytest.raises(BadInput, match="is a file, not a folder"):
         write_scene_file(tmp_path / "file" / "s.svv", {}, {})
     with pytest.raises(BadInput, match="it is a folder"):
         write_scene_file(tmp_path, {}, {})
-    with pytest.raises(BadInput, match="is a file and not a folder"):
+    with pytest.raises(BadInput, match="is a file, not a folder"):
         make_folder(tmp_path / "file")
     assert only_file(tmp_path / "file")
 
@@ -219,5 +219,5 @@ def test_whether_a_place_can_be_written_is_known_beforehand(scene: Path) -> None
     check_writable(scene)
     assert scene.read_bytes() == before
     assert only_file(scene)
-    with pytest.raises(BadInput, match="is a file and not a folder"):
+    with pytest.raises(BadInput, match="is a file, not a folder"):
         check_writable(scene / "a.json")

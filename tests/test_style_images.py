@@ -88,7 +88,7 @@ def test_sentences_for_what_cannot_be_used(tmp_path: Path) -> None:
     for name, words in {
         "missing.png": "no style picture",
         "tiny.png": "at least 16 x 16",
-        "nothing.png": "wholly transparent",
+        "nothing.png": "completely transparent",
         "text.png": "PNG or JPEG",
         "empty.png": "PNG or JPEG",
         "cut.png": "damaged",

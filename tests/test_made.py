@@ -91,6 +91,6 @@ def test_a_folder_holds_what_is_of_its_key(tmp_path: Path) -> None:
     assert not (kept(folder, "two") / "result").exists()
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").touch()
-    with pytest.raises(BadInput, match="something else"):
+    with pytest.raises(BadInput, match="contains other files"):
         kept(tmp_path / "mine", "one")
     assert (tmp_path / "mine" / "thesis.tex").exists()

@@ -87,11 +87,11 @@ def test_a_picture_is_as_large_as_it_is_shown(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("positive", "negative", "words"),
     [
-        ([(W, 5.0)], [], "outside of the picture"),
-        ([(5.0, -1.0)], [], "outside of the picture"),
+        ([(W, 5.0)], [], "outside the picture"),
+        ([(5.0, -1.0)], [], "outside the picture"),
         ([], [(5.0, H)], f"y from 0 to {H - 1}"),
-        ([(5.0, 5.0)], [(6.0, 5.0)], "asked for and ruled out"),
-        ([], [(20.0, 20.0)], "asked for and ruled out"),
+        ([(5.0, 5.0)], [(6.0, 5.0)], "both positive and negative"),
+        ([], [(20.0, 20.0)], "both positive and negative"),
     ],
 )
 def test_points_that_cannot_be(positive: list, negative: list, words: str) -> None:
@@ -154,9 +154,9 @@ def test_a_point_in_a_large_picture_means_its_own_pixels(tmp_path: Path, monkeyp
         (["picture.png", "--out", "m.png"], "Say what to select"),
         (["picture.png", "--positive", "1;1", "--out", "m.png"], "is not a point"),
         (["picture.png", "--positive", "nan,1", "--out", "m.png"], "is not a point"),
-        (["picture.png", "--positive", "80,1", "--out", "m.png"], "outside of the picture"),
+        (["picture.png", "--positive", "80,1", "--out", "m.png"], "outside the picture"),
         (["picture.png", "--negative", "8,1", "--out", "m.png"], "at least one --positive"),
-        (["picture.png", "--positive", "8,8", "--negative", "8,8", "--out", "m.png"], "ruled out at once"),
+        (["picture.png", "--positive", "8,8", "--negative", "8,8", "--out", "m.png"], "both positive and negative"),
         (["picture.png", "--positive", "8,8", "--out", "m.jpg"], "name the mask .png"),
         (["picture.png", "--positive", "8,8", "--out", "none/m.png"], "folder does not exist"),
         (["picture.png", "--positive", "8,8", "--regions", "3", "--out", "m"], "or points"),
@@ -164,7 +164,7 @@ def test_a_point_in_a_large_picture_means_its_own_pixels(tmp_path: Path, monkeyp
         (["picture.png", "--regions", "3", "--out", "m.png"], "as a folder"),
         (["picture.png", "--refine", "none.png", "--positive", "8,8", "--out", "m.png"], "no mask at"),
         (["picture.png", "--refine", "other.png", "--positive", "8,8", "--out", "m.png"], "was made for a picture"),
-        (["picture.png", "--refine", "odd.png", "--positive", "8,8", "--out", "m.png"], "does not hold the points"),
+        (["picture.png", "--refine", "odd.png", "--positive", "8,8", "--out", "m.png"], "does not contain the points"),
         (["picture.png", "--positive", "8,8", "--with", "sam", "--out", "m.png"], "SAM"),
     ],
 )

@@ -140,7 +140,7 @@ def test_foreign_files_are_named_as_such(tmp_path: Path) -> None:
 
 def test_another_version_says_which(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scene_file, "FORMAT_VERSION", 7)
-    with pytest.raises(BadInput, match="format 3, and this program reads format 7"):
+    with pytest.raises(BadInput, match="format 3, but this program reads format 7"):
         read_scene_file(scene)
 
 

@@ -1,9 +1,9 @@
-"""What is made once and known by its key: a hash of all that it depends on.
+"""Results that are computed once and identified by a key: a hash of everything that they depend on.
 
-A key is made of content, never of sums, sizes or places: of the bytes of arrays and files, of settings and other plain
-values, and of the version (:func:`key_of`). What is measured also depends on the code that is measured
-(:func:`key_of_measure`). Results are kept as JSON records beside their key (:func:`write_record`) or in folders that
-hold one (:func:`kept`); whatever has another key is made again.
+A key is made from content, never from sums, sizes or paths: from the bytes of arrays and files, from settings and
+other plain values, and from the version (:func:`key_of`). Measurements also depend on the code that is measured
+(:func:`key_of_measure`). Results are kept as JSON records that contain the key (:func:`write_record`) or in folders
+with such a record (:func:`kept`); a result with another key is computed again.
 """
 
 from __future__ import annotations
@@ -23,46 +23,46 @@ from svv.errors import BadInput
 from svv.io.atomic import make_folder, to_json, write_json
 
 GENERATION = 1
-"""Raised with every change after which the same input and settings give another result, if the version stays."""
+"""Incremented when the same input and settings give another result although the version has not changed."""
 
 DIGITS = 20
-"""Of a hash, hexadecimal."""
+"""Number of hexadecimal digits of a hash."""
 
 FILES = 64
-"""Files whose hashes are remembered."""
+"""Maximum number of files whose hashes are remembered."""
 
 BLOCK = 1 << 20
-"""Bytes of a file that are read at a time."""
+"""Number of bytes of a file that are read at a time."""
 
 CALCULATES = ("core", "dvr", "fields", "io", "kernels", "render", "styles", "train")
-"""Layers on which what is measured depends."""
+"""Layers of the package whose code affects measurements."""
 
 _files: dict[tuple[str, int, int], str] = {}
 
 
 def digest(*parts: object) -> str:
-    """A hash of plain values, and of the content of what they hold: :data:`DIGITS` hexadecimal digits.
+    """Return a hash of plain values, arrays and files: :data:`DIGITS` hexadecimal digits.
 
     Args:
-        parts: Numbers, text, None, and lists, tuples and mappings of them, in which arrays count with their shape,
-            type and values, bytes with their values, and a ``Path`` with the content of its file.
+        parts: Numbers, text, None, and lists, tuples and mappings of them. The hash also covers the shape, type and
+            values of arrays, the values of bytes, and, for a ``Path``, the content of its file.
 
     Raises:
-        BadInput: a file cannot be read.
+        BadInput: A file cannot be read.
     """
     return _hex(json.dumps(json.loads(to_json(_named(parts))), sort_keys=True).encode())
 
 
 def key_of(*parts: object) -> str:
-    """:func:`digest` of these and of the version."""
+    """Return the :func:`digest` of these values and of the version."""
     return digest(__version__, GENERATION, *parts)
 
 
 def digest_of_file(path: str | Path) -> str:
-    """A hash of a file's content, found once until the file is another; of a folder that of its files and names.
+    """Return a hash of a file's content, remembered until the file changes; for a folder, of its files and their names.
 
     Raises:
-        BadInput: it cannot be read.
+        BadInput: The file or folder cannot be read.
     """
     if Path(path).is_dir():
         return digest({file.name: file for file in sorted(Path(path).iterdir()) if file.is_file()})
@@ -83,24 +83,24 @@ def digest_of_file(path: str | Path) -> str:
 
 
 def key_of_measure(*parts: object) -> str:
-    """:func:`key_of` of these and of the code that is measured."""
+    """Return the :func:`key_of` of these values and of the code that is measured."""
     return key_of(code(), *parts)
 
 
 @cache
 def code() -> str:
-    """A hash of the package's code that calculates: of what is measured with it, as the version seldom changes."""
+    """Return a hash of the code of the layers in ``CALCULATES``, which changes more often than the version."""
     root = Path(__file__).resolve().parents[1]
     files = sorted(path for layer in CALCULATES for path in (root / layer).rglob("*.py"))
     return digest({path.relative_to(root).as_posix(): path for path in files})
 
 
 def read_record(path: Path, key: str) -> dict[str, Any] | None:
-    """The record that :func:`write_record` wrote under this key; None where there is none, or it is damaged."""
+    """Return the record that :func:`write_record` wrote with this key; None if it is missing or damaged."""
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return None  # nothing that can be relied on: it is made again
+        return None  # unusable: it is computed again
     return record if isinstance(record, dict) and record.get("key") == key else None
 
 
@@ -108,20 +108,20 @@ def write_record(path: Path, key: str, record: Mapping[str, Any]) -> None:
     """Write a JSON record with its key, whole or not at all.
 
     Raises:
-        BadInput: the file cannot be written.
+        BadInput: The file cannot be written.
     """
     write_json(path, {**record, "key": key})
 
 
 def kept(folder: Path, key: str) -> Path:
-    """A folder whose content is of that key: made where it is missing, emptied where it is of another.
+    """Return a folder for results with this key; create it if it is missing, and empty it if it has another key.
 
     Raises:
-        BadInput: it holds something that we did not make, or cannot be made.
+        BadInput: The folder contains files that are not ours, or it cannot be created.
     """
     note = folder / "key.json"
     if folder.exists() and not note.exists() and any(folder.iterdir()):
-        raise BadInput(f"{folder} holds something else; choose another folder with --out.")
+        raise BadInput(f"{folder} contains other files; choose another folder with --out.")
     if note.exists() and read_record(note, key) is None:
         shutil.rmtree(folder)
     make_folder(folder)
@@ -131,7 +131,7 @@ def kept(folder: Path, key: str) -> Path:
 
 
 def _named(value: object) -> object:
-    """Plain values, with hashes in the place of what has content; names tell them from text that looks alike."""
+    """Replace arrays, bytes and files by named hashes, whose names distinguish them from text that looks the same."""
     if isinstance(value, np.ndarray):
         return {"array": [str(value.dtype), value.shape, _hex(np.ascontiguousarray(value).data)]}
     if isinstance(value, bytes):

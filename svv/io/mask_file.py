@@ -1,4 +1,4 @@
-"""Masks of style pictures on disk: a black and white PNG, and its points in a small JSON beside it."""
+"""Masks of style pictures on disk: a black and white PNG, and a small JSON file with its points."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ Mask = NDArray[np.bool_]
 Point = tuple[float, float]
 
 ASPECT = 0.03
-"""Difference in the ratio of width to height above which a mask is of another picture."""
+"""Log ratio of the aspect ratios above which a mask belongs to another picture."""
 
 CLOSEST = 2.0
-"""Pixels of the picture within which a positive and a negative point are the same place."""
+"""Distance in pixels of the picture below which a positive and a negative point contradict each other."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The points that a mask was made with: what is kept beside it, so that it can be refined."""
+    """The points from which a mask was made, stored next to it so that it can be refined."""
 
     size: tuple[int, int]
-    """Width and height in pixels of the picture that the points were set in."""
+    """Width and height in pixels of the picture in which the points were set."""
     positive: tuple[Point, ...] = ()
-    """(x, y) in pixels of the picture: x from the left, y from the top. What is wanted."""
+    """Points inside the part, (x, y) in pixels of the picture: x from the left, y from the top."""
     negative: tuple[Point, ...] = ()
-    """What is not."""
+    """Points outside the part, likewise."""
     segmenter: str = "scikit-image"
-    """What made the mask of them."""
+    """Name of the segmenter that made the mask from the points."""
     grown: bool = False
-    """Whether the mask began as another one (a region, a drawing): then it says more than its points."""
+    """Whether the mask was refined from another one (a region, a drawing), so the points alone do not determine it."""
 
     def with_points(self, positive: Sequence[Point], negative: Sequence[Point]) -> Selection:
-        """This selection with more points; those that it has already are not doubled.
+        """Return this selection with more points; points that it already has are not repeated.
 
         Raises:
-            BadInput: a point outside of the picture, or one that is wanted and not wanted.
+            BadInput: A point is outside the picture, or is both positive and negative.
         """
         width, height = self.size
         for x, y in [*positive, *negative]:
             if not (0 <= x < width and 0 <= y < height):
                 raise BadInput(
-                    f"The point {x:g},{y:g} lies outside of the picture: x goes from 0 to {width - 1}, y from 0 to "
+                    f"The point {x:g},{y:g} is outside the picture: x goes from 0 to {width - 1}, y from 0 to "
                     f"{height - 1}."
                 )
         wanted = tuple(dict.fromkeys([*self.positive, *positive]))
@@ -58,37 +58,37 @@ class Selection:
             for b in unwanted:
                 if np.hypot(a[0] - b[0], a[1] - b[1]) < CLOSEST:
                     raise BadInput(
-                        f"The place {a[0]:g},{a[1]:g} is asked for and ruled out at once: leave one of the two points "
-                        "out, or begin anew."
+                        f"The point {a[0]:g},{a[1]:g} is both positive and negative: leave one of them out, or start a "
+                        "new mask."
                     )
         return replace(self, positive=wanted, negative=unwanted)
 
     def scaled(self, shape: Sequence[int]) -> tuple[list[Point], list[Point]]:
-        """Positive and negative points in pixels of a picture of another size, (height, width, ...)."""
+        """Return the positive and negative points in pixels of a picture of shape (height, width, ...)."""
         x, y = shape[1] / self.size[0], shape[0] / self.size[1]
         return [(a * x, b * y) for a, b in self.positive], [(a * x, b * y) for a, b in self.negative]
 
 
 def points_file(mask: Path) -> Path:
-    """Where the points of a mask are kept."""
+    """Return the path of the file with the points of a mask."""
     return mask.with_suffix(".json")
 
 
 def overlay_file(mask: Path) -> Path:
-    """Where the picture that shows a mask is kept."""
+    """Return the path of the picture that shows a mask."""
     return mask.with_name(f"{mask.stem}-overlay.png")
 
 
 def write_selection(mask: Path, selection: Selection) -> None:
-    """Write the points of a mask beside it; raises BadInput where that fails."""
+    """Write the points of a mask next to it; raises BadInput if that fails."""
     write_json(points_file(mask), {"svv": "selection", **vars(selection)})
 
 
 def read_selection(mask: Path) -> Selection | None:
-    """The points kept beside a mask, None if there are none.
+    """Return the points stored next to a mask, or None if there are none.
 
     Raises:
-        BadInput: the file holds something else.
+        BadInput: The file contains something else.
     """
     path = points_file(mask)
     if not path.is_file():
@@ -101,27 +101,27 @@ def read_selection(mask: Path) -> Selection | None:
         pairs = {name: tuple((float(x), float(y)) for x, y in values.pop(name)) for name in ("positive", "negative")}
         return Selection((width, height), **pairs, segmenter=str(values["segmenter"]), grown=bool(values["grown"]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise BadInput(f"{path} does not hold the points of a mask: delete it, or name another mask.") from error
+        raise BadInput(f"{path} does not contain the points of a mask: delete it, or give another mask.") from error
 
 
 def write_mask(path: str | Path, mask: Mask) -> None:
-    """Write a mask (h, w) as PNG: white is in it, black is not."""
+    """Write a mask (h, w) as PNG, white inside and black outside."""
     with atomic_path(path) as temporary:
         Image.fromarray(np.where(mask, 255, 0).astype(np.uint8)).save(temporary, format="PNG", optimize=True)
 
 
 def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
-    """Read a mask: any picture; what is light and not transparent is in it.
+    """Read a mask from any picture; its light, opaque pixels are inside.
 
     Args:
-        path: The file; of the style picture's proportions.
-        shape: Height and width (and more) of the style picture; the mask is brought to its size. None leaves it.
+        path: The file, with the proportions of the style picture.
+        shape: Shape of the style picture (height, width, ...), to whose size the mask is scaled; None keeps its size.
 
     Returns:
-        (h, w), true where the mask is; at least at one place.
+        True inside the mask, for at least one pixel. (h, w)
 
     Raises:
-        BadInput: the file is missing, no picture, of other proportions, or nothing is in it.
+        BadInput: The file is missing, is not a picture, has other proportions, or the mask is empty.
     """
     path = Path(path)
     if not path.is_file():
@@ -141,16 +141,16 @@ def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
     except (OSError, SyntaxError, EOFError) as error:
         raise BadInput(f"The mask {path} is damaged ({error}): make it again.") from error
     if not np.any(np.asarray(flat) > 127):
-        raise BadInput(f"The mask {path} is empty: nothing in it is white; make another one with svv style-mask.")
+        raise BadInput(f"The mask {path} is empty: no pixel is white; make another one with svv style-mask.")
     if shape is not None and size != (shape[1], shape[0]):
         small = np.asarray(flat.resize((shape[1], shape[0]), Image.Resampling.BOX))
-        # A thin line of a large mask would vanish; what is left of it is its brightest part.
+        # A thin line in a large mask would disappear, so its brightest remaining pixels are kept.
         return np.asarray(small >= min(128, int(small.max())))
     return np.asarray(np.asarray(flat) > 127)
 
 
 def picture_size(path: str | Path) -> tuple[int, int]:
-    """Width and height in pixels of a picture as it is shown, a camera's rotation undone."""
+    """Return the width and height in pixels of a picture as displayed, with a camera's rotation undone."""
     with Image.open(path) as image:
         turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
         return (image.height, image.width) if turned else image.size

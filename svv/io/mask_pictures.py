@@ -1,4 +1,4 @@
-"""Pictures that show masks: a style picture with what is selected, its points, or its numbered regions."""
+"""Pictures that show masks: a style picture with its selection, its points or its numbered regions."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from svv.io.output import to_bytes
 Colours = NDArray[np.float32]
 
 WANTED, UNWANTED = "#1fb24a", "#e0261b"
+"""Colours of positive and negative points."""
 
 PAINTS = ((0.90, 0.16, 0.22), (0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (1.0, 0.60, 0.0), (0.55, 0.25, 0.75),
           (0.0, 0.70, 0.72), (0.95, 0.45, 0.70), (0.55, 0.40, 0.20))  # fmt: skip
 
 
 def mask_overlay(picture: ArrayLike, mask: Mask, selection: Selection | None = None) -> NDArray[np.uint8]:
-    """The picture with what is not in the mask darkened and grey, the outline drawn, and the points: + and -.
+    """Return the picture with everything outside the mask dark grey, the outline of the mask, and the points: + and -.
 
     Args:
-        picture: (h, w, 3) in [0, 1].
-        mask: (h, w).
-        selection: Whose points are shown.
+        picture: sRGB in [0, 1]. (h, w, 3)
+        mask: True inside. (h, w)
+        selection: Selection whose points are shown.
 
     Returns:
-        (h, w, 3) levels.
+        8-bit levels. (h, w, 3)
     """
     values = np.asarray(picture, np.float32)
     grey = values.mean(-1, keepdims=True) * 0.28 + 0.06
@@ -50,7 +51,7 @@ def mask_overlay(picture: ArrayLike, mask: Mask, selection: Selection | None = N
 
 
 def regions_overlay(picture: ArrayLike, labels: NDArray[np.integer]) -> NDArray[np.uint8]:
-    """The picture with its regions tinted, outlined and numbered: (h, w, 3) levels."""
+    """Return the picture with its regions tinted, outlined and numbered, as 8-bit levels. (h, w, 3)"""
     values = np.asarray(picture, np.float32)
     paints = np.asarray(PAINTS, np.float32)
     shown = 0.62 * values + 0.38 * paints[labels % len(paints)]
@@ -59,14 +60,14 @@ def regions_overlay(picture: ArrayLike, labels: NDArray[np.integer]) -> NDArray[
 
 
 def region_map_overlay(region: NDArray[np.integer], colours: ArrayLike | None = None) -> NDArray[np.uint8]:
-    """A scene's regions as an image shows them, flat and numbered.
+    """Return a picture of a scene's regions in flat colours, numbered.
 
     Args:
-        region: (h, w), -1 where nothing is.
-        colours: (regions, 3) in [0, 1]; without them colours that are easily told apart.
+        region: Number of the region, -1 where empty. (h, w)
+        colours: Colours in [0, 1]; by default clearly distinguishable ones. (regions, 3)
 
     Returns:
-        (h, w, 4) levels, transparent where nothing is.
+        8-bit levels, transparent where empty. (h, w, 4)
     """
     paints = np.asarray(PAINTS if colours is None else colours, np.float32)
     shown = paints[np.maximum(region, 0) % len(paints)]
@@ -75,21 +76,21 @@ def region_map_overlay(region: NDArray[np.integer], colours: ArrayLike | None = 
 
 
 def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """A picture with ticks and numbers along its upper and left edge, from which places in it can be read.
+    """Return a picture with ticks and numbers along its upper and left edges, from which positions can be read.
 
     Args:
-        picture: (h, w, 3) levels.
-        size: Width and height in pixels that the numbers count: those of the file.
+        picture: 8-bit levels. (h, w, 3)
+        size: Width and height of the file in pixels, to which the numbers refer.
 
     Returns:
-        (h, w, 3) levels.
+        8-bit levels. (h, w, 3)
     """
     height, width = picture.shape[:2]
     text = max(12, max(height, width) // 36)
     dark = np.arange(height)[:, None] < 1.9 * text, np.arange(width)[None] < 2.9 * text
     image = Image.fromarray(np.where((dark[0] | dark[1])[..., None], picture // 3, picture))
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(text)
-    least = 3.5 * text * max(size) / max(height, width)  # between two numbers, in pixels of the file
+    least = 3.5 * text * max(size) / max(height, width)  # distance between two numbers, in pixels of the file
     step = next(s for k in range(9) for s in (10**k, 2 * 10**k, 5 * 10**k) if s >= least)
     style: dict[str, Any] = {"fill": "white", "font": font, "stroke_width": 1, "stroke_fill": "black"}
     for horizontal, length, pixels in ((True, size[0], width), (False, size[1], height)):
@@ -104,7 +105,7 @@ def with_rulers(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
 
 
 def _numbered(levels: NDArray[np.uint8], labels: NDArray[np.integer]) -> NDArray[np.uint8]:
-    """A picture (h, w, 3) with the number of each label (h, w) of at least 0 where it has most room."""
+    """Write the number of each label (h, w) that is not negative onto a picture (h, w, 3), where it has most room."""
     image = Image.fromarray(levels)
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(max(18, max(labels.shape) // 14))
     for number in range(int(labels.max()) + 1):

@@ -1,7 +1,7 @@
 """Rendered pictures on disk: PNG, VTK image data (.vti) and movies (.mp4).
 
-The .vti writer needs no VTK, so that the base installation can write what ParaView reads. h and w are height
-and width in pixels, row 0 is the top one everywhere except inside a .vti, whose row 0 is at the bottom.
+The .vti writer does not need VTK, so the base installation can write files for ParaView. h and w are height and width
+in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at the bottom.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _VTK_TYPES = {"uint8": "UInt8", "int16": "Int16", "float32": "Float32"}
 
 
 def to_bytes(image: ArrayLike) -> NDArray[np.uint8]:
-    """Values in [0, 1] (clamped; NaN becomes 0) as 8-bit levels, rounded."""
+    """Return values in [0, 1] (clamped; NaN becomes 0) as rounded 8-bit levels."""
     values = np.nan_to_num(np.asarray(image, dtype=np.float32), nan=0.0)
     return np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 def write_png(path: str | Path, image: ArrayLike) -> None:
-    """Write a picture (h, w, 3 or 4), straight alpha, as 8-bit PNG: levels (uint8), or values in [0, 1].
+    """Write a picture (h, w, 3 or 4) with straight alpha, 8-bit levels or values in [0, 1], as 8-bit PNG.
 
     Raises:
-        BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
     """
     values = np.asarray(image)
     levels = values if values.dtype == np.uint8 else to_bytes(values)
@@ -45,15 +45,15 @@ def write_png(path: str | Path, image: ArrayLike) -> None:
 
 
 def write_small_png(path: str | Path, levels: NDArray[np.uint8], bright: bool = False) -> None:
-    """Write a picture (h, w, 3) uint8 as PNG of 256 colours: to be looked at, at a third of the bytes.
+    """Write a picture as PNG with 256 colours, for viewing only: it has a third of the size.
 
     Args:
         path: The file.
-        levels: The picture.
-        bright: Keep small spots of strong colour rather than fine shades.
+        levels: The picture, 8-bit levels. (h, w, 3)
+        bright: Whether to preserve small spots of strong colour rather than fine shades.
 
     Raises:
-        BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
     """
     method = Image.Quantize.MAXCOVERAGE if bright else Image.Quantize.MEDIANCUT
     few = Image.fromarray(levels).quantize(256, method, dither=Image.Dither.NONE)
@@ -62,13 +62,13 @@ def write_small_png(path: str | Path, levels: NDArray[np.uint8], bright: bool = 
 
 
 def write_depth_png(path: str | Path, depth: ArrayLike) -> tuple[float, float]:
-    """Write depth (h, w) in world units, NaN where empty, as 16-bit grey PNG.
+    """Write depth (h, w) in world units, NaN where empty, as 16-bit greyscale PNG.
 
-    Level 0 is empty; levels 1 ... 65535 run linearly from the nearest to the farthest depth. Both are noted
-    in the file's text under ``svv:near`` and ``svv:far``.
+    Level 0 means empty; levels 1 ... 65535 are linear from the nearest to the farthest depth, which are stored in the
+    text of the file under ``svv:near`` and ``svv:far``.
 
     Returns:
-        The nearest and the farthest depth (NaN, NaN where the picture is empty).
+        The nearest and the farthest depth; NaN, NaN if the picture is empty.
     """
     values = np.asarray(depth, dtype=np.float64)
     seen = np.isfinite(values)
@@ -84,12 +84,12 @@ def write_depth_png(path: str | Path, depth: ArrayLike) -> tuple[float, float]:
 
 
 def write_region_png(path: str | Path, region: ArrayLike, colours: ArrayLike) -> None:
-    """Write a region map (h, w), -1 where empty, as indexed PNG: the index is the region.
+    """Write a region map as indexed PNG whose indices are the regions.
 
     Args:
         path: The file.
-        region: (h, w) integers in -1 ... 254.
-        colours: (regions, 3) in [0, 1], the colour in which each region is shown.
+        region: Integers in -1 ... 254, -1 where empty. (h, w)
+        colours: Colour in which each region is shown, in [0, 1]. (regions, 3)
     """
     indices = np.asarray(region, dtype=np.int64)
     table = np.full((256, 3), 255, np.uint8)
@@ -102,7 +102,7 @@ def write_region_png(path: str | Path, region: ArrayLike, colours: ArrayLike) ->
 
 
 def region_picture(region: ArrayLike, colours: ArrayLike) -> NDArray[np.float32]:
-    """A region map (h, w) as RGBA picture (h, w, 4), transparent where -1; colours (regions, 3)."""
+    """Return a region map (h, w) as an RGBA picture (h, w, 4), transparent where -1; colours (regions, 3)."""
     table = np.zeros((len(np.asarray(colours)) + 1, 4), np.float32)
     table[:-1, :3] = np.asarray(colours)
     table[:-1, 3] = 1.0
@@ -110,7 +110,7 @@ def region_picture(region: ArrayLike, colours: ArrayLike) -> NDArray[np.float32]
 
 
 def depth_picture(depth: ArrayLike, near: float, far: float) -> NDArray[np.float32]:
-    """Depth (h, w) as RGBA picture (h, w, 4): dark at ``near``, light at ``far``, transparent where empty."""
+    """Return depth (h, w) as an RGBA picture (h, w, 4): dark at ``near``, light at ``far``, transparent where empty."""
     values = np.asarray(depth, dtype=np.float32)
     grey = 0.1 + 0.75 * np.clip((np.nan_to_num(values, nan=far) - near) / max(far - near, 1e-30), 0.0, 1.0)
     return np.stack([grey, grey, grey, np.isfinite(values)], axis=-1).astype(np.float32)
@@ -119,16 +119,16 @@ def depth_picture(depth: ArrayLike, near: float, far: float) -> NDArray[np.float
 def write_vti(path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: ArrayLike) -> None:
     """Write one view as VTK image data: one slice of point scalars ``RGBA``, with ``Depth`` and ``Region``.
 
-    VTK's XML format with appended, zlib-compressed arrays. Row 0 is the bottom one, spacing is one pixel.
+    It uses VTK's XML format with appended, zlib-compressed arrays. Row 0 is at the bottom; the spacing is one pixel.
 
     Args:
-        path: The file, by custom ``NAME.vti``.
-        rgba: (h, w, 4) in [0, 1], straight alpha; stored as uint8.
-        depth: (h, w) world units, NaN where empty; stored as float32.
-        region: (h, w), -1 where empty; stored as int16.
+        path: The file, by convention ``NAME.vti``.
+        rgba: Colour in [0, 1] with straight alpha; stored as uint8. (h, w, 4)
+        depth: Depth in world units, NaN where empty; stored as float32. (h, w)
+        region: Number of the region, -1 where empty; stored as int16. (h, w)
 
     Raises:
-        BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
     """
     arrays: dict[str, NDArray[np.generic]] = {
         "RGBA": to_bytes(rgba),
@@ -161,19 +161,19 @@ def write_vti(path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: Array
 
 
 def _vtk_block(array: NDArray[np.generic]) -> bytes:
-    """One compressed array: number of blocks, block size, size of the last partial block, compressed size."""
+    """Return a compressed array with its header: number of blocks, block size, partial block size, compressed size."""
     content = array.astype(array.dtype.newbyteorder("<")).tobytes()
     packed = zlib.compress(content, 3)
     return struct.pack("<4Q", 1, len(content), 0, len(packed)) + packed
 
 
 def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float = 30.0) -> None:
-    """Write frames (h, w, 3) uint8, all of one size, as H.264 movie that browsers and players show.
+    """Write frames (h, w, 3) uint8, all of the same size, as an H.264 movie that browsers and players can show.
 
-    An odd width or height grows by one pixel (the last one repeated), since the pixel format needs even ones.
+    An odd width or height grows by one pixel (the last one is repeated), because the pixel format needs even sizes.
 
     Raises:
-        BadInput: there is no frame, or the file cannot be written.
+        BadInput: There is no frame, or the file cannot be written.
     """
     rest = iter(frames)
     first = next(rest, None)
@@ -199,7 +199,7 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
         except OSError as error:
             if error.errno is not None:
                 raise
-            # imageio-ffmpeg puts the encoder's whole log into an error of its own.
+            # imageio-ffmpeg raises its own error, which contains the encoder's whole log.
             raise BadInput(f"Cannot write {path}: the movie encoder stopped; is the disk full?") from error
         finally:
             writer.close()

@@ -1,8 +1,8 @@
 """The container of a scene: named arrays and a JSON header in one safetensors file (``.svv``).
 
-Nothing is pickled: opening a scene that somebody sent never runs code. Any safetensors reader opens the file;
-the header is the JSON under the metadata key ``svv``. In files (not in memory, where it would only take time) tables of
-bytes are deflated: the differences between one row and the next, column after column, without any loss a sixth smaller.
+Nothing is pickled, so opening a scene from someone else never runs code. Any safetensors reader opens the file; the
+header is the JSON under the metadata key ``svv``. In files (not in memory, where it would only cost time), tables of
+bytes are deflated: the differences between successive rows, column by column. It is lossless and saves a sixth.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from svv.errors import BadInput
 from svv.io.atomic import atomic_path, to_json
 
 FORMAT_VERSION = 3
-"""Raised whenever an older program could not make sense of a newer file, or the other way round."""
+"""Incremented whenever an older program can no longer read a newer file, or the other way round."""
 
 READABLE = (1, 2)
-"""Older formats that can be read as well: without variants and a history of edits, the first with tables of half floats
+"""Older formats that can also be read: without variants and a history of edits; the tables of format 1 are half floats
 instead of bytes."""
 
 _KEY = "svv"
-_REMEDY = "copy it again or make it anew"
+_REMEDY = "copy it again, or train the scene again"
 _OUR_START = b'{"__metadata__":{"svv":'
 _START = 8 + len(_OUR_START)
-"""How the header of our files begins behind its length; tells a truncated scene from a foreign file."""
+"""Length of the start of our files, which distinguishes a truncated scene from a foreign file."""
 
 
 def checkpoint_of(scene: Path) -> Path:
-    """Where the work on a scene file that is not there yet is kept, until the same work goes on with it."""
+    """Return the path where interrupted work on a scene file is kept until the same work resumes."""
     return scene.with_name(scene.name + ".checkpoint")
 
 
@@ -42,12 +42,12 @@ def write_scene_file(path: str | Path, header: dict[str, Any], tensors: dict[str
     """Write a scene, whole or not at all.
 
     Args:
-        path: The file, by custom ``NAME.svv``.
-        header: What JSON can hold; NumPy numbers and arrays are turned into plain ones, NaN into null.
-        tensors: Arrays of bool, integer or float type (also float16), any shape.
+        path: The file, by convention ``NAME.svv``.
+        header: JSON content; NumPy numbers and arrays become plain values, and NaN becomes null.
+        tensors: Arrays of bool, integer or float type (including float16) and any shape.
 
     Raises:
-        BadInput: the file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
     """
     content = scene_bytes(header, tensors, deflate=True)
     with atomic_path(path) as temporary:
@@ -55,8 +55,8 @@ def write_scene_file(path: str | Path, header: dict[str, Any], tensors: dict[str
 
 
 def scene_bytes(header: dict[str, Any], tensors: dict[str, np.ndarray], deflate: bool = False) -> bytes:
-    """The content of the file that :func:`write_scene_file` writes, or of one whose tables are not deflated."""
-    # safetensors takes a strided array's memory as it lies, so its values would come back in another order.
+    """Return the content of a scene file; :func:`write_scene_file` writes it with deflated tables."""
+    # safetensors ignores the strides of arrays, so the values would be read back in another order.
     arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}
     tables = {name: a.shape for name, a in arrays.items() if deflate and a.dtype == np.uint8 and a.ndim == 2 and a.size}
     arrays |= {name: _deflated(arrays[name]) for name in tables}
@@ -68,13 +68,13 @@ def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndar
     """Read the header and the arrays of a scene.
 
     Raises:
-        BadInput: the file is missing, unreadable, truncated, not a scene, or of another format version.
+        BadInput: The file is missing, unreadable, truncated, not a scene, or of another format version.
     """
     file = Path(path)
     try:
         with file.open("rb") as stream:
             content = stream.read(_START)
-            if content[8:] == _OUR_START:  # a foreign file may be huge
+            if content[8:] == _OUR_START:  # a foreign file, which may be huge, is not read
                 content += stream.read()
     except FileNotFoundError as error:
         raise BadInput(f"There is no scene file {file}.") from error
@@ -86,14 +86,14 @@ def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndar
 
 
 def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and arrays of what :func:`scene_bytes` made.
+    """Return the header and arrays from the output of :func:`scene_bytes`.
 
     Args:
         content: The whole file.
-        name: What it is called in messages.
+        name: Name of the file in messages.
 
     Raises:
-        BadInput: truncated, not a scene, or of another format version.
+        BadInput: The content is truncated, not a scene, or of another format version.
     """
     if content[8:_START] != _OUR_START:
         raise BadInput(f"{name} is not a scene file of svv; make one with `svv train`.")
@@ -101,7 +101,7 @@ def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np
         tensors = load(content)
     except SafetensorError as error:
         raise BadInput(f"The scene file {name} is truncated or damaged; {_REMEDY}.") from error
-    # load() has checked the length and the JSON of the safetensors header, but hands out the arrays alone.
+    # load() has checked the length and the JSON of the safetensors header, but returns only the arrays.
     length = int.from_bytes(content[:8], "little")
     header, tables = _checked_header(name, json.loads(content[8 : 8 + length])["__metadata__"][_KEY])
     try:
@@ -112,17 +112,17 @@ def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np
 
 
 def _deflated(table: np.ndarray) -> np.ndarray:
-    """Bytes (V, F), compressed. (N,)"""
+    """Return a table of bytes (V, F), compressed. (N,)"""
     columns = table.T.copy()
-    columns[:, 1:] -= columns[:, :-1].copy()  # whole numbers modulo 256
-    # Differences are noise with many small numbers: Huffman's code with runs alone makes a painted table 6 % smaller
-    # than looking for strings does, and whatever reads deflated data reads it.
+    columns[:, 1:] -= columns[:, :-1].copy()  # modulo 256
+    # The differences are noise with many small numbers: Huffman coding with run lengths only makes a painted table 6 %
+    # smaller than string matching does, and any deflate decoder can read it.
     stream = zlib.compressobj(memLevel=9, strategy=zlib.Z_RLE)
     return np.frombuffer(stream.compress(columns.tobytes()) + stream.flush(), np.uint8)
 
 
 def _inflated(content: np.ndarray, shape: list[int]) -> np.ndarray:
-    """The inverse of :func:`_deflated`; raises ValueError or zlib.error for what it cannot have made."""
+    """Invert :func:`_deflated`; raises ValueError or zlib.error if the content is not from it."""
     rows, columns = shape
     if rows * columns < 1:
         raise ValueError("a table without numbers is not deflated")
@@ -134,7 +134,7 @@ def _inflated(content: np.ndarray, shape: list[int]) -> np.ndarray:
 
 
 def _checked_header(file: str, text: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The header, and the shapes of the tables that are deflated."""
+    """Return the header and the shapes of the deflated tables."""
     try:
         content = json.loads(text)
         version, header, tables = content["version"], content["header"], content.get("deflated", {})
@@ -142,7 +142,7 @@ def _checked_header(file: str, text: str) -> tuple[dict[str, Any], dict[str, Any
         raise BadInput(f"The header of the scene file {file} is damaged; {_REMEDY}.") from error
     if version not in (FORMAT_VERSION, *READABLE):
         raise BadInput(
-            f"{file} is a scene file of format {version}, and this program reads format {FORMAT_VERSION}; "
+            f"{file} is a scene file of format {version}, but this program reads format {FORMAT_VERSION}; "
             "use the version of svv that made it, or train the scene again."
         )
     if not (isinstance(header, dict) and isinstance(tables, dict)):

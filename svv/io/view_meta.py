@@ -1,4 +1,4 @@
-"""What view sets say about how their images were made: the object under the key ``svv`` of their JSON file."""
+"""Metadata on how the images of a view set were made: the object under the key ``svv`` of the JSON file."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class VolumeGrid:
-    """The grid of a volume: where its voxels are, and what they hold."""
+    """The grid of a volume: position, type and range of its voxels."""
 
     dimensions: tuple[int, int, int]
-    """Voxels along x, y and z."""
+    """Number of voxels along x, y and z."""
     spacing: Vector
-    """Distances between voxels, world units."""
+    """Distances between voxels along x, y and z, world units."""
     origin: Vector
-    """Of the first voxel, world units."""
+    """Position of the first voxel, world units."""
     direction: tuple[Vector, Vector, Vector]
     """Rows of the matrix whose columns are the grid's axes in the world."""
     type: str
-    """Of the voxels: NumPy's name, such as ``uint8``."""
+    """NumPy's name of the voxel type, such as ``uint8``."""
     range: tuple[float, float]
     """Smallest and largest value."""
 
     @classmethod
     def from_json(cls, content: object, name: str = "grid") -> VolumeGrid:
-        """The inverse of :meth:`to_json`.
+        """Invert :meth:`to_json`.
 
         Args:
-            content: What a file holds.
-            name: What errors call it.
+            content: Content of a file.
+            name: Name of the object in messages.
 
         Raises:
-            BadInput: a value that is missing or none.
+            BadInput: A value is missing or invalid.
         """
         values = object_in(content, name)
         size, spacing, origin, direction, kind, range_ = (
@@ -66,7 +66,7 @@ class VolumeGrid:
         )
 
     def to_json(self) -> dict[str, object]:
-        """As plain values under the names of the fields."""
+        """Return plain values under the names of the fields."""
         return {
             "dimensions": list(self.dimensions),
             "spacing": list(self.spacing),
@@ -79,47 +79,49 @@ class VolumeGrid:
 
 @dataclass(frozen=True)
 class ViewMeta:
-    """How the images of a view set were made, as far as that is known: of other people's sets nothing is.
+    """Known facts about how the images of a view set were made; there are none for sets from other programs.
 
-    Views that were drawn of a volume (:func:`svv.dvr.views.make_views`) have all but ``assumed``.
+    Views that were rendered from a volume (:func:`svv.dvr.views.make_views`) have all fields except ``assumed``.
     """
 
     volume: str | None = None
     """Name of the volume."""
     grid: VolumeGrid | None = None
+    """Grid of the volume."""
     bounds: tuple[Vector, Vector] | None = None
-    """Lower and upper corner of the visible data, world units."""
+    """Lower and upper corners of the visible data, world units."""
     rig: CameraRig | None = None
-    """Where the cameras stood."""
+    """Sphere on which the cameras of the training views lie."""
     tf: Json | None = None
-    """The transfer function as it was used, as a preset of ParaView
+    """Transfer function that was used, as a ParaView preset
     (:meth:`svv.dvr.transfer_functions.TransferFunction.from_dict`)."""
     tf_rescaled: bool | None = None
-    """Whether it was stretched over the data's range for that."""
+    """Whether the transfer function was stretched over the data's range."""
     shading: Shading | None = None
+    """Shading of the volume."""
     sample_distance: float | None = None
-    """Of the ray caster, world units."""
+    """Sample distance of the ray caster, world units."""
     mapper: str | None = None
-    """The ray caster: ``cpu`` or ``gpu``."""
+    """Ray caster that was used: ``cpu`` or ``gpu``."""
     vtk: str | None = None
-    """VTK's version."""
+    """Version of VTK."""
     seconds: float | None = None
-    """That drawing took."""
+    """Rendering time in seconds."""
     assumed: str | None = None
-    """One sentence where the images had no alpha: what counts as empty."""
+    """Sentence that says which pixels count as empty, if the images had no alpha."""
     other: Json = field(default_factory=dict)
-    """What is said besides, under keys that are not known here: it is written as it was read."""
+    """Values under unknown keys, which are written unchanged."""
 
     @classmethod
     def from_json(cls, content: object, name: str = "svv") -> ViewMeta:
-        """The inverse of :meth:`to_json`; ``null`` under a known key says nothing.
+        """Invert :meth:`to_json`; ``null`` under a known key is ignored.
 
         Args:
-            content: What a file holds under ``svv``; None where it has no such key.
-            name: What errors call it.
+            content: Content of a file under ``svv``; None if it does not have the key.
+            name: Name of the object in messages.
 
         Raises:
-            BadInput: no object, or a known key whose value is none: the error names the key.
+            BadInput: ``content`` is not an object, or the value of a known key is invalid; the message names the key.
         """
         values = object_in({} if content is None else content, name)
 
@@ -144,7 +146,7 @@ class ViewMeta:
         return replace(meta, other=_left(values, meta.to_json()))
 
     def to_json(self) -> dict[str, object]:
-        """As plain values under the names of the fields, without what is not known, and with the others."""
+        """Return the known values and ``other`` as plain values under the names of the fields."""
         own = {
             "volume": self.volume,
             "grid": self.grid and self.grid.to_json(),
@@ -163,9 +165,11 @@ class ViewMeta:
 
 
 def known(value: Value | None, key: str) -> Value:
-    """What views say under a key; raises BadInput where they do not."""
+    """Return the value of a key in the metadata; raises BadInput if the views do not have it."""
     if value is None:
-        raise BadInput(f"The views do not say their {key}: they were not drawn of a volume by svv; draw them anew.")
+        raise BadInput(
+            f"The views do not state their {key}: svv did not make them from a volume; make them with svv views."
+        )
     return value
 
 
@@ -175,7 +179,7 @@ def _bounds(value: object, name: str) -> tuple[Vector, Vector]:
 
 
 def _left(content: Json, own: Json) -> dict[str, object]:
-    """What of an object another one does not hold; of objects within both, what is left of them."""
+    """Return the entries of an object that another one does not have; nested objects are compared likewise."""
     left: dict[str, object] = {}
     for key, value in content.items():
         ours = own.get(key)
@@ -187,7 +191,7 @@ def _left(content: Json, own: Json) -> dict[str, object]:
 
 
 def _joined(own: Json, other: Json) -> dict[str, object]:
-    """The inverse of :func:`_left`: both in one, where they differ ``own``."""
+    """Invert :func:`_left` by merging two objects; ``own`` has priority."""
     joined = dict(other)
     for key, value in own.items():
         theirs = other.get(key)

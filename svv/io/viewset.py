@@ -2,9 +2,8 @@
 
 On disk: ``transforms_<split>.json`` beside a folder ``<split>`` of PNG files. The JSON file holds
 ``camera_angle_x`` (radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``),
-and, in the sets that we write, what made them under the key ``svv``. Where the volume is known, what its transfer
-function makes of it lies beside it in ``classified.npz``, named by the key ``svv_classified``; a set without that file
-is whole.
+and, in the sets that we write, metadata under the key ``svv``. If the volume is known, ``classified.npz`` in the same
+folder contains the volume classified by its transfer function; the key ``svv_classified`` names it, and it is optional.
 """
 
 from __future__ import annotations
@@ -38,17 +37,19 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 SUFFIXES = ("", ".png", ".PNG", ".jpg", ".jpeg", ".tif", ".tiff")
-"""What may be missing at the end of ``file_path``; NeRF-synthetic sets leave ``.png`` out."""
+"""Suffixes that ``file_path`` may lack; NeRF-synthetic sets omit ``.png``."""
 
 PNG_LEVEL = 1
-"""zlib level: level 6 takes five times as long to save a sixth of the bytes."""
+"""zlib level; level 6 takes five times as long and saves only a sixth of the bytes."""
 
 CORNER_SPREAD = 16
 """Levels by which corner pixels may differ and still count as one background colour (JPEG noise)."""
 
 MIN_TRAIN_VIEWS = 3
+"""Minimum number of training views."""
 
 CLASSIFIED = "classified.npz"
+"""File name of the classified volume."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +57,14 @@ class ViewSet:
     """Images of one scene and the cameras that took them.
 
     Args:
-        cameras: One camera per image, all of the images' size.
-        images: (n, height, width, 4) uint8, straight alpha.
+        cameras: One camera per image, with the size of the images.
+        images: uint8 levels with straight alpha. (n, height, width, 4)
         names: File names without suffix, all different.
-        meta: What is known about how they were made.
-        classified: The volume after classification, None where only the images are known.
+        meta: Metadata on how the images were made.
+        classified: The classified volume; None if only the images are known.
 
     Raises:
-        BadInput: No view at all, or counts, sizes or types that do not fit each other.
+        BadInput: There is no view, or counts, sizes or types do not match.
     """
 
     cameras: tuple[Camera, ...]
@@ -79,7 +80,7 @@ class ViewSet:
         if n == 0:
             raise BadInput("A view set needs at least one view.")
         if len(self.cameras) != n or len(self.names) != n or len(set(self.names)) != n:
-            raise BadInput("A view set needs one camera and one name of its own for each image.")
+            raise BadInput("A view set needs one camera and one unique name for each image.")
         if any((camera.width, camera.height) != (width, height) for camera in self.cameras):
             raise BadInput(f"All cameras of a view set must have the images' size, {width} x {height}.")
 
@@ -87,7 +88,7 @@ class ViewSet:
         return len(self.cameras)
 
     def take(self, indices: Sequence[int]) -> ViewSet:
-        """The views with these indices, in this order."""
+        """Return the views with these indices, in this order."""
         return ViewSet(
             tuple(self.cameras[i] for i in indices),
             self.images[list(indices)],
@@ -100,17 +101,17 @@ class ViewSet:
     def read(cls, folder: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
         """Read ``transforms_<split>.json`` and its images.
 
-        Images without alpha: where their corners all show one colour, that colour is taken as empty, every
-        other pixel as opaque, and ``meta.assumed`` says so; otherwise they are refused.
+        If images have no alpha but their corners all show one colour, pixels of that colour count as empty and all
+        others as opaque, and ``meta.assumed`` says so; other images without alpha are rejected.
 
         Args:
-            folder: Where the JSON file lies.
-            split: ``train`` (at least 3 views), ``test``, ``val``.
-            progress: Told after each image.
+            folder: Folder of the JSON file.
+            split: ``train`` (at least 3 views), ``test`` or ``val``.
+            progress: Called after each image.
 
         Raises:
-            BadInput: A missing or broken file, frames of different sizes, no alpha and no uniform background,
-                a camera that is no rotation, too few views, a value under ``svv`` that is none.
+            BadInput: A file is missing or damaged, images differ in size or have neither alpha nor a uniform
+                background, a matrix is not a rotation, there are too few views, or metadata is invalid.
         """
         path = Path(folder) / f"transforms_{split}.json"
         scene, frames = _read_transforms(path)
@@ -135,15 +136,15 @@ class ViewSet:
         return cls(cameras, images, _names(frames), meta, classified)
 
     def write(self, folder: str | Path, split: str = "train", progress: Progress = silent) -> None:
-        """Write the set so that ``read`` gives it back bit by bit.
+        """Write the set; ``read`` returns it bit by bit.
 
-        Everything is written beside its place first and moved there at the end, the JSON file last: a failure
-        or a cancelled run leaves what was there before.
+        All files are first written to a temporary folder and moved into place at the end, the JSON file last, so a
+        failure or a cancelled run leaves the previous files.
 
         Args:
-            folder: Made where it is missing.
+            folder: Target folder, created if it is missing.
             split: Name of the split, see ``read``.
-            progress: Told after each image.
+            progress: Called after each image.
 
         Raises:
             BadInput: The folder cannot be written to, or the disk is full.
@@ -194,20 +195,20 @@ class ViewSet:
 
 
 def read_meta(folder: str | Path) -> ViewMeta:
-    """What the training views of a folder say about how they were made.
+    """Return the metadata of the training views in a folder.
 
     Raises:
-        BadInput: there are none, or a value under ``svv`` is none.
+        BadInput: There are no training views, or the metadata is invalid.
     """
     path = Path(folder) / "transforms_train.json"
     return ViewMeta.from_json(_read_transforms(path)[0].get("svv"), f"{path}: svv")
 
 
 def read_classified(folder: str | Path) -> ClassifiedVolume | None:
-    """The classified volume that the training views of a folder name, None where there is none.
+    """Return the classified volume that the training views in a folder name, or None if there is none.
 
     Raises:
-        BadInput: it is damaged.
+        BadInput: The file is damaged.
     """
     file, views = Path(folder) / CLASSIFIED, Path(folder) / "transforms_train.json"
     if not (file.exists() and views.exists()):
@@ -243,7 +244,7 @@ def _read_classified(file: Path) -> ClassifiedVolume:
 
 
 def _own_files(path: Path) -> set[Path]:
-    """Images and classified volume of the set that stands there, if it is ours: other people's files stay."""
+    """Return the images and the classified volume of an existing set if it is ours; other sets are left alone."""
     try:
         scene = json.loads(path.read_text())
         frames = scene["frames"] if "svv" in scene else []
@@ -254,10 +255,10 @@ def _own_files(path: Path) -> set[Path]:
 
 
 def files_of(folder: Path, split: str) -> list[Path]:
-    """The files that the views of a split are read from: the list of frames first, then their images.
+    """Return the files from which the views of a split are read: first the JSON file, then the images.
 
     Raises:
-        BadInput: the list or an image is not there, or it is no such list.
+        BadInput: The JSON file or an image is missing, or the JSON file is invalid.
     """
     path = folder / f"transforms_{split}.json"
     _, frames = _read_transforms(path)
@@ -296,7 +297,7 @@ def _camera(path: Path, scene: dict[str, Any], frame: dict[str, Any], width: int
     angle = frame.get("camera_angle_x", scene.get("camera_angle_x"))
     try:
         matrix = np.array(frame.get("transform_matrix"), dtype=np.float64)
-        fov_x = float(angle)  # type: ignore[arg-type]  # None or text is the file's fault, told below
+        fov_x = float(angle)  # type: ignore[arg-type]  # None or text is an error in the file, reported below
     except (TypeError, ValueError):
         raise BadInput(
             f"{path}, frame {frame['file_path']}: camera_angle_x must be a number of radians and "
@@ -309,7 +310,7 @@ def _camera(path: Path, scene: dict[str, Any], frame: dict[str, Any], width: int
 
 
 def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
-    """File stems; where two frames of different folders share one, their whole paths with _ for /."""
+    """Return the file stems, or the whole paths with _ for / if frames in different folders share a stem."""
     paths = [str(frame["file_path"]).removeprefix("./").replace("\\", "/") for frame in frames]
     bare = [p[: p.rfind(".")] if p.lower().endswith(SUFFIXES[1:]) else p for p in paths]
     stems = [p.rsplit("/", 1)[-1] for p in bare]
@@ -319,7 +320,7 @@ def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
 
 
 def _decode(file: Path) -> Images:
-    """(h, w, 4) uint8 with straight alpha, or (h, w, 3) where the file has none."""
+    """Return uint8 levels: (h, w, 4) with straight alpha, or (h, w, 3) if the file has no alpha."""
     try:
         with Image.open(file) as image:
             if image.mode.startswith("I") or image.mode == "F":  # PIL would clip instead of scale
@@ -329,7 +330,7 @@ def _decode(file: Path) -> Images:
     except BadInput:
         raise
     except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
-        raise BadInput(f"Cannot read the image {file} ({error}); it is truncated or no image.") from error
+        raise BadInput(f"Cannot read the image {file} ({error}); it is truncated or not an image.") from error
 
 
 def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[Images, str | None]:
@@ -338,7 +339,7 @@ def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[Images, str |
         return np.stack(decoded), None
     if max(channels) == 4:
         with_, without = files[channels.index(4)], files[channels.index(3)]
-        raise BadInput(f"{with_.name} has alpha and {without} has none; all images of a view set need it.")
+        raise BadInput(f"{with_.name} has alpha and {without} does not; all images of a view set need it.")
     colours = np.stack(decoded)  # (n, h, w, 3)
     edge = max(1, min(colours.shape[1:3]) // 50)
     ends = [*range(edge), *range(-edge, 0)]
@@ -347,8 +348,8 @@ def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[Images, str |
     spread = int(np.abs(corners.astype(np.int16) - background).max())
     if spread > CORNER_SPREAD:
         raise BadInput(
-            f"The images of {files[0].parent} have no alpha, and their corners no uniform background that "
-            "could stand for it; save them as RGBA with straight alpha."
+            f"The images of {files[0].parent} have no alpha, and their corners show no uniform background "
+            "to replace it; save them as RGBA with straight alpha."
         )
     images = np.empty((*colours.shape[:3], 4), np.uint8)
     images[..., :3] = colours
@@ -372,7 +373,7 @@ def _encode(job: tuple[Path, Images]) -> None:
 def _in_threads(
     work: Callable[[Item], Result], items: Sequence[Item], progress: Progress, label: str
 ) -> Iterator[Result]:
-    """Results in order; the pool stops at the first error, and when ``progress`` raises."""
+    """Yield the results in order; the pool stops at the first error and when ``progress`` raises."""
     stop = threading.Event()
 
     def guarded(item: Item) -> Result | None:
@@ -381,7 +382,7 @@ def _in_threads(
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
         try:
             for done, result in enumerate(pool.map(guarded, items), start=1):
-                yield result  # type: ignore[misc]  # None only after stop, when nobody reads any more
+                yield result  # type: ignore[misc]  # None only after stop, when results are no longer read
                 progress(done / len(items), label)
         finally:
             stop.set()

@@ -379,7 +379,7 @@ tried("ink's part", Region0Style="ink:hatching", Region0Positive="10,10")
     expected = {
         "none": "at least one picture", "missing": "no style picture", "gallery": "no 'gouache' in the gallery",
         "picture": "picture 3, but there are 1", "region": "no region 5", "points": "must be points",
-        "outside": "outside of the picture", "both": "asked for and ruled out", "negative": "at least one positive",
+        "outside": "outside the picture", "both": "both positive and negative", "negative": "at least one positive",
         "mask": "no mask", "cut": "Picture Parts", "part": "is divided into 2", "all kept": "No region is left",
         "variant": "no variant 'chalk'", "ink": "no 'ink:scribble'", "ink's part": "leave out its mask",
     }  # fmt: skip

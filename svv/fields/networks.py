@@ -1,4 +1,4 @@
-"""The networks of the stages: base radiance field, palette (PCN) and unrestricted (UCN) colour networks.
+"""The networks of the stages: base radiance field, palette network (PCN) and unrestricted network (UCN).
 
 Letters: S samples, P palette colours, G geometry features.
 """
@@ -44,13 +44,13 @@ class FieldSettings:
     shading: bool = True
     """Whether the lighting MLP also scales the diffuse colour, as a headlight does; the paper's MLP only adds grey."""
     lighting: str = "network"
-    """What lights the palette's colours. ``network``: the lighting MLP. ``phong``: normals and a few numbers per
-    region, so that the light can be moved. ``none``: nothing, for views drawn without shading."""
+    """Lighting of the palette's colours. ``network``: the lighting MLP. ``phong``: normals and a few numbers per
+    region, which allow the light to be moved. ``none``: no lighting, for views drawn without shading."""
     headlight: str = "point"
     """Direction of a light at the camera under ``phong``. ``point``: along each ray. ``axis``: along the camera's axis
     for all rays of a view."""
     finer: tuple[int, ...] = ()
-    """Lattice levels beyond ``resolutions`` that the scene's own colours do not need but its paint may."""
+    """Lattice levels beyond ``resolutions`` that the scene's original colours do not need but its paint may."""
 
     def encode(self, occupancy: Occupancy) -> Encoding:
         """Return a new table for this scene."""
@@ -72,7 +72,7 @@ class Layers(nn.Sequential):
     """Linear layers with ReLU between them, run as one operation by the kernels of their device."""
 
     rough = True
-    """Whether three digits are enough, so that kernels may multiply in half precision."""
+    """Whether three digits are enough; kernels may then multiply in half precision."""
 
     def forward(self, x: Tensor) -> Tensor:
         """Apply the layers. (S, I) -> (S, O)"""
@@ -186,7 +186,7 @@ class PaletteColours:
 
 
 class PaletteField(nn.Module):
-    """Palette colour network: c = c_s + m I sum_i w_i (P_i + delta_i) (StyleRF-VolVis, eq. 4).
+    """Palette network: c = c_s + m I sum_i w_i (P_i + delta_i) (StyleRF-VolVis, eq. 4).
 
     The shade m(x, d) in (0, 2) is not in the paper: a headlight multiplies the material's colour by the cosine to its
     normal, which no added grey can express on coloured material. Without ``shading``, m is 1 and the network is the
@@ -260,10 +260,10 @@ class PaletteField(nn.Module):
 
 
 class UnrestrictedField(nn.Module):
-    """Unrestricted colour network: diffuse colour without a palette (StyleRF-VolVis, section UCN).
+    """Unrestricted network: diffuse colour without a palette (StyleRF-VolVis, section UCN).
 
     If ``direct``, it is a lattice of one level whose features are the colours themselves. Paint has no pattern for a
-    network to learn: the paper's network has to store the colour of each place separately anyway.
+    network to learn: the paper's network has to store the colour at each position separately anyway.
     """
 
     def __init__(

@@ -46,7 +46,7 @@ def lights_of(scene: Model, network: str) -> Tensor:
     both, weighted by s.
 
     Args:
-        scene: A scene with a palette colour network.
+        scene: A scene with a palette network.
         network: ``pcn`` or ``styled``.
 
     Returns:

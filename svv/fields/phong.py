@@ -1,4 +1,4 @@
-"""An explicit light in place of the lighting network: normals and a dozen numbers, so that the light can be moved.
+"""An explicit light in place of the lighting network: with normals and a dozen numbers, the light can be moved.
 
 Letters: S samples, R rays, P palette colours.
 """

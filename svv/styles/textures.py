@@ -84,7 +84,7 @@ class Canvas:
     def dab(self, rng: Generator, shape: Dab, colour: NDArray[Any], bristles: float = 0.3, cover: float = 1.0) -> None:
         """Lay one dab of paint of this shape, streaked along its length.
 
-        ``bristles`` is the strength of the streaks, ``cover`` its opacity.
+        ``bristles`` is the strength of the streaks, ``cover`` the opacity of the dab.
         """
         y, x, angle, length, width, bend = shape
         n, m = self.thickness.shape

@@ -28,7 +28,7 @@ from svv.styles.weight_files import State, content_sha256
 FOLDER_VARIABLE = "SVV_WEIGHTS"
 OFFLINE_VARIABLE = "SVV_OFFLINE"
 WAIT_SECONDS = 24 * 3600.0
-"""Time after a failed download during which none is started unless the user asks for it."""
+"""Seconds to wait after a failed download before another one that the user has not asked for."""
 FAILED_FILE = "not-fetched"
 GET = "svv features --get"
 

@@ -37,7 +37,7 @@ DASHES: dict[str, Any] = {
     "paper": (0, (5, 1.5, 1, 1.5)),
 }
 PLACES = ((-9, 3), "right"), ((9, -9), "left")
-"""Offset in points and alignment of labels from their markers, used in turn to keep neighbours from overlapping."""
+"""Offsets of labels from their markers, in points, and alignments; used in turn to keep neighbours apart."""
 DVR = "#555555"
 DPI = 160
 PANEL = 4.0, 3.1

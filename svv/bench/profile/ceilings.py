@@ -15,7 +15,7 @@ from svv.bench.profile.work import Work
 from svv.kernels.bfloat16 import cpu_has_bfloat16
 
 STREAM_NUMBERS = 1 << 25
-"""Number of float32 values copied: 128 MB, more than a core's own caches hold."""
+"""Number of float32 values that are copied: 128 MB, more than caches usually hold."""
 
 MATRIX_SIDE = 1024
 """Side of the matrices that are multiplied."""

@@ -142,7 +142,7 @@ def _encode(x: Tensor, lattice: Lattice, features: int, passes: int) -> Work:
 
 
 def _hash(samples: int, levels: int, features: int, passes: int) -> Work:
-    """Return the work of encoding as :func:`_encode` does; every corner has its own hashed row, read once at least."""
+    """Return the work of encoding as :func:`_encode` does; every corner is hashed separately and costs one read."""
     corners = 8 * samples * levels
     moved = samples * (12 + FLOAT_BYTES * levels * features)
     return Work(samples, moved, samples * levels * (LOCATE_OPERATIONS + 40 + 16 * features), corners)

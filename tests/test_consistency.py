@@ -382,7 +382,7 @@ def test_the_command(
         (["bench", "compare", "{s}", "--style", "{p}", "--modes", "ours,theirs"], "no mode 'theirs'"),
         (["bench", "compare", "{s}", "{s}", "--style", "{p}"], "same name"),
         (["bench", "ablate", "{s}"], "--style"),
-        (["bench", "ablate", "{s}", "--only", "lighting"], "needs a picture"),
+        (["bench", "ablate", "{s}", "--only", "lighting"], "needs a style picture"),
         (["bench", "ablate", "{s}", "--style", "{p}", "--only", "lambda-delta"], "--views"),
         (["bench", "ablate", "{s}", "--style", "{p}", "--only", "luck"], "no ablation 'luck'"),
     ],

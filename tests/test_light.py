@@ -188,7 +188,7 @@ def test_scenes_of_before_there_was_a_light_are_read(cube: Scene, lit: bool) -> 
 
 def test_a_light_that_a_network_learned_says_why_it_cannot_be_moved(cube: Scene, lit_cube: Scene) -> None:
     for change in (lambda s: s.with_light(30), lambda s: s.edited(0, ambient=0.3)):
-        with pytest.raises(BadInput, match=r"network has learned it .* --lighting phong"):
+        with pytest.raises(BadInput, match=r"network learned it .* --lighting phong"):
             change(cube)
         with pytest.raises(BadInput, match="no light to change"):
             change(replace(cube, settings=replace(cube.settings, lighting="none")))
@@ -336,7 +336,7 @@ def test_held_out_views_choose(
         monkeypatch.setattr("svv.train.lighting.MARGIN", margin)
         chosen, said = light_by_trial(scene, views, np.array([[0.9, 0.2, 0.15]]), SHORT.recolour, Running(0))
         assert chosen.settings.lighting == ("phong" if margin > 0 else "network")
-        assert "3 held-out views" in said and ("it is taken" in said) == (margin > 0)
+        assert "3 held-out views" in said and ("explicit light is chosen" in said) == (margin > 0)
 
 
 def test_lights_that_cannot_be_trained_are_one_sentence(views: ViewSet) -> None:

@@ -163,7 +163,7 @@ def test_a_write_that_the_system_stops_leaves_the_old_scene(scene: Path) -> None
     old_handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # the write fails, we live
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, old_limit[1]))
-        with pytest.raises(BadInput, match=r"Cannot write .*scene\.svv: .*larger than"):
+        with pytest.raises(BadInput, match=r"Cannot write .*scene\.svv: .*exceeds the system's limit"):
             write_scene_file(scene, {}, {"table": np.zeros(10_000)})
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, old_limit)

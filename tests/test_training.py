@@ -138,7 +138,7 @@ def test_an_image_shows_what_was_learned_since_the_last(
 
 
 def test_hull_of_nothing_is_refused(views: ViewSet) -> None:
-    with pytest.raises(BadInput, match="Nothing is visible"):
+    with pytest.raises(BadInput, match="No point is visible"):
         carve(np.zeros(views.images.shape[:3], bool), views.cameras, 32)
 
 

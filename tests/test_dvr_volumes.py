@@ -291,7 +291,7 @@ BAD = {
     "too large vti": (save("v.vti", VTI.format(n=99999)), "memory"),
     "negative size": (save("v.mhd", MHD.format("-5 6 7")), "damaged"),
     "not a grid": (save("v.vtk", POLYDATA), "vtkPolyData"),
-    "empty folder": (lambda folder: folder, "holds no .tif"),
+    "empty folder": (lambda folder: folder, "contains no .tif"),
     "single voxel": (save("v.npy", np.ones((1, 1, 1))), "1 x 1 x 1 voxels"),
     "slice": (save("v.npy", np.ones((1, 4, 4))), "4 x 4 x 1 voxels"),
     "two axes": (save("v.npy", np.ones((4, 4))), "three axes"),

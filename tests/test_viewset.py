@@ -166,7 +166,7 @@ BAD = {
     "missing frame": (lambda f: (f / "train" / "r_1.png").unlink(), "no such file"),
     "truncated PNG": (truncate, "truncated or not an image"),
     "no image": (lambda f: (f / "train" / "r_1.png").write_text("x"), "truncated or not an image"),
-    "another size": (lambda f: save(f / "train" / "r_1.png", rgba(1, 5)[0]), "one size"),
+    "another size": (lambda f: save(f / "train" / "r_1.png", rgba(1, 5)[0]), "the same size"),
     "16-bit grey": (lambda f: save(f / "train" / "r_1.png", np.ones((8, 8), np.uint16)), "8-bit RGBA"),
     "no json": (lambda f: (f / "transforms_train.json").unlink(), "There is no"),
     "broken json": (lambda f: (f / "transforms_train.json").write_text("{"), "not valid JSON"),

@@ -15,6 +15,7 @@ CACHE = (
     "svv cache --json cache.json",
     "SVV_CACHE=/data/scenes SVV_CACHE_SIZE=10G svv paraview",
 )
+"""Examples in the help."""
 
 
 def cache(

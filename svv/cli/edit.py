@@ -34,11 +34,13 @@ EDIT = (
     "svv edit painted.svv --stroke-opacity 0.6 --out strokes.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
+"""Examples in the help."""
 PALETTE = (
     "svv palette scene.svv --views views --add '#f2a319' --out two.svv",
     "svv palette scene.svv --views views --merge 0,1 --set 0='#d0a060' --out one.svv",
     "svv palette scene.svv --views views --remove 2 --preset fast --out less.svv",
 )
+"""Examples in the help."""
 
 
 @dataclass(frozen=True)

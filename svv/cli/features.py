@@ -21,6 +21,7 @@ FEATURES = (
     "svv features --json features.json",
     "SVV_WEIGHTS=/shared/weights svv features",
 )
+"""Examples in the help."""
 
 
 class Weights(str, Enum):

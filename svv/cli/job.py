@@ -20,15 +20,18 @@ DEMO = (
     "svv demo --out my-demo --preset balanced",
     "svv demo --resolution 64 --size 400",
 )
+"""Examples in the help."""
 RUN = (
     "svv run foot.vti --tf bones.json --style brush.jpg --out foot",
     "svv run engine_256x256x128_uint8.raw --out engine --preset fast",
     "svv run views --style a.png --style gallery:mosaic --lighting auto --out result",
 )
+"""Examples in the help."""
 VIEWS = (
     "svv views foot.vti --tf bones.json --out views",
     "svv views head.raw --dims 256,256,128 --dtype uint16 --spacing 1,1,1.5 --tf skin.json --out views",
 )
+"""Examples in the help."""
 
 
 @spread

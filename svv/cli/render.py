@@ -20,7 +20,7 @@ RENDER = (
     "svv render scene.svv --camera camera.json --size 1280x720 --out view.png",
     "svv render scene.svv --camera views/transforms_test.json --frame 3 --out view.vti",
 )
-"""Examples of the help."""
+"""Examples in the help."""
 
 
 @spread

@@ -20,14 +20,14 @@ TRAIN = (
     "svv train views --out scene.svv",
     "svv train views -o scene.svv --preset fast --json f.json",
 )
-"""Examples of the help."""
+"""Examples in the help."""
 EVALUATE = ("svv evaluate scene.svv --views views --json scores.json",)
-"""Examples of the help."""
+"""Examples in the help."""
 INFO = (
     "svv info scene.svv",
     "svv info scene.svv --json info.json",
 )
-"""Examples of the help."""
+"""Examples in the help."""
 
 
 @spread

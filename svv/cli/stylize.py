@@ -24,7 +24,7 @@ STYLIZE = (
     "svv stylize scene.svv --style brush.jpg --preview now.png --out styled.svv",
     "svv stylize scene.svv --style ink:hatching --style ink:stippling --out drawn.svv",
 )
-"""Examples of the help."""
+"""Examples in the help."""
 
 
 @spread

@@ -67,7 +67,7 @@ def classified(stage: Stage) -> ClassifiedVolume:
         cells //= 2
     shape = grid_shape(box, cells) + 1
     turn = stage.scale * stage.rotation.T
-    to_stage = vtkMatrix4x4()  # from the indices of a vertex
+    to_stage = vtkMatrix4x4()  # from the indices of a vertex to the stage
     for i in range(3):
         for j in range(3):
             to_stage.SetElement(i, j, turn[i, j] * box.size / cells)
@@ -97,7 +97,7 @@ def classified(stage: Stage) -> ClassifiedVolume:
 
 
 def _extinction(stage: Stage, box: Box) -> tuple[Array, Array]:
-    """Ascending values that miss no extremum of the function, and their extinction in 1 / box unit. (K,), (K,)"""
+    """Return ascending values that miss no extremum, and their extinction in 1 / box unit. (K,), (K,)"""
     image = to_array(stage.image)
     low, high = float(image.min()), float(image.max())
     known = np.unique(np.concatenate([stage.tf.samples(low, high), np.linspace(low, high, 4097)]))

@@ -52,7 +52,7 @@ def as_volume(image: vtkImageData, array: str | None = None, name: str = "The vo
     set_geometry(result, matrix[:3, :3], matrix[:3, :3] @ np.full(3, 0.5 * on_cells) + matrix[:3, 3])
     values = _plain(scalars, name)
     if values.size != dims.prod():
-        raise BadInput(f"{name} holds {values.size} values for {dims.prod()} voxels; it is damaged.")
+        raise BadInput(f"{name} has {values.size} values for {dims.prod()} voxels; it is damaged.")
     put_scalars(result, values, scalars.GetName() or "scalars")
     return result
 
@@ -146,14 +146,14 @@ def _plain(scalars: vtkDataArray, name: str) -> NDArray[Any]:
     if values.dtype.kind == "f":
         bad = int(values.size - np.count_nonzero(np.isfinite(values)))
         if bad:
-            raise BadInput(f"{name} holds {bad} values that are NaN or infinite; replace them with numbers first.")
+            raise BadInput(f"{name} contains {bad} values that are NaN or infinite; replace them with numbers first.")
     return values
 
 
 def _native(values: NDArray[Any], name: str) -> NDArray[Any]:
     """Return the values in a type that VTK knows: native byte order, no half floats, no booleans."""
     if values.dtype.kind not in "buif":
-        raise BadInput(f"{name} holds values of type {values.dtype}; a volume needs integers or real numbers.")
+        raise BadInput(f"{name} contains values of type {values.dtype}; a volume needs integers or real numbers.")
     kind = {"b1": "u1", "f2": "f4", "f16": "f8"}.get(values.dtype.str[1:], values.dtype.str[1:])
     return np.ascontiguousarray(values, dtype=np.dtype(kind))
 

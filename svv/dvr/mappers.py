@@ -52,11 +52,13 @@ TILE = 8
 """Pixels along each side of a tile, for which rays are skipped together."""
 
 SOFTWARE_GL = ("llvmpipe", "softpipe", "swiftshader", "software rasterizer", "swrast")
+"""Words in the names of OpenGL renderers that run on the CPU."""
 
 NO_WINDOW = (
     "The GPU ray caster needs an off-screen OpenGL context, which cannot be created: install libegl1 libosmesa6 "
     "(Debian's names) or choose the CPU ray caster (--mapper cpu)."
 )
+"""Message for machines on which the GPU ray caster cannot run."""
 
 
 class CpuMapper:

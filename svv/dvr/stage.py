@@ -81,7 +81,7 @@ def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
             distance, ParaView's default is used.
 
     Raises:
-        BadInput: No cell holds a value with an opacity above 0.
+        BadInput: No cell contains a value with an opacity above 0.
     """
     values = to_array(image)
     matrix = index_to_world(image)
@@ -130,7 +130,7 @@ def _visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray
     for axis in range(3):
         found = np.flatnonzero(seen.any(axis=tuple(a for a in range(3) if a != 2 - axis)))
         if not found.size:
-            raise BadInput(f"'{tf.name}' shows nothing of this volume: it is transparent for all of its values.")
+            raise BadInput(f"'{tf.name}' shows nothing of this volume: it is transparent for all values in it.")
         first[axis], last[axis] = found[0], found[-1] + 1
     return first, last
 

@@ -190,7 +190,7 @@ class TransferFunction:
         """Make a function from a ParaView preset (an object, or a list whose first object is used) or from bumps.
 
         A preset without ``Points`` gets ParaView's default opacity, a ramp from 0 to 1. An object ``{"bumps":
-        [...]}`` holds the arguments of ``from_bumps``.
+        [...]}`` contains the arguments of ``from_bumps``.
 
         Raises:
             BadInput: ``data`` is neither of these, or does not fit the class.
@@ -199,7 +199,7 @@ class TransferFunction:
             data = data[0]
         if not isinstance(data, Mapping) or not ("RGBPoints" in data or "bumps" in data):
             raise BadInput(
-                f"{name} is not a transfer function: it has neither RGBPoints (ParaView's preset) nor bumps."
+                f"{name} is not a transfer function: it has neither RGBPoints (a ParaView preset) nor bumps."
             )
         name = str(data.get("Name", name))
         unit = data.get("ScalarOpacityUnitDistance")

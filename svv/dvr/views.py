@@ -130,7 +130,7 @@ def make_views(
     if asked.frame == "whole":
         matrix, last = index_to_world(image), np.array(image.GetDimensions()) - 1
         centre, half = matrix[:3, 3] + 0.5 * matrix[:3, :3] @ last, 0.5 * last * image.GetSpacing()
-    # Narrower angles of view are farther away, so the volume fills the same part of the image.
+    # With a narrower angle of view, cameras are farther away, so the volume fills the same part of the image.
     radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
     x, y, z = (float(v) for v in centre)
     rig, numbers = CameraRig((x, y, z), radius, fov), unseen_numbers(asked.test)

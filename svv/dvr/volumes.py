@@ -23,6 +23,7 @@ from svv.dvr.vtk_readers import damaged, run, vtk_messages
 from svv.errors import BadInput
 
 SUPPORTED = ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .slc .npy .raw .tif (or a folder of .tif)"
+"""Formats that are read without PyVista."""
 
 RAW_TYPES = {
     "uchar": "uint8", "char": "int8", "ushort": "uint16", "short": "int16", "uint": "uint32", "int": "int32",
@@ -158,13 +159,13 @@ def _read_folder(folder: Path) -> vtkImageData:
     if not files and (reader := reader_of(folder)):
         return run(reader, folder)
     if not files:
-        raise BadInput(f"The folder {folder} holds no .tif slices; a volume is one file or a folder of slices.")
+        raise BadInput(f"The folder {folder} contains no .tif slices; a volume is one file or a folder of slices.")
     # slice_2 before slice_10, whether or not the numbers are padded
     files.sort(key=lambda f: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", f.name)])
     slices = [_tiff_pages(file) for file in files]
     for file, pages in zip(files, slices):
         if pages.shape != slices[0].shape or pages.shape[0] != 1:
-            raise BadInput(f"{file} differs in size from {files[0].name}; all slices must have one size.")
+            raise BadInput(f"{file} differs in size from {files[0].name}; all slices must have the same size.")
     return from_array(np.concatenate(slices), name=folder.name)
 
 
@@ -191,7 +192,7 @@ def _tiff_pages(file: Path) -> NDArray[Any]:
             if any("invalid page offset" in record.getMessage() for record in listener.records):
                 raise damaged(file)
             if len({(page.shape, page.dtype) for page in pages}) != 1 or len(pages[0].shape) != 2:
-                raise BadInput(f"{file} is not a volume: a TIFF stack needs grey pages of one size.")
+                raise BadInput(f"{file} is not a volume: a TIFF stack needs greyscale pages of the same size.")
             if file.stat().st_size < max(max(a + b for a, b in zip(p.dataoffsets, p.databytecounts)) for p in pages):
                 raise damaged(file)
             if int(pages[0].compression) in TIFFFILE_DECODES:

@@ -59,7 +59,7 @@ def run(reader: Any, path: Path) -> vtkImageData:
     if output.IsA("vtkRectilinearGrid"):
         return _evenly_spaced(output, path)
     if not output.IsA("vtkImageData"):
-        raise BadInput(f"{path} holds a {output.GetClassName()}, not a regular volume (image data).")
+        raise BadInput(f"{path} contains a {output.GetClassName()}, not a regular volume (image data).")
     return output
 
 

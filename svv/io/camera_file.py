@@ -38,15 +38,15 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None, frame: in
         content = {**content, **frames[frame]}
     matrix = content.get("camera_to_world", content.get("transform_matrix"))
     if matrix is None:
-        raise BadInput(f"{path} holds no camera: it needs camera_to_world (4 x 4) and fov (degrees).")
+        raise BadInput(f"{path} does not contain a camera: it needs camera_to_world (4 x 4) and fov (degrees).")
     try:
         angle = float(content["camera_angle_x"]) if "camera_angle_x" in content else np.radians(float(content["fov"]))
         own = (int(content.get("width", 0)), int(content.get("height", 0)))
         rotation = np.asarray(matrix, dtype=np.float64)
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(
-            f"{path} holds no camera: camera_to_world must be 4 x 4 numbers, and fov (degrees) or camera_angle_x "
-            "(radians) a number."
+            f"{path} does not contain a camera: camera_to_world must be 4 x 4 numbers, and fov (degrees) or "
+            "camera_angle_x (radians) must be a number."
         ) from error
     width, height = size or (own if min(own) > 0 else DEFAULT_SIZE)
     return Camera(rotation, float(angle), width, height)
@@ -56,11 +56,11 @@ def _object(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        raise BadInput(f"There is no camera file {path}.") from error
+        raise BadInput(f"There is no camera file {path}; check the path.") from error
     except OSError as error:
         raise BadInput(f"The camera file {path} cannot be read: {error.strerror}.") from error
     except ValueError as error:
         raise BadInput(f"The camera file {path} is not JSON: {error}.") from error
     if not isinstance(content, dict):
-        raise BadInput(f"{path} holds no camera: it needs camera_to_world (4 x 4) and fov (degrees).")
+        raise BadInput(f"{path} does not contain a camera: it needs camera_to_world (4 x 4) and fov (degrees).")
     return content

@@ -38,7 +38,7 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     """
     path = Path(path)
     if not path.is_file():
-        raise BadInput(f"There is no style picture at {path}.")
+        raise BadInput(f"There is no style picture at {path}; check the path.")
     limit, Image.MAX_IMAGE_PIXELS = (
         Image.MAX_IMAGE_PIXELS,
         None,

@@ -19,6 +19,7 @@ WANTED, UNWANTED = "#1fb24a", "#e0261b"
 
 PAINTS = ((0.90, 0.16, 0.22), (0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (1.0, 0.60, 0.0), (0.55, 0.25, 0.75),
           (0.0, 0.70, 0.72), (0.95, 0.45, 0.70), (0.55, 0.40, 0.20))  # fmt: skip
+"""Colours of regions, sRGB in [0, 1]; they are easy to tell apart."""
 
 
 def mask_overlay(picture: ArrayLike, mask: Mask, selection: Selection | None = None) -> NDArray[np.uint8]:

@@ -77,7 +77,7 @@ def read_scene_file(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndar
             if content[8:] == _OUR_START:  # a foreign file, which may be huge, is not read
                 content += stream.read()
     except FileNotFoundError as error:
-        raise BadInput(f"There is no scene file {file}.") from error
+        raise BadInput(f"There is no scene file {file}; check the path.") from error
     except IsADirectoryError as error:
         raise BadInput(f"{file} is a folder; give the scene file (.svv) inside it.") from error
     except OSError as error:

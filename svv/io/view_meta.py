@@ -108,7 +108,7 @@ class ViewMeta:
     seconds: float | None = None
     """Rendering time in seconds."""
     assumed: str | None = None
-    """Sentence that says which pixels count as empty, if the images had no alpha."""
+    """Sentence about which pixels count as empty, if the images had no alpha."""
     other: Json = field(default_factory=dict)
     """Values under unknown keys, which are written unchanged."""
 

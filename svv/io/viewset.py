@@ -1,6 +1,6 @@
 """View sets: images with straight alpha and the cameras that took them, in the NeRF-synthetic layout.
 
-On disk: ``transforms_<split>.json`` beside a folder ``<split>`` of PNG files. The JSON file holds
+On disk: ``transforms_<split>.json`` and a folder ``<split>`` of PNG files. The JSON file holds
 ``camera_angle_x`` (radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``),
 and, in the sets that we write, metadata under the key ``svv``. If the volume is known, ``classified.npz`` in the same
 folder contains the volume classified by its transfer function; the key ``svv_classified`` names it, and it is optional.
@@ -124,7 +124,7 @@ class ViewSet:
         for file, image in zip(files, decoded, strict=True):
             if image.shape[:2] != (height, width):
                 raise BadInput(
-                    f"All images of a set must have one size, but {files[0].name} has {width} x {height} "
+                    f"All images of a set must have the same size, but {files[0].name} has {width} x {height} "
                     f"and {file} has {image.shape[1]} x {image.shape[0]} pixels."
                 )
         images, assumed = _with_alpha(decoded, files)
@@ -324,7 +324,7 @@ def _decode(file: Path) -> Images:
     try:
         with Image.open(file) as image:
             if image.mode.startswith("I") or image.mode == "F":  # PIL would clip instead of scale
-                raise BadInput(f"{file} is a greyscale image of high depth; views must be 8-bit RGBA.")
+                raise BadInput(f"{file} is a greyscale image of more than 8 bits; views must be 8-bit RGBA.")
             alpha = "A" in image.getbands() or "transparency" in image.info
             return np.asarray(image.convert("RGBA" if alpha else "RGB"))
     except BadInput:
@@ -339,7 +339,7 @@ def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[Images, str |
         return np.stack(decoded), None
     if max(channels) == 4:
         with_, without = files[channels.index(4)], files[channels.index(3)]
-        raise BadInput(f"{with_.name} has alpha and {without} does not; all images of a view set need it.")
+        raise BadInput(f"{with_.name} has alpha and {without} does not; all images of a view set need alpha.")
     colours = np.stack(decoded)  # (n, h, w, 3)
     edge = max(1, min(colours.shape[1:3]) // 50)
     ends = [*range(edge), *range(-edge, 0)]

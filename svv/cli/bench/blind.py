@@ -16,6 +16,7 @@ BLIND = (
     "svv bench blind ours theirs frames --styles styles.json --crops 3 --seed 7 --out trial",
     "svv bench blind --choices trial/choices.json --json agreement.json",
 )
+"""Examples in the help."""
 
 
 def blind(

@@ -25,11 +25,13 @@ CHART = (
     "svv bench chart views --presets balanced,paper --encodings hash --time-limits 600 --out paper",
     "svv bench chart views --presets fast --encodings lattice --lighting network,phong --time-limits 60 --out lights",
 )
+"""Examples in the help."""
 
 
 PROCESSORS = ("cpu", "cuda")
 """Devices by name, because ``auto`` depends on the machine."""
 KERNELS = ("auto", "reference")
+"""Values of ``--kernels``."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ JUDGE = (
     "svv bench judge view.png --out judged",
     "svv bench judge view.png gallery:woodcut brush.jpg --only cosine --steps 30 --size 256 --out judged",
 )
-"""Examples of the help."""
+"""Examples in the help."""
 
 
 def judge(

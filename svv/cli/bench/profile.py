@@ -19,6 +19,7 @@ PROFILE = (
     "svv bench profile views",
     "svv bench profile views --preset balanced --steps 400 --json profile.json",
 )
+"""Examples in the help."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,9 @@ SHEET = (
     "svv bench sheet foot.svv head.svv --style brush.jpg --style gallery:mosaic --out paintings",
     "svv bench sheet foot.svv --style gallery:woodcut --style gallery:impasto --preset draft --out paintings",
 )
+"""Examples in the help."""
 FIGURES = ("svv bench figures head.svv --style gallery:impasto --style gallery:mosaic --out figures",)
+"""Examples in the help."""
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ STABILITY = (
     "svv bench stability --case 'regions-*' --preset draft --seeds 1",
     "svv bench stability --list",
 )
+"""Examples in the help."""
 
 
 @dataclass(frozen=True)

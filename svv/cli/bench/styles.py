@@ -23,14 +23,17 @@ CONSISTENCY = (
     "svv bench consistency styled.svv --size 200 --every 10 --flows depth --json c.json --out quick",
     "svv bench consistency scene.svv --network pcn --json unstyled.json --out unstyled",
 )
+"""Examples in the help."""
 COMPARE = (
     "svv bench compare a.svv b.svv --style brush.png --style gallery:woodcut --out modes",
     "svv bench compare a.svv --style brush.png --modes ours,arf-like --size 200 --every 20 --out quick",
 )
+"""Examples in the help."""
 ABLATE = (
     "svv bench ablate scene.svv --style brush.png --out ablations",
     "svv bench ablate scene.svv --style brush.png --views views --only lambda-delta,refinement --out stage2",
 )
+"""Examples in the help."""
 
 Flows = Annotated[
     str,
@@ -39,7 +42,9 @@ Flows = Annotated[
     ),
 ]
 KINDS = ("depth", "tvl1", "ilk")
+"""Values of ``--flows``."""
 ALL_MODES = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame,video,adain"
+"""Default of ``--modes``."""
 
 
 @dataclass(frozen=True)

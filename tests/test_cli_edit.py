@@ -168,6 +168,6 @@ def test_bad_use_is_one_sentence_and_writes_nothing(
 
 def test_a_painting_of_a_name_that_is_there_is_refused_before_work_begins(svv: Run) -> None:
     Image.fromarray(np.zeros((32, 32, 3), np.uint8)).save("style.png")
-    with pytest.raises(BadInput, match="'ink' already"):
+    with pytest.raises(BadInput, match="already a variant 'ink'"):
         svv("stylize", "two.svv", "--style", "style.png", "--variant", "ink", "--out", "x.svv")
     assert not Path("x.svv").exists()

@@ -122,7 +122,7 @@ def test_names_that_cannot_be(cube: Scene, name: str) -> None:
 
 
 def test_variants_that_cannot_be_are_one_sentence(cube: Scene, two: Scene) -> None:
-    with pytest.raises(BadInput, match="'ink' already"):
+    with pytest.raises(BadInput, match="already a variant 'ink'"):
         two.free_name("ink")
     with pytest.raises(BadInput, match="no variant 'gold': the scene has ink, oil"):
         two.with_variant("gold")

@@ -1,4 +1,4 @@
-"""How Sphinx makes these pages: ``make docs``."""
+"""Sphinx configuration of these pages; ``make docs`` builds them."""
 
 from __future__ import annotations
 

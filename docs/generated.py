@@ -1,4 +1,4 @@
-"""Reference pages that are made from the code: commands, filters, presets. Nothing of them is written by hand."""
+"""Reference pages generated entirely from the code: commands, filters, presets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OPEN = "```{note}\nThis page is made from the code (`docs/generated.py`).\n```\n
 
 
 def write(folder: Path) -> None:
-    """Write ``commands.md``, ``filters.md`` and ``presets.md`` into a folder; files that stay the same are left."""
+    """Write ``commands.md``, ``filters.md`` and ``presets.md`` into a folder; unchanged files are not rewritten."""
     for name, lines in (("commands", commands()), ("filters", filters()), ("presets", presets())):
         path, text = folder / f"{name}.md", "\n".join(lines) + "\n"
         if not path.exists() or path.read_text(encoding="utf-8") != text:
@@ -28,7 +28,7 @@ def write(folder: Path) -> None:
 
 
 def commands() -> Iterator[str]:
-    """Every command with its arguments, options and examples."""
+    """Yield every command with its arguments, options and examples."""
     from svv.cli import paraview
     from svv.cli.app import COMMANDS
     from svv.cli.bench import COMMANDS as BENCH
@@ -52,7 +52,7 @@ def _command(name: str, function: Any, examples: Any) -> Iterator[str]:
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         kind, *notes = get_args(parameter.annotation)
         (info,) = (note for note in notes if hasattr(note, "help"))
-        # What stands first in an annotation's option is its default, or, where the parameter has one, its first name.
+        # In an annotated option, `default` holds the first name if the parameter has a default of its own.
         given = [d for d in (info.default, *(info.param_decls or ())) if isinstance(d, str) and d.startswith("-")]
         option = "default_factory" in vars(info) and "prompt" in vars(info)
         names = ", ".join(f"`{d}`" for d in given) or (f"`--{parameter.name.replace('_', '-')}`" if option else "")
@@ -75,7 +75,7 @@ def _command(name: str, function: Any, examples: Any) -> Iterator[str]:
 
 
 def _choices(kind: Any) -> str:
-    """The values of an enumeration, of an optional one, too."""
+    """Return the values of an enumeration, which may be optional, separated by bars; empty for other types."""
     for each in (kind, *get_args(kind)):
         if isinstance(each, type) and issubclass(each, Enum):
             return "|".join(str(member.value) for member in each)
@@ -90,7 +90,7 @@ def _cell(text: str) -> str:
 
 
 def filters() -> Iterator[str]:
-    """Every filter and reader with its properties, as its panel lists them."""
+    """Yield every filter and reader with its properties, in the order of its panel."""
     found = _decorated()
     yield "# Filters and readers in ParaView\n"
     yield OPEN
@@ -104,7 +104,7 @@ def filters() -> Iterator[str]:
         for element in ElementTree.fromstring(f"<all>{''.join(reversed(cls.xml))}</all>"):
             label = element.get("label") or element.get("name") or ""
             if re.match(r"(Region [1-9]|Colour [1-9]) ", label):
-                continue  # as the first, whose number is K here
+                continue  # the same as the first, whose number is shown as K
             label = re.sub(r"^(Region|Colour) 0 ", r"\1 K ", label)
             shown = element.get("panel_visibility", "default") != "never"
             if not element.tag.endswith("Property") or not shown or element.get("name") in (None, "Input"):
@@ -125,7 +125,7 @@ def _default(text: str) -> str:
 
 
 def _decorated() -> list[Any]:
-    """The classes of the plugin, read without ParaView: its decorators are replaced by ones that take notes."""
+    """Return the classes of the plugin without ParaView: stand-ins for its decorators record what they are given."""
     found: list[Any] = []
 
     def note(xml: str) -> Any:
@@ -170,7 +170,7 @@ def _decorated() -> list[Any]:
 
 
 def presets() -> Iterator[str]:
-    """Every setting of every stage, and its value in each preset."""
+    """Yield every setting of every stage with its value in each preset."""
     from svv.fields import networks
     from svv.options.described import described
     from svv.train import config

@@ -1,7 +1,7 @@
-"""The pictures of "How it works": what every stage makes of the demo's volume, seen from the same camera.
+"""The pictures of "How it works": the result of each stage for the demo's volume, seen from the same camera.
 
-Run ``make demo``, then ``.venv/bin/python -m docs.pictures demo`` in the checkout. In a few
-seconds it writes ``docs/images/stage-*.jpg`` from the views and scenes in the folder.
+Run ``make demo``, then ``.venv/bin/python -m docs.pictures demo`` in the checkout. This takes a few
+seconds and writes ``docs/images/stage-*.jpg`` from the views and scenes in the folder.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SIZE = 420
 """Width and height of each picture, in pixels."""
 
 ZOOM = 0.55
-"""Part of the field of view that the pictures show: the views leave room around what they show."""
+"""Fraction of the field of view that the pictures show, because the views leave a margin around the volume."""
 
 WHITE = (1.0, 1.0, 1.0)
 
@@ -31,20 +31,20 @@ Pixels = NDArray[np.float64]
 
 
 def write(name: str, pictures: list[Pixels]) -> None:
-    """Write pictures (height, width, 3), in [0, 1], side by side."""
+    """Write pictures (height, width, 3), in [0, 1], side by side into one file."""
     row = np.clip(np.concatenate(pictures, axis=1), 0.0, 1.0)
     path = IMAGES / f"stage-{name}.jpg"
     Image.fromarray(np.rint(255 * row).astype(np.uint8)).save(path, quality=88, optimize=True, progressive=True)
 
 
 def over_white(rgba: NDArray[np.uint8]) -> Pixels:
-    """Levels of straight alpha (height, width, 4; 0 to 255) over white, in [0, 1]."""
+    """Return an image with straight alpha (height, width, 4; 0 to 255) over white (height, width, 3), in [0, 1]."""
     levels = rgba.astype(np.float64) / 255
     return levels[..., :3] * levels[..., 3:] + (1 - levels[..., 3:])
 
 
 def main() -> None:
-    """Draw the pictures from a folder of ``svv demo``."""
+    """Draw the pictures from the output folder of ``svv demo``."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("demo", type=Path, help="the folder of `svv demo`")
     folder = parser.parse_args().demo

@@ -1,7 +1,7 @@
-"""The screenshots of the first tutorial, taken from ParaView's own window on the way that the tutorial describes.
+"""The screenshots of the first tutorial, taken from ParaView's own window while following its steps.
 
 Run ``.venv/bin/python -m docs.screenshots`` in a checkout where ``make test`` has installed ParaView, Xvfb and xdotool.
-It writes ``docs/images/first-*.jpg`` and takes about five minutes on two CPU cores, nearly all of them training.
+It writes ``docs/images/first-*.jpg`` and takes about five minutes on two CPU cores, mostly for training.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from tests.paraview.conftest import GUI_MAIN, Gui
 IMAGES = Path(__file__).resolve().parent / "images"
 
 QUALITY = 82
-"""Of the JPEG files: text stays sharp, and a window of 1280 x 1024 pixels stays below 150 kB."""
+"""Quality of the JPEG files: text stays sharp, and a window of 1280 x 1024 pixels stays below 150 kB."""
 
 FILTERS, STYLIZED_VIEW, CHOOSE_PRESET, CLOSE = (215, 10), (531, 512), (234, 828), (1032, 724)
-"""What is clicked in ParaView 5.11: the menu, its item, the button of presets, and Close of its dialog."""
+"""Positions to click in ParaView 5.11, in pixels: the menu, its item, the preset button, and Close in its dialog."""
 
 DIALOG = (139, 197, 1123, 748)
-"""The box of the dialog of presets: left, upper, right, lower."""
+"""The box of the preset dialog in pixels: left, upper, right, lower."""
 
 LISTENER = """
 import os
@@ -96,34 +96,34 @@ FOLLOWED = "len(GetRenderViews()) == 2 and max(painting.ImageSize) == 800"
 
 
 class Window:
-    """ParaView's window, to which Python is sent as a reader's clicks would come."""
+    """ParaView's window, in which Python code stands in for some of the reader's clicks."""
 
     def __init__(self, gui: Gui, folder: Path) -> None:
         self.gui, self.folder = gui, folder
 
     def do(self, code: str, timeout: float = 300.0) -> str:
-        """Run Python in the window's process; ``answer``, if the code sets it, comes back."""
+        """Run Python code in the window's process, and return ``answer`` if the code sets it."""
         partial = self.folder / "todo.partial"
         partial.write_text(code)
         partial.rename(self.folder / "todo.py")
         return self.gui.wait(timeout)
 
     def until(self, condition: str, timeout: float = 1500.0) -> None:
-        """Wait for a condition on the window's variables."""
+        """Wait until a condition on the window's variables holds."""
         end = time.monotonic() + timeout
         while self.do(f"answer = str(bool({condition}))", timeout) != "True":
             assert time.monotonic() < end, f"{condition} did not come true\n{self.gui.log()}"
             time.sleep(1.0)
 
     def keep(self, name: str, box: tuple[int, int, int, int] = (0, 0, 1280, 1024)) -> None:
-        """Write what the window shows, or a part of it, into the documentation's images."""
+        """Save a screenshot of the window, or of a part of it, among the documentation's images."""
         shown = Image.open(self.gui.screenshot(self.folder / "shown.png")).convert("RGB").crop(box)
         shown.save(IMAGES / f"first-{name}.jpg", quality=QUALITY, optimize=True, progressive=True)
 
 
 @contextmanager
 def window(folder: Path) -> Iterator[Window]:
-    """ParaView with the plugin, on a display in memory, with settings and a cache of its own."""
+    """Start ParaView with the plugin on a display in memory, with separate settings and cache."""
     (folder / "listener.py").write_text(LISTENER)
     main = folder / "main.py"
     main.write_text(GUI_MAIN.format(source=str(folder / "listener.py")))
@@ -153,7 +153,7 @@ def window(folder: Path) -> Iterator[Window]:
 
 
 def take(window: Window) -> None:
-    """Go through the tutorial, and keep a picture of every step."""
+    """Follow the tutorial, and save a picture of every step."""
     xdotool = window.gui.xdotool
     window.do(OPEN)
     window.keep("opened")
@@ -184,7 +184,7 @@ def take(window: Window) -> None:
 
 
 def main() -> None:
-    """Generate the demo's input, start ParaView beside it, and take the pictures."""
+    """Generate the demo's input, start ParaView in its folder, and take the pictures."""
     with tempfile.TemporaryDirectory(prefix="svv-") as made:
         folder = Path(made) / "demo"
         folder.mkdir(mode=0o700)

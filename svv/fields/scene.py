@@ -91,7 +91,7 @@ class Scene(PaintedModel):
         """
         network = network or self.networks[-1]
         if network not in self.networks:
-            raise BadInput(f"The scene holds no network '{network}', only {', '.join(self.networks)}.")
+            raise BadInput(f"The scene has no network '{network}', only {', '.join(self.networks)}.")
         device = self.device
         caster = RayCaster([camera], self.occupancy.box, device)
         pixels, chunk = camera.width * camera.height, kernels_of(device.type).RAYS

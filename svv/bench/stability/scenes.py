@@ -143,7 +143,7 @@ def ring_and_balls(point: Array) -> Array:
 
 
 def ring(point: Array) -> Array:
-    """Return only the ring."""
+    """Return the ring without the balls."""
     return 0.5 + 0.5 * _shape(_ring(point))
 
 

@@ -198,7 +198,7 @@ def read_choices(path: Path, sheets: int, columns: int) -> list[int]:
     given = {f"{int(name):03d}" if name.isdecimal() else name: value for name, value in content.items()}
     unknown = sorted(set(given) - set(names))
     if unknown:
-        raise BadInput(f"{path} has a choice for a sheet '{unknown[0]}' that does not exist: there are {sheets}.")
+        raise BadInput(f"{path} names a sheet '{unknown[0]}' that does not exist: there are {sheets} sheets.")
     missing = [name for name in names if given.get(name) is None]
     if missing:
         raise BadInput(

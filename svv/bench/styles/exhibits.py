@@ -56,7 +56,7 @@ class Exhibit:
 
     def __post_init__(self) -> None:
         if not 0 <= self.frame <= 180:
-            raise BadInput(f"The frame must be one of the path, 0 to 180, not {self.frame}.")
+            raise BadInput(f"The frame must be a number from 0 to 180, not {self.frame}.")
 
 
 class Studio:

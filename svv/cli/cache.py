@@ -27,8 +27,8 @@ def cache(
 ) -> None:
     """Show or clear the results that ParaView's filters keep so that saved states need not train or paint again.
 
-    The folder is SVV_CACHE if it is set, otherwise svv/scenes in the user's cache. SVV_CACHE_SIZE limits its size (by
-    default to 2G); above the limit, the least recently used results are removed.
+    The folder is SVV_CACHE if it is set, otherwise svv/scenes in the user's cache. SVV_CACHE_SIZE limits its size,
+    by default to 2G; above the limit, the least recently used results are removed.
     """
     from svv.io.atomic import check_writable, write_json
     from svv.io.cache import Cache

@@ -34,7 +34,7 @@ def as_volume(image: vtkImageData, array: str | None = None, name: str = "The vo
         name: Name of the image in messages.
 
     Returns:
-        A new image (sharing the array's memory where the type allows it).
+        A new image with its own copy of the values.
 
     Raises:
         BadInput: There are no scalars, or they have several components, NaN or infinities; there are fewer than two

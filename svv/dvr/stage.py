@@ -50,7 +50,7 @@ class Stage:
     visible_size: Array
     """Side lengths of the visible box along the volume's own axes, world units. (3,)"""
     gain: float
-    """Factor in: value in ``image`` = ``gain`` * value of the volume + ``offset``."""
+    """Factor in the equation: value in ``image`` = ``gain`` * value of the volume + ``offset``."""
     offset: float
     """Summand in the same equation."""
 

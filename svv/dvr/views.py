@@ -71,7 +71,7 @@ def render_views(
         progress: Called after each view.
 
     Returns:
-        (n, height, width, 4) uint8, straight alpha.
+        uint8 levels with straight alpha. (n, height, width, 4)
 
     Raises:
         BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or

@@ -18,7 +18,7 @@ Mask = NDArray[np.bool_]
 Point = tuple[float, float]
 
 ASPECT = 0.03
-"""Log ratio of the aspect ratios above which a mask belongs to another picture."""
+"""Largest difference between the logarithms of the aspect ratios of a mask and its picture."""
 
 CLOSEST = 2.0
 """Distance in pixels of the picture below which a positive and a negative point contradict each other."""

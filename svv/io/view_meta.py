@@ -79,7 +79,7 @@ class VolumeGrid:
 
 @dataclass(frozen=True)
 class ViewMeta:
-    """Known facts about how the images of a view set were made; there are none for sets from other programs.
+    """Metadata on how the images of a view set were made; it is empty for sets from other programs.
 
     Views that were rendered from a volume (:func:`svv.dvr.views.make_views`) have all fields except ``assumed``.
     """
@@ -106,7 +106,7 @@ class ViewMeta:
     vtk: str | None = None
     """Version of VTK."""
     seconds: float | None = None
-    """Rendering time in seconds."""
+    """Time taken to make the views, in seconds."""
     assumed: str | None = None
     """Sentence about which pixels count as empty, if the images had no alpha."""
     other: Json = field(default_factory=dict)

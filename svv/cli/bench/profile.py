@@ -24,7 +24,7 @@ PROFILE = (
 
 @dataclass(frozen=True)
 class Profiling:
-    """Number of steps to run and to time."""
+    """Preset, steps and seed of the run that is timed."""
 
     preset: PresetName = "fast"
     """Preset whose settings are used."""

@@ -32,7 +32,7 @@ def judge(
 ) -> None:
     """Compare feature networks: one view is stylized with every candidate and scored against the style.
 
-    The scores use none of the features that are compared. Look at the contact sheets before you decide: the scores alone are not enough.
+    The scores use none of the features that are compared. They are not enough to decide: look at the contact sheets.
     """
     from svv.bench.styles.judge_features import judge as judged
 

@@ -152,26 +152,23 @@ def stroke_axes(gradient: Floats, spread: float) -> Floats:
     """
     length = np.sqrt(np.square(gradient).sum(0))
     where = length > 0.02 * float(length.max() or 1.0)
-    at = np.nonzero(where)
-    g = gradient[:, where].T.astype(np.float64)
-    size = length[at][:, None].astype(np.float64)
-    n = g / np.maximum(size, 1e-12)
-    hessian = np.empty((len(g), 3, 3))
-    for i in range(3):
-        for j, derivative in enumerate(np.gradient(gradient[i])):
-            hessian[:, i, j] = derivative[at]
-    hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))
-    project = np.eye(3) - n[:, :, None] * n[:, None, :]
-    shape = project @ hessian @ project / np.maximum(size, 1e-12)[:, :, None]
-    # The normal is also an eigenvector; a large eigenvalue moves it to the end.
-    values, vectors = np.linalg.eigh(shape @ shape + 1e6 * n[:, :, None] * n[:, None, :])
-    weak, strong = np.sqrt(np.maximum(values[:, 0], 0.0)), np.sqrt(np.maximum(values[:, 1], 0.0))
+    size = length[where].astype(np.float64)
+    n = gradient[:, where] / np.maximum(size, 1e-12)
+    second = np.stack([derivative[where] for row in gradient for derivative in np.gradient(row)]).reshape(3, 3, -1)
+    along, across = (t.T for t in tangents(n.T, np.array((0.0, 0.0, 1.0))))
+    bent_along, bent_across = ((second * t).sum(1) / np.maximum(size, 1e-12) for t in (along, across))
+    shear = 0.5 * ((bent_along * across).sum(0) + (bent_across * along).sum(0))
+    mean, half = (0.5 * ((bent_along * along).sum(0) + sign * (bent_across * across).sum(0)) for sign in (1.0, -1.0))
+    span = np.hypot(half, shear)
+    weak, strong = np.abs(np.abs(mean) - span), np.abs(mean) + span
     decided = (strong - weak) / np.maximum(strong + weak, 1e-9) * np.minimum(strong * 40.0, 1.0)
-    axis = vectors[:, :, 0]
+    # Half of this angle leads from ``along`` to the larger of mean + span and mean - span: the weaker where mean < 0.
+    turn = 0.5 * np.arctan2(shear, half) + np.where(mean < 0.0, 0.0, 0.5 * np.pi)
+    axis = np.cos(turn) * along + np.sin(turn) * across
     total = gaussian_filter(np.where(where, length, 0.0).astype(np.float32), spread)
     out = np.zeros((6, *where.shape), np.float32)
     for k, (i, j) in enumerate(SIX):
         entry = np.zeros(where.shape, np.float32)
-        entry[at] = decided * axis[:, i] * axis[:, j] * size[:, 0]
+        entry[where] = decided * axis[i] * axis[j] * size
         out[k] = gaussian_filter(entry, spread) / np.maximum(total, 1e-9 * float(total.max() or 1.0) + 1e-30)
     return out

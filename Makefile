@@ -12,6 +12,8 @@ VENV   ?= .venv
 OUT    ?= demo
 export SVV_PARAVIEW := $(or $(PARAVIEW),$(SVV_PARAVIEW))
 export TORCH
+# Bytecode is kept even if the shell says otherwise: it stays in here, and without it, each start of ParaView takes 5 s longer.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Paths may contain spaces: they are escaped for make and quoted for the shell.
 space     := $(subst ,, )

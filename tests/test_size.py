@@ -12,6 +12,9 @@ ROOT = Path(__file__).resolve().parents[1]
 MOST = 60
 """Lines of a function without its docstring, unless a comment on its first line says why: ``# long: ...``."""
 
+LONGEST = 400
+"""Lines of a module."""
+
 
 def giants(source: str) -> Iterator[str]:
     """Names of the functions that are longer without saying why."""
@@ -37,3 +40,10 @@ def test_a_giant_is_found_unless_it_says_why() -> None:
     assert list(giants(f"def tall():\n    '''One line.'''\n{body}\n")) == ["tall: 61 lines"]
     assert not list(giants(f"def tall():  # long: one table\n    '''One line.'''\n{body}\n"))
     assert not list(giants("def small():\n    '''One\n" + "line\n" * 99 + "    '''\n"))
+
+
+@pytest.mark.parametrize("folder", ["svv", "plugin", "paraview_scripts", "docs", "tests"])
+def test_modules_can_be_read_in_one_go(folder: str) -> None:
+    lines = {path: len(path.read_text("utf-8").splitlines()) for path in (ROOT / folder).rglob("*.py")}
+    assert lines
+    assert not {str(path): count for path, count in lines.items() if count > LONGEST}

@@ -10,6 +10,7 @@ If ParaView or a tool is missing, tests that use them fail with a sentence; they
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -18,12 +19,17 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import coverage
+import numpy as np
 import pytest
+from panel_script import END, START  # type: ignore[import-not-found]
 
 from svv.errors import BadInput
+from svv.io.output import write_png
 from svv.pv import start
+from tests.cube import cube_paint, cube_scene
 
 LONG = 300.0
 """Seconds after which a program hangs: a hundred times what it takes, as machines may be busy with other things."""
@@ -232,6 +238,26 @@ def gui(
         _end(one.process)
     for screen in displays:
         next(screen, None)
+
+
+@pytest.fixture
+def inside(pvpython: Callable, tmp_path: Path) -> Callable[[str], dict[str, Any]]:
+    """Run a script in pvpython in a folder with `cube.svv`, the painted `two.svv`, and two pictures."""
+    cube = cube_scene()
+    cube.save(tmp_path / "cube.svv")
+    ink = cube.painted(cube_paint(cube, 1), {0: "brush"}, {}, "ink")
+    ink.painted(cube_paint(cube, 2), {0: "oil", 1: "oil"}, {}, "oil").save(tmp_path / "two.svv")
+    picture = np.full((60, 80, 3), (0.85, 0.2, 0.1), np.float32)
+    picture[:, 40:] = (0.1, 0.7, 0.25)
+    picture[:, ::2] *= 0.9
+    write_png(tmp_path / "halves.png", picture)
+    write_png(tmp_path / "blue.png", np.where(picture > 0.5, picture, 0.3)[..., ::-1])
+
+    def run(script: str) -> dict[str, Any]:
+        pvpython(START + script + END, tmp_path)
+        return json.loads((tmp_path / "said.json").read_text())
+
+    return run
 
 
 def _alone(environ: Mapping[str, str], folders: pytest.TempPathFactory) -> dict[str, str]:

@@ -194,7 +194,7 @@ said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
         "empty": "The input is empty",
         "nan": "NaN",
         "style": "no style picture",
-        "no scene": "no scene",
+        "no scene": "is not a scene",
         "region": "no region 7",
         "no style": "at least one picture",
         "network": "no network 'styled'",

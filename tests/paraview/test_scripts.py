@@ -17,7 +17,7 @@ from svv.render.pictures import read_png
 from svv.styles.textures import style_picture
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "paraview_scripts"
-QUICK = ("--preset", "draft", "--time-limit", 5, "--views", 12, "--test", 2, "--size", 96)
+QUICK = ("--preset", "draft", "--time-limit", 2, "--views", 12, "--test", 2, "--size", 96)
 SMALL = ("--orbit", 3, "--orbit-size", 48)
 
 
@@ -133,7 +133,7 @@ def test_many_styles_over_one_scene(made: Path, pvpython, tmp_path: Path) -> Non
 def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> None:
     done = pvpython(
         SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, 32, "--images", 48, 64, "--preset", "draft", "--views", 12,
-        "--time-limit", 5, "--out", tmp_path,
+        "--time-limit", 2, "--out", tmp_path,
     )  # fmt: skip
     rows = list(csv.DictReader((tmp_path / "compare.csv").read_text().splitlines()))
     assert [(r["side"], r["volume"], r["image"]) for r in rows] == [
@@ -151,7 +151,7 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
     stamp = (tmp_path / "32" / "pcn.json").stat().st_mtime_ns
     pvpython(
         SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, 32, "--images", 48, 64, "--preset", "draft", "--views", 12,
-        "--time-limit", 5, "--out", tmp_path,
+        "--time-limit", 2, "--out", tmp_path,
     )  # fmt: skip
     assert (tmp_path / "32" / "pcn.json").stat().st_mtime_ns == stamp
 

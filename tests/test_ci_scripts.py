@@ -59,7 +59,7 @@ def test_a_failing_apt_is_quoted_and_lists_that_fail_are_not_the_end(run: Callab
     assert done.stderr.splitlines() == [
         "E: no network",
         "E: Unable to locate xvfb",
-        "apt-get could not install xvfb; what it said stands above.",
+        "apt-get could not install xvfb; its messages are above.",
     ]
 
 

@@ -38,7 +38,7 @@ def test_another_apt_is_waited_for_and_a_line_says_so(run: Callable, tmp_path: P
         if [ ! -e $LOG.busy ]; then > $LOG.busy; echo '{LOCKED}' >&2; exit 100; fi"""
     done = run("apt", "xvfb", "cmake", apt=apt)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "Another program is installing packages: waiting for it, 600 seconds at most.\n"
+    assert done.stdout == "Another program is installing packages: waiting for it, at most 600 seconds.\n"
     assert (tmp_path / "log").read_text().splitlines() == [
         "-qq update",
         "-qq update",

@@ -157,7 +157,7 @@ def test_every_field_is_an_edit_or_says_what_the_region_is() -> None:
     assert set(edits) == set(vars(edited)) - set(IDENTITY)
     assert with_edits(plain, edits) == edited
     assert with_edits(edited, {}) == plain
-    with pytest.raises(TypeError, match="no edit"):
+    with pytest.raises(TypeError, match="not an edit"):
         with_edits(plain, {"share": 0.1})
 
 

@@ -129,7 +129,7 @@ def test_unknown_keys_survive_a_folder_and_a_change(tmp_path: Path) -> None:
 def test_other_peoples_sets_say_nothing(tmp_path: Path, keys: dict[str, object]) -> None:
     foreign(tmp_path, **keys)
     assert ViewSet.read(tmp_path).meta == read_meta(tmp_path) == ViewMeta()
-    with pytest.raises(BadInput, match="do not say their rig"):
+    with pytest.raises(BadInput, match="do not state their rig"):
         known(read_meta(tmp_path).rig, "rig")
 
 

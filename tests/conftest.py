@@ -18,6 +18,34 @@ settings.register_profile("svv", deadline=None)
 settings.load_profile("svv")
 
 
+def threads_each() -> int:
+    """Return how many threads a process may use so that those that test at the same time share the cores."""
+    return max(1, (os.cpu_count() or 1) // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def share_the_cores() -> None:
+    """Two tests with two threads each on two cores take a fifth longer than with one; whoever sets a number gets it."""
+    import numba
+    import torch
+
+    if "OMP_NUM_THREADS" not in os.environ:
+        torch.set_num_threads(threads_each())
+    if "NUMBA_NUM_THREADS" not in os.environ:
+        numba.set_num_threads(threads_each())
+
+
+@pytest.fixture
+def all_threads() -> Iterator[None]:
+    """Kernels run on all threads that there are, even beside another test."""
+    import numba
+
+    before = numba.get_num_threads()
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    yield
+    numba.set_num_threads(before)
+
+
 @pytest.fixture(scope="session")
 def cube() -> Scene:
     """A translucent cube, in which three regions lie about at random."""

@@ -18,6 +18,8 @@ from svv.fields.scene import Scene
 from svv.kernels import numba_kernels
 from svv.kernels.dispatch import CPU
 
+pytestmark = pytest.mark.usefixtures("all_threads")
+
 BOX = Box((-2.0, 1.0, 0.0), 3.0, (1.0, 0.9, 0.75))
 
 

@@ -16,6 +16,8 @@ from svv.kernels import numba_kernels
 from svv.kernels.types import ImageKernels, Lattice, Samples, Surface
 from tests.tolerances import KERNELS
 
+pytestmark = pytest.mark.usefixtures("all_threads")
+
 SEEDS = st.integers(0, 10**6)
 VERTICES = 5
 """Of a lattice of one level, along an axis."""

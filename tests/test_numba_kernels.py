@@ -26,6 +26,8 @@ from svv.kernels import numba_kernels, numba_lattice, reference
 from svv.train.reconstruct import largest_extinction
 from tests.tolerances import KERNELS
 
+pytestmark = pytest.mark.usefixtures("all_threads")
+
 UNIT = Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0))
 
 
@@ -70,7 +72,7 @@ def test_lattice_backward_is_the_same_whatever_the_number_of_threads(levels: tup
     x = points_in(occupied, 8, 3000)
     upstream = torch.randn(3000, lattice.width, generator=torch.Generator().manual_seed(1))
     gradient, used = lattice.buffers_for_gradient()
-    results, threads = [], numba.get_num_threads()
+    results, threads = [], numba.config.NUMBA_NUM_THREADS
     try:
         for number in sorted({1, threads}):
             numba.set_num_threads(number)

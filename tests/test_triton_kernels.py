@@ -36,6 +36,8 @@ from svv.train.reconstruct import Reconstruction
 from tests.interpreted import GPU, triton_kernels
 from tests.tolerances import KERNELS
 
+pytestmark = pytest.mark.usefixtures("all_threads")
+
 DEVICE = torch.device("cuda" if GPU else "cpu")
 OTHERS = [reference, triton_kernels]
 TOLERANCE = {"loss": 1e-4, "share": 0.01, "picture": 2e-3}

@@ -29,6 +29,7 @@ from panel_script import END, START  # type: ignore[import-not-found]
 from svv.errors import BadInput
 from svv.io.output import write_png
 from svv.pv import start
+from tests.conftest import threads_each
 from tests.cube import cube_paint, cube_scene
 
 LONG = 300.0
@@ -127,7 +128,8 @@ def display(paraview: start.ParaView) -> Iterator[str]:
 @pytest.fixture(scope="session")
 def environ(paraview: start.ParaView, display: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The variables that our launcher would set, and what measures coverage where that is asked for."""
-    ours = {**start.environ_for(paraview), "DISPLAY": display}
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"), str(threads_each()))
+    ours = {**threads, **start.environ_for(paraview), "DISPLAY": display}
     if "COVERAGE_PROCESS_CONFIG" in os.environ:
         folder = tmp_path_factory.mktemp("coverage")
         (folder / "coverage").symlink_to(Path(coverage.__file__).parent)

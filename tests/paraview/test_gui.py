@@ -111,7 +111,7 @@ def choose(running: Any, picture: Path, columns: tuple[int, int], *keys: str) ->
     before = chosen(running, picture, columns)
     for _ in range(6):
         running.xdotool("key", *keys)
-        until = time.monotonic() + 10.0
+        until = time.monotonic() + 3.0  # an item that cannot be chosen is passed without a mark
         while time.monotonic() < until:
             now = chosen(running, picture, columns)
             if now not in (0, before):

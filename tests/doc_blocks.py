@@ -21,6 +21,7 @@ from svv.bench.stability.scenes import EASY
 from svv.cli.app import app
 from svv.dvr.views import make_views
 from svv.fields.scene import Scene
+from svv.styles.offered import GALLERY
 from tests.cube import cube_paint, cube_scene, lit_cube_scene
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -174,6 +175,8 @@ def _stand_in(name: str, parameters: dict[str, Any]) -> None:
     else:
         made = Scene.load(parameters["scene"])
         if name == "stylize":
+            named = {style.removeprefix("gallery:") for style in parameters["style"] if style.startswith("gallery:")}
+            assert named <= set(GALLERY), f"The gallery has no {named - set(GALLERY)}."
             made = paint(made, parameters["variant"] or "styled", parameters["keep"] or ())
     made.save(parameters["out"])
 

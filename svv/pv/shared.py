@@ -76,9 +76,8 @@ def link(packages: Iterable[Distribution], folder: Path, never: Collection[str])
 def _installed(path: list[str]) -> dict[NormalizedName, Distribution]:
     found: dict[NormalizedName, Distribution] = {}
     for package in importlib.metadata.distributions(path=path):
-        name = package.metadata["Name"]
-        if name:  # a partly removed package has none
-            found.setdefault(canonicalize_name(name), package)
+        if "Name" in package.metadata:  # a partly removed package has none
+            found.setdefault(canonicalize_name(package.metadata["Name"]), package)
     return found
 
 

@@ -6,6 +6,8 @@ import importlib
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -49,6 +51,15 @@ def test_links_lead_somewhere(page: Path) -> None:
 def _anchor(heading: str) -> str:
     """The name by which a heading is linked to, as MyST and GitHub have it."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-")
+
+
+@pytest.mark.parametrize("script", sorted(DOCS.glob("*.py")), ids=lambda script: script.stem)
+def test_scripts_of_the_pages_find_what_they_import(script: Path) -> None:
+    """They run by hand, minutes each; what they take from tests may move."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"import docs.{script.stem}"], cwd=DOCS.parent, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_every_page_is_in_a_table_of_contents() -> None:

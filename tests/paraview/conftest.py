@@ -24,13 +24,13 @@ from typing import Any
 import coverage
 import numpy as np
 import pytest
-from panel_script import END, START  # type: ignore[import-not-found]
 
 from svv.errors import BadInput
 from svv.io.output import write_png
 from svv.pv import start
 from tests.conftest import threads_each
 from tests.cube import cube_paint, cube_scene
+from tests.paraview.panel_script import END, START
 
 LONG = 300.0
 """Seconds after which a program hangs: a hundred times what it takes, as machines may be busy with other things."""

@@ -236,9 +236,6 @@ def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) 
     return strength.astype(np.float32)
 
 
-# --- helpers ----------------------------------------------------------------------------------------------------------
-
-
 def _spread(sigma: float) -> float:
     """Return the standard deviation in pixels of the gradient across a jump in an image smoothed by ``sigma``."""
     return float(np.sqrt(sigma**2 + SAMPLING_VARIANCE))

@@ -21,7 +21,7 @@ from svv.core.box import Box
 from svv.core.classified import ClassifiedVolume, ValueRange, grid_shape
 from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.dvr.grids import to_array
-from svv.dvr.mappers import processors
+from svv.dvr.mappers import usable_cpus
 from svv.dvr.stage import Stage
 
 Array = NDArray[np.float64]
@@ -200,7 +200,7 @@ def _averaged(
         own[chosen] = _heaviest(start[across], stop[across], own[chosen], known, sigma, starts)
         owner[:, :, k] = own.T
 
-    with ThreadPoolExecutor(processors()) as threads:  # NumPy releases the interpreter's lock
+    with ThreadPoolExecutor(usable_cpus()) as threads:  # NumPy releases the interpreter's lock
         list(threads.map(average, range(len(values))))
     return exponent, owner
 

@@ -79,7 +79,7 @@ class CpuMapper:
         mapper.SetAutoAdjustSampleDistances(0)
         mapper.LockSampleDistanceToInputSpacingOff()
         mapper.IntermixIntersectingGeometryOff()
-        mapper.SetNumberOfThreads(processors())
+        mapper.SetNumberOfThreads(usable_cpus())
         self._mapper, self._volume = mapper, _volume(mapper, stage, shading)
         self.set_step(step)
         # This kind of window never creates an OpenGL context; the ray caster only asks for its size.
@@ -271,7 +271,7 @@ def all_threads() -> Iterator[None]:
         vtkMultiThreader.SetGlobalMaximumNumberOfThreads(limit)
 
 
-def processors() -> int:
+def usable_cpus() -> int:
     """Return the number of CPUs that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

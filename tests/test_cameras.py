@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from svv.core.cameras import (
     Camera,
     CameraRig,
-    geodesic_class,
-    geodesic_directions,
     look_at,
     orbit_cameras,
     sphere_cameras,
 )
+from svv.core.directions import geodesic_class, geodesic_directions
 from svv.errors import BadInput
 from tests.any_json import any_json
 

@@ -15,7 +15,8 @@ pytest.importorskip("vtkmodules")
 
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.core.cameras import Camera, geodesic_directions, look_at, orbit_cameras, sphere_cameras
+from svv.core.cameras import Camera, look_at, orbit_cameras, sphere_cameras
+from svv.core.directions import geodesic_directions
 from svv.core.shading import Shading
 from svv.dvr import mappers
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume

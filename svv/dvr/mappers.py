@@ -180,14 +180,7 @@ class GpuMapper:
         self._window.SetSize(camera.width, camera.height)
         _place(self._renderer, self._stage, camera)
         black, white = (self._draw(level, camera) for level in (0.0, 1.0))
-        # Each channel is rounded separately; the mean of the three differences is the best estimate of alpha.
-        alpha = np.clip(1.0 - (white - black).mean(axis=-1, keepdims=True) / 255.0, 0.0, 1.0)
-        alpha = np.where((black == 0).all(-1, keepdims=True) & (alpha < 1 / 255), 0.0, alpha)
-        colour = black / np.maximum(alpha, 1 / 255)
-        levels = np.concatenate([colour, 255.0 * alpha], axis=-1)
-        pixels: Pixels = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
-        pixels[pixels[..., 3] == 0] = 0
-        return pixels[::-1]
+        return straight_alpha(black, white)[::-1]
 
     def _draw(self, level: float, camera: Camera) -> NDArray[np.float32]:
         self._renderer.SetBackground(level, level, level)
@@ -208,6 +201,26 @@ class GpuMapper:
         """Release the OpenGL context."""
         self._renderer.RemoveAllViewProps()
         self._window.Finalize()
+
+
+def straight_alpha(black: NDArray[np.float32], white: NDArray[np.float32]) -> Pixels:
+    """Return straight-alpha pixels from an image drawn on black and on white: alpha = 1 - (white - black).
+
+    Args:
+        black: The image on black, levels 0 to 255. (height, width, 3)
+        white: The image on white. (height, width, 3)
+
+    Returns:
+        Colour and alpha; colour is 0 where alpha is 0. (height, width, 4) uint8
+    """
+    # Each channel is rounded separately; the mean of the three differences is the best estimate of alpha.
+    alpha = np.clip(1.0 - (white - black).mean(axis=-1, keepdims=True) / 255.0, 0.0, 1.0)
+    alpha = np.where((black == 0).all(-1, keepdims=True) & (alpha < 1 / 255), 0.0, alpha)
+    colour = black / np.maximum(alpha, 1 / 255)
+    levels = np.concatenate([colour, 255.0 * alpha], axis=-1)
+    pixels: Pixels = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+    pixels[pixels[..., 3] == 0] = 0
+    return pixels
 
 
 def choose_mapper(mapper: str) -> type[CpuMapper] | type[GpuMapper]:

@@ -168,6 +168,8 @@ BAD = {
     ("batch_styles.py", "out/scene.svv", "out/orbit", "--out", "painted"): "contains no pictures",
     ("batch_styles.py", "out/scene.svv", "brush.png", "out/../brush.png", "--out", "painted"): "rename one",
     ("compare_dvr_pcn.py", "--volumes", "4", "--out", "compared"): "at least 16",
+    ("extract_views.py", "none.vti", "--out", "none.cdb"): "no file none.vti",
+    ("extract_views.py", "volume.vti", "--phi", "361", "--out", "none.cdb"): "1 to 360 for phi",
 }
 """Arguments, and a part of the sentence that they deserve."""
 
@@ -203,12 +205,12 @@ def test_bad_input_is_a_sentence(made: Path, pvpython) -> None:
         last = err.strip().splitlines()[-1]
         assert code == 2 and last.startswith(f"{command[0]}: ") and said in last, (command, code, err)
         assert "Traceback" not in err
-    assert not any((made / name).exists() for name in ("orbit", "painted", "compared"))
+    assert not any((made / name).exists() for name in ("orbit", "painted", "compared", "none.cdb"))
 
 
 def test_help_has_examples(pvpython) -> None:
     commands = [(path.name, "--help") for path in sorted(SCRIPTS.glob("*.py"))]
-    assert len(commands) == 5
+    assert len(commands) == 6
     for (script, _), (code, out, _) in zip(commands, in_turn(pvpython, commands), strict=True):
         assert code == 0 and "examples:" in out and f"svv pvpython {script}" in out
 

@@ -84,7 +84,12 @@ def as_paraview_renders(view, camera) -> np.ndarray:
     view.OrientationAxesVisibility = 0
     view.CameraPosition, view.CameraViewUp = matrix[:3, 3].tolist(), matrix[:3, 1].tolist()
     view.CameraFocalPoint = (matrix[:3, 3] - np.linalg.norm(matrix[:3, 3]) * matrix[:3, 2]).tolist()
-    view.CameraViewAngle = float(np.degrees(2.0 * np.arctan(0.5 * camera.height / camera.focal)))
+    view.CameraParallelProjection = int(camera.is_orthographic)
+    half = 0.5 * camera.height / camera.focal
+    if camera.is_orthographic:
+        view.CameraParallelScale = half
+    else:
+        view.CameraViewAngle = float(np.degrees(2.0 * np.arctan(half)))
     simple.Render(view)
     image = view.CaptureWindow(1)
     width, height, _ = image.GetDimensions()

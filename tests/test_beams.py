@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -38,12 +40,15 @@ def camera_at(seed: int, away: float, fov: float, width: int, height: int) -> Ca
 
 @given(
     st.integers(0, 10**6), st.sampled_from([0.0005, 0.01, 0.3]), st.floats(0.05, 4.0), st.floats(0.1, 2.4),
-    st.integers(1, 61), st.integers(1, 61),
+    st.integers(1, 61), st.integers(1, 61), st.none() | st.floats(0.1, 6.0),
+    st.none() | st.tuples(st.floats(-60.0, 120.0), st.floats(-60.0, 120.0)),
 )  # fmt: skip
 def test_no_ray_that_meets_something_is_left_out(
-    seed: int, share: float, away: float, fov: float, width: int, height: int
-) -> None:
+    seed: int, share: float, away: float, fov: float, width: int, height: int, span: float | None,
+    centre: tuple[float, float] | None,
+) -> None:  # fmt: skip
     occupancy, camera = occupancy_of(seed, share), camera_at(seed, away, fov, width, height)
+    camera = replace(camera, span_x=span, centre=centre)
     caster = RayCaster([camera], BOX, CPU)
     meets = march(caster.view(0), occupancy, None, Marching(1 / 64)).count > 0
     in_sight = caster.in_sight(occupancy)
@@ -51,9 +56,10 @@ def test_no_ray_that_meets_something_is_left_out(
     assert np.isin(torch.nonzero(meets)[:, 0], in_sight).all()
 
 
-def test_most_of_an_image_of_little_is_left_out() -> None:
+@pytest.mark.parametrize("span", [None, 6.0])
+def test_most_of_an_image_of_little_is_left_out(span: float | None) -> None:
     occupied = np.zeros((16, 15, 12), np.uint8)
-    camera = camera_at(1, 2.0, 0.8, 200, 200)
+    camera = replace(camera_at(1, 2.0, 0.8, 200, 200), span_x=span)
     assert len(RayCaster([camera], BOX, CPU).in_sight(Occupancy(BOX, 16, occupied))) == 0
     occupied[8, 7, 6] = 1
     caster, little = RayCaster([camera], BOX, CPU), Occupancy(BOX, 16, occupied)
@@ -61,8 +67,8 @@ def test_most_of_an_image_of_little_is_left_out() -> None:
     assert 0 < int(meets.sum()) < len(caster.in_sight(little)) < 0.1 * 200 * 200
 
 
-@pytest.mark.parametrize("away", [0.2, 1.5])
-def test_images_are_those_of_all_pixels(away: float, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("away", "span"), [(0.2, None), (1.5, None), (1.5, 4.0)])
+def test_images_are_those_of_all_pixels(away: float, span: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
     occupancy = occupancy_of(5, 0.02)
     torch.manual_seed(0)
     settings = FieldSettings(resolutions=(8, 16), width=16)
@@ -72,7 +78,7 @@ def test_images_are_those_of_all_pixels(away: float, monkeypatch: pytest.MonkeyP
         base.density.table.fill_(1.5)
     base.encoding.randomize(1.0, torch.Generator().manual_seed(0))
     scene = Scene(settings, occupancy, Marching(1 / 32), base.requires_grad_(False))
-    camera = camera_at(3, away, 1.0, 75, 50)
+    camera = replace(camera_at(3, away, 1.0, 75, 50), span_x=span)
     monkeypatch.setattr(numba_kernels, "RAYS", 1000)  # so that there are several pieces
     image = scene.render(camera)
     monkeypatch.setattr(RayCaster, "in_sight", lambda self, _: torch.arange(self.width * self.height))

@@ -57,7 +57,7 @@ def ink(shapes: Images, pen: Pen = BLACK, count: int | None = None) -> NDArray[n
     """How much ink there is in each pixel, of black over white."""
     size = len(shapes[1])
     pens = [pen] * (count or int(shapes[2].max()) + 1)
-    rgba, depth, region = outlined(*shapes, pens, 1.0 / camera(size).focal, 1.0)
+    rgba, depth, region = outlined(*shapes, pens, camera(size).pixel_at, 1.0)
     np.testing.assert_array_equal(region >= 0, rgba[..., 3] > 0.0)
     np.testing.assert_array_equal(np.isfinite(depth), region >= 0)
     return np.asarray(1.0 - (rgba[..., :3].mean(axis=2) * rgba[..., 3] + 1.0 - rgba[..., 3]), np.float64)
@@ -163,7 +163,7 @@ def test_fog_has_no_lines_and_translucent_things_faint_ones() -> None:
     depth = (AWAY + 0.3 * np.sin(25.0 * x) * np.cos(31.0 * y)).astype(np.float32)
     rgba = np.ones((size, size, 4), np.float32)
     rgba[..., 3] = 0.7 * np.exp(-12.0 * (x**2 + y**2))
-    fog = outlined(rgba, depth, np.zeros((size, size), np.int16), [BLACK], 1.0 / camera(size).focal, 1.0)
+    fog = outlined(rgba, depth, np.zeros((size, size), np.int16), [BLACK], camera(size).pixel_at, 1.0)
     np.testing.assert_array_equal(fog[0], rgba)
     faint, full = (ink(images([sphere(size)], [alpha])).max() for alpha in (0.4, 1.0))
     assert 0.1 < faint < 0.5 * full
@@ -186,7 +186,7 @@ def test_a_region_without_a_pen_has_lines_only_where_another_has_one() -> None:
     size = 400
     shapes = images([sphere(size, (-0.4, 0.0, 0.0), 0.3), sphere(size, (0.4, 0.0, 0.0), 0.3)])
     red, none = Pen(0.5, 4.0, (1.0, 0.0, 0.0)), Pen(0.0, 4.0, (0.0, 1.0, 0.0))
-    rgba = outlined(*shapes, [red, none], 1.0 / camera(size).focal, 1.0)[0]
+    rgba = outlined(*shapes, [red, none], camera(size).pixel_at, 1.0)[0]
     np.testing.assert_array_equal(rgba[:, size // 2 :], shapes[0][:, size // 2 :])
     beyond = (shapes[2] < 0) & (rgba[..., 3] > 0.0)
     np.testing.assert_allclose(rgba[beyond][:, :3], [[1.0, 0.0, 0.0]] * int(beyond.sum()), atol=1e-6)
@@ -196,10 +196,15 @@ def test_a_region_without_a_pen_has_lines_only_where_another_has_one() -> None:
 def test_without_strength_or_anything_to_see_images_are_the_same() -> None:
     shapes = images([sphere(64)])
     assert all(
-        a is b for a, b in zip(outlined(*shapes, [Pen(0.0, 2.0, OUTLINE_COLOUR)], 0.01, 1.0), shapes, strict=True)
+        a is b
+        for a, b in zip(
+            outlined(*shapes, [Pen(0.0, 2.0, OUTLINE_COLOUR)], camera(16).pixel_at, 1.0),
+            shapes,
+            strict=True,
+        )
     )
     empty = images([np.full((64, 64), np.inf)])
-    assert all(a is b for a, b in zip(outlined(*empty, [BLACK], 0.01, 1.0), empty, strict=True))
+    assert all(a is b for a, b in zip(outlined(*empty, [BLACK], camera(16).pixel_at, 1.0), empty, strict=True))
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 24])

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 TYPES = {
-    "*fp32": "x g_out scales table out gradient first second rotations positions focal origins directions tail "
+    "*fp32": "x g_out scales table out gradient first second rotations positions lenses origins directions tail "
     "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
     "begin end passed shift",
     "*i64": "shapes bases resolutions offsets pixels start count own chosen place taken",

@@ -161,9 +161,10 @@ def test_pixel_rays_are_those_of_the_cameras(kernels: Kernels, monkeypatch: pyte
         pose[:3, :3] = np.linalg.qr(generator.normal(size=(3, 3)))[0]
         pose[:3, 2] *= np.linalg.det(pose[:3, :3])
         pose[:3, 3] = generator.normal(size=3)
-        poses.append(Camera(pose, 0.6, 15, 10))
+        for span in (None, 2.5):
+            poses += [Camera(pose, 0.6, 15, 10, span, centre) for centre in (None, (3.2, 11.0))]
     box = Box((-1.0, -2.0, -3.0), 4.0, (1.0, 1.0, 1.0))
-    pixels = torch.from_numpy(generator.permutation(3 * 150)[:130])
+    pixels = torch.from_numpy(generator.permutation(12 * 150)[:520])
     rays = RayCaster(poses, box, there(kernels)).rays(pixels)
     truth = [np.stack([c.rays()[k] for c in poses]).reshape(-1, 3)[pixels] for k in (0, 1)]
     np.testing.assert_allclose(rays.origins.cpu(), box.to_box(truth[0]), atol=1e-5)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,7 @@ from svv.core.json_values import list_in, needed, number_in, object_in, vector_i
 from svv.errors import BadInput
 
 Array = NDArray[np.float64]
+Distance = TypeVar("Distance", float, NDArray[np.floating])
 
 ROTATION_TOLERANCE = 1e-3
 """Largest entry of |R^T R - I| for which R counts as a rotation: view sets round theirs to 1e-8 ... 1e-4."""
@@ -182,9 +184,10 @@ class Camera:
         column, row = self.principal_point
         return column + local[..., 0] * scale, row - local[..., 1] * scale, ahead
 
-    def pixel_at(self, distance: float) -> float:
-        """Return the width of a pixel at a distance along the axis; both in world units."""
-        return (1.0 if self.span_x is not None else distance) / self.focal
+    def pixel_at(self, distance: Distance, pixels: float = 1.0) -> Distance:
+        """Return the width of some pixels at distances (...,) from the camera; both in world units. (...,)"""
+        size = pixels * (1.0 / self.focal)
+        return size * distance if self.span_x is None else size + 0.0 * distance
 
     def resized(self, width: int, height: int) -> Camera:
         """Return the camera with another image size and the same horizontal angle of view, or width in world units."""

@@ -12,6 +12,7 @@ shorter side of the actual image divided by that. Letters: H, W rows and columns
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, maximum_filter
 
 Floats = NDArray[np.float32]
+PixelSize = Callable[..., Any]
 Indices = NDArray[np.intp]
 
 VIEW = 800
@@ -96,7 +98,7 @@ class Edges:
 
 
 def lines_of(
-    alpha: Floats, depth: Floats, region: NDArray[np.int16], footprint: float, box: float, scale: float
+    alpha: Floats, depth: Floats, region: NDArray[np.int16], pixel_at: PixelSize, box: float, scale: float
 ) -> tuple[tuple[Edges, Floats], tuple[Edges, Floats]]:
     """Find silhouettes and creases, each with the strength in [0, 1] of its points (E,).
 
@@ -104,7 +106,7 @@ def lines_of(
         alpha: Opacity in [0, 1]. (H, W)
         depth: Distance from the camera in world units, nan where nothing is visible. (H, W)
         region: Number of the region, -1 where nothing is visible. (H, W)
-        footprint: Size of a pixel at distance 1, in world units.
+        pixel_at: Returns the width of pixels at distances (:meth:`svv.core.cameras.Camera.pixel_at`).
         box: Longest side of the scene's box in world units.
         scale: Shorter side of the whole image divided by :data:`VIEW`; the images may be a crop of it.
     """
@@ -112,13 +114,13 @@ def lines_of(
     share = _gauss(alpha, sigma)
     seen = np.where(np.isnan(depth), 0.0, depth).astype(np.float32)
     smooth = _gauss(alpha * seen, sigma) / np.maximum(share, 1e-4)
-    edges = _silhouettes(alpha, smooth, share, region, footprint, box, scale)
+    edges = _silhouettes(alpha, smooth, share, region, pixel_at, box, scale)
     strength = _along(
         edges, _ramp(edges.change, WEAK_CHANGE, STRONG_CHANGE), alpha.shape, EVENING_DEVIATION * max(scale, 1.0)
     )
     # The line of a translucent shell is as faint as the shell itself.
     strength *= maximum_filter(alpha, 2 * int(np.ceil(PARTED_REACH * scale)) + 1)[pixels_of(edges, alpha.shape)]
-    return (edges, strength), _creases(edges, strength, smooth, share, footprint, box, scale)
+    return (edges, strength), _creases(edges, strength, smooth, share, pixel_at, box, scale)
 
 
 def pixels_of(edges: Edges, shape: tuple[int, ...], reach: float = 0.0) -> tuple[Indices, Indices]:
@@ -128,7 +130,13 @@ def pixels_of(edges: Edges, shape: tuple[int, ...], reach: float = 0.0) -> tuple
 
 
 def _silhouettes(
-    alpha: Floats, depth: Floats, share: Floats, region: NDArray[np.int16], footprint: float, box: float, scale: float
+    alpha: Floats,
+    depth: Floats,
+    share: Floats,
+    region: NDArray[np.int16],
+    pixel_at: PixelSize,
+    box: float,
+    scale: float,
 ) -> Edges:
     """Find edges of alpha, regions and depth together, so that several coinciding changes give one line.
 
@@ -139,7 +147,7 @@ def _silhouettes(
     square = np.zeros_like(alpha)
     for number in np.flatnonzero(np.bincount(region[region >= 0])):
         square += _square(_gauss(np.where(region == number, alpha, np.float32(0.0)), sigma))
-    step = np.maximum(DEPTH_JUMP * box, DEPTH_JUMP_PIXELS * footprint * scale * depth)
+    step = np.maximum(DEPTH_JUMP * box, pixel_at(depth, DEPTH_JUMP_PIXELS * scale))
     square += _square(depth) * (_ramp(share, *OPAQUE_ALPHAS) / np.maximum(step, 1e-30)) ** 2
     change = np.log1p(np.sqrt(square) * _spread(sigma) * np.sqrt(2.0 * np.pi))
     return _ridges(
@@ -148,16 +156,16 @@ def _silhouettes(
 
 
 def _creases(
-    silhouettes: Edges, ink: Floats, depth: Floats, share: Floats, footprint: float, box: float, scale: float
+    silhouettes: Edges, ink: Floats, depth: Floats, share: Floats, pixel_at: PixelSize, box: float, scale: float
 ) -> tuple[Edges, Floats]:
     """Find edges of the surface normal, and the strength of each of their points. (E,)"""
     away = float((share * depth).sum() / max(float(share.sum()), 1e-30))
     sigma = max(
-        2.0 * LEAST_DEVIATION, FOLD_DEVIATION * scale, min(FOLD_BOX * box / max(footprint * away, 1e-30), 32.0 * scale)
+        2.0 * LEAST_DEVIATION, FOLD_DEVIATION * scale, min(FOLD_BOX * box / max(pixel_at(away), 1e-30), 32.0 * scale)
     )
     factor = min(max(1, int(sigma / 1.5)), 3)  # an image this smooth loses nothing by being smaller
     right, down = _gradient(depth)
-    toward = footprint * depth
+    toward = pixel_at(depth)
     length = np.sqrt(right**2 + down**2 + toward**2)
     beside = np.zeros_like(depth)
     beside[pixels_of(silhouettes, depth.shape)] = ink

@@ -49,8 +49,11 @@ def camera_flow(camera: Camera, other: Camera, depth: NDArray[np.floating]) -> A
     points = directions * np.asarray(depth, np.float64)[..., None] + (origins - other.position)
     local = points @ other.camera_to_world[:3, :3]
     ahead = np.where(local[..., 2] < 0, -local[..., 2], np.nan)
-    column = 0.5 * other.width + other.focal * local[..., 0] / ahead - 0.5
-    row = 0.5 * other.height - other.focal * local[..., 1] / ahead - 0.5
+    if other.is_orthographic:
+        ahead = np.where(np.isnan(ahead), np.nan, 1.0)
+    centre = other.principal_point
+    column = centre[0] + other.focal * local[..., 0] / ahead - 0.5
+    row = centre[1] - other.focal * local[..., 1] / ahead - 0.5
     return np.stack([column, row], axis=-1) - _pixels(camera.height, camera.width)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.edges import PARTED_REACH, VIEW, Edges, Floats, Indices, lines_of, pixels_of
+from svv.core.edges import PARTED_REACH, VIEW, Edges, Floats, Indices, PixelSize, lines_of, pixels_of
 from svv.errors import BadInput
 
 WIDEST = 16.0
@@ -50,7 +50,7 @@ class Pen:
 
 
 def outlined(
-    rgba: Floats, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], footprint: float, box: float
+    rgba: Floats, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], pixel_at: PixelSize, box: float
 ) -> tuple[Floats, Floats, NDArray[np.int16]]:
     """Draw ink outlines over an image.
 
@@ -62,7 +62,7 @@ def outlined(
         depth: Distance from the camera in world units, nan where nothing is visible. (H, W)
         region: Number of the region, -1 where nothing is visible. (H, W)
         pens: One for each region.
-        footprint: Size of a pixel at distance 1, in world units (1 / focal length in pixels).
+        pixel_at: Returns the width of pixels at distances (:meth:`svv.core.cameras.Camera.pixel_at`).
         box: Longest side of the scene's box in world units.
 
     Returns:
@@ -76,17 +76,17 @@ def outlined(
     reach = scale * (WIDEST + 8.0) + 4.0  # how far ink and smoothing extend
     part = tuple(_extent(visible.any(axis=1 - axis), int(np.ceil(reach))) for axis in (0, 1))
     rgba, depth, region = rgba.copy(), depth.copy(), region.copy()
-    _draw(rgba[part], depth[part], region[part], pens, footprint, box, scale)
+    _draw(rgba[part], depth[part], region[part], pens, pixel_at, box, scale)
     return rgba, depth, region
 
 
 def _draw(
-    rgba: Floats, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], footprint: float, box: float,
+    rgba: Floats, depth: Floats, region: NDArray[np.int16], pens: Sequence[Pen], pixel_at: PixelSize, box: float,
     scale: float,
 ) -> None:  # fmt: skip
     """Draw into the images in place."""
     alpha = np.ascontiguousarray(rgba[..., 3])
-    silhouettes, creases = lines_of(alpha, depth, region, footprint, box, scale)
+    silhouettes, creases = lines_of(alpha, depth, region, pixel_at, box, scale)
     coverage, source = np.zeros(alpha.size, np.float32), np.full(alpha.size, -1, np.intp)
     for found, strokes, thin in ((*silhouettes, 1.0), (*creases, CREASE_WIDTH)):
         side, owner = _sides(found, depth, region, pens, scale)

@@ -122,17 +122,22 @@ class CpuMapper:
             cast.SetUseZBuffer(0)
             return
         shape = (-(-camera.height // TILE), -(-camera.width // TILE))
-        across = offset @ np.cross(direction, up) / depth * camera.focal + 0.5 * camera.width
-        upward = offset @ up / depth * camera.focal + 0.5 * camera.height
+        parallel = camera.is_orthographic
+        pixels = camera.focal / self._stage.scale if parallel else camera.focal / depth  # in a stage unit
+        centre = camera.principal_point
+        across = offset @ np.cross(direction, up) * pixels + centre[0]
+        upward = offset @ up * pixels + camera.height - centre[1]
         row, column = (upward // TILE).astype(int), (across // TILE).astype(int)
         inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
         last = np.zeros(shape)
         np.maximum.at(last, (row[inside], column[inside]), depth[inside] + 2.0 * self._radius)
-        reach = self._radius * camera.focal / (depth.min() - self._radius) + 1.0  # radius of any block in pixels
+        most = camera.focal / self._stage.scale if parallel else camera.focal / (depth.min() - self._radius)
+        reach = self._radius * most + 1.0  # radius of any block in pixels
         last = maximum_filter(last, 2 * int(np.ceil(reach / TILE)) + 1)
         near, far = self._renderer.GetActiveCamera().GetClippingRange()
         ends = np.zeros(shape, np.float32)  # 0: the ray ends where it starts
-        ends[last > near] = np.minimum(far * (1.0 - near / last[last > near]) / (far - near), 1.0)
+        hit = last > near
+        ends[hit] = np.minimum((last[hit] - near if parallel else far * (1.0 - near / last[hit])) / (far - near), 1.0)
         depths = np.repeat(np.repeat(ends, TILE, axis=0), TILE, axis=1)[used]
         cast.SetUseZBuffer(1)
         cast.SetZBufferSize(depths.shape[1], depths.shape[0])
@@ -357,6 +362,12 @@ def _place(renderer: vtkRenderer, stage: Stage, camera: Camera) -> None:
     view.SetFocalPoint(*(position + direction))
     view.SetViewUp(*up)
     view.SetUseHorizontalViewAngle(1)
-    view.SetViewAngle(float(np.degrees(camera.fov_x)))
+    view.SetParallelProjection(int(camera.is_orthographic))
+    if camera.is_orthographic:
+        view.SetParallelScale(0.5 * stage.scale * camera.height / camera.focal)
+    else:
+        view.SetViewAngle(float(np.degrees(camera.fov_x)))
+    column, row = camera.principal_point
+    view.SetWindowCenter(1.0 - 2.0 * column / camera.width, 2.0 * row / camera.height - 1.0)
     renderer.ResetCameraClippingRange()
     renderer.UpdateLightsGeometryToFollowCamera()

@@ -134,6 +134,8 @@ def make_views(
     radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
     x, y, z = (float(v) for v in centre)
     rig, numbers = CameraRig((x, y, z), radius, fov), unseen_numbers(asked.test)
+    if asked.projection == "orthographic":
+        rig = replace(rig, span_x=rig.view_width)
     cameras = rig.sphere(n, size) + rig.orbit(ORBIT, size, numbers)
     shading = shading or Shading()
     volume_classified = classified(stage)
@@ -227,6 +229,10 @@ def _check_options(asked: ViewOptions) -> None:
         raise BadInput(f"Give 0 to {ORBIT} test views, not {asked.test}.")
     if not 0 < asked.fov < 180:
         raise BadInput(f"The angle of view must lie between 0 and 180 degrees, not {asked.fov}.")
+    if asked.projection not in ("perspective", "orthographic"):
+        raise BadInput(
+            f"The projection of the views must be 'perspective' or 'orthographic', not '{asked.projection}'."
+        )
     if asked.frame not in ("visible", "whole"):
         raise BadInput(f"The frame of the views must be 'visible' or 'whole', not '{asked.frame}'.")
 

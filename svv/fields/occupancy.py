@@ -20,6 +20,9 @@ from svv.kernels.numba_hull import visual_hull
 MASK_SIZE = 256
 """Longest side of the masks the hull is carved from, in pixels: finer masks cost time and carve no better."""
 
+GREATEST_REACH = 0.9
+"""How far the box may reach from its centre, as a fraction of the nearest camera's distance."""
+
 
 @dataclass
 class Occupancy:
@@ -81,6 +84,8 @@ class Occupancy:
 def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Occupancy:
     """Return the visual hull of the views' masks and the box around it.
 
+    A view says nothing about points outside its frame, so subjects may extend beyond the frames of some or all views.
+
     Args:
         masks: Pixels in which something is visible. (N, H, W)
         cameras: One per mask.
@@ -90,7 +95,7 @@ def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Oc
         BadInput: The masks have no common hull: every view is empty, or cameras and images do not fit together.
     """
     small = _shrink(masks)
-    box = _first_box(cameras)
+    box = _grown(_first_box(cameras), small, cameras)
     for resolution in (64, 96):
         occupied = _hull(small, cameras, box, resolution)
         filled = np.argwhere(occupied)
@@ -105,11 +110,35 @@ def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Oc
 
 
 def _first_box(cameras: Sequence[Camera]) -> Box:
-    """Return a cube that surely contains the subject, around the point nearest to the cameras' optical axes."""
+    """Return a cube that surely contains a subject within the frames, about the point nearest to all lines of sight."""
     rig = CameraRig.of(cameras)
     centre, distance = np.array(rig.centre), rig.radius if rig.radius > 0 else 1.0
-    half = 1.1 * distance * max(np.tan(c.fov_x / 2) * max(1.0, c.height / c.width) for c in cameras)
+    tall = [max(1.0, c.height / c.width) for c in cameras]
+    half = 1.1 * max(
+        0.5 * c.span_x * t if c.span_x is not None else distance * np.tan(c.fov_x / 2) * t
+        for c, t in zip(cameras, tall, strict=True)
+    )
+    away = [float(np.linalg.norm(c.position - centre)) for c in cameras]
+    farthest = max(
+        d * np.tan(c.fov_x / 2) * t * (not c.is_orthographic) for c, t, d in zip(cameras, tall, away, strict=True)
+    )
+    if 1.1 * farthest > 1.01 * half:  # cameras at several distances, the farthest of which see most
+        half = 1.1 * farthest
     return Box.of_bounds(centre - half, centre + half)
+
+
+def _grown(box: Box, masks: NDArray[np.bool_], cameras: Sequence[Camera]) -> Box:
+    """Enlarge a cube, at most up to the nearest camera, while a subject that the frames cut off reaches its faces."""
+    cut = masks[:, [0, -1]].any() or masks[:, :, [0, -1]].any()
+    centre = box.bounds.mean(axis=0)
+    most = GREATEST_REACH * min(float(np.linalg.norm(c.position - centre)) for c in cameras)
+    while cut and 0.5 * box.size < most:
+        occupied = _hull(masks, cameras, box, 32)
+        if not any(occupied.take((0, -1), axis).any() for axis in range(3)):
+            break
+        half = min(0.75 * box.size, most)
+        box = Box.of_bounds(centre - half, centre + half)
+    return box
 
 
 def _shape(box: Box, cells: int) -> NDArray[np.int64]:
@@ -130,11 +159,14 @@ def _hull(masks: NDArray[np.bool_], cameras: Sequence[Camera], box: Box, cells: 
     tables[:, 1:, 1:] = masks.cumsum(1, dtype=np.int32).cumsum(2, dtype=np.int32)
     # The mask may be padded, so its scale is the shrink factor, not the ratio of the widths.
     shrink = np.ceil(cameras[0].width / w)
-    focal = np.array([c.focal / shrink for c in cameras])
+    lenses = np.zeros((n, 4))
+    for lens, c in zip(lenses, cameras, strict=True):
+        column, row = c.principal_point
+        focal = c.focal * box.size if c.is_orthographic else c.focal
+        lens[:] = focal / shrink, column / shrink, row / shrink, c.is_orthographic
     rotations = np.stack([c.camera_to_world[:3, :3].T for c in cameras])
     positions = box.to_box(np.stack([c.camera_to_world[:3, 3] for c in cameras]))
-    half = np.array([cameras[0].width, cameras[0].height]) / (2.0 * shrink)
     shape = _shape(box, cells)
     occupied = np.zeros(shape, np.uint8)
-    visual_hull(tables, rotations, positions, focal, half, float(cells), shape, np.sqrt(0.75) / cells, occupied)
+    visual_hull(tables, rotations, positions, lenses, float(cells), shape, np.sqrt(0.75) / cells, occupied)
     return occupied

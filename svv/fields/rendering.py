@@ -42,14 +42,14 @@ class RayCaster:
         matrices = np.stack([c.camera_to_world for c in cameras])
         rotations = np.ascontiguousarray(matrices[:, :3, :3], np.float32)
         positions = box.to_box(matrices[:, :3, 3]).astype(np.float32)
-        focal = np.array([c.focal for c in cameras], np.float32)
-        self._rotations, self._positions, self._focal = (
-            torch.from_numpy(a).to(device) for a in (rotations, positions, focal)
+        lenses = np.array([_lens(c, box) for c in cameras], np.float32)
+        self._rotations, self._positions, self._lenses = (
+            torch.from_numpy(a).to(device) for a in (rotations, positions, lenses)
         )
 
     def rays(self, pixels: Tensor) -> Rays:
         """Return the rays through flat pixel indices ``(view * height + row) * width + column``, int64. (R,)"""
-        pixels, cameras = pixels.to(self.device), (self._rotations, self._positions, self._focal)
+        pixels, cameras = pixels.to(self.device), (self._rotations, self._positions, self._lenses)
         return Rays(*kernels_for(pixels).pixel_rays(pixels, cameras, self.width, self.height))
 
     def in_sight(self, occupancy: Occupancy) -> Tensor:
@@ -59,9 +59,9 @@ class RayCaster:
 
         See :meth:`svv.kernels.types.Kernels.pixels_in_sight`.
         """
-        camera = self._rotations[0], self._positions[0], self._focal[0]
+        camera = self._rotations[0], self._positions[0], self._lenses[0]
         distance = occupancy.distance_on(self.device)
-        return kernels_for(self._focal).pixels_in_sight(
+        return kernels_for(self._lenses).pixels_in_sight(
             camera, self.width, self.height, distance, occupancy.cells, occupancy.box.extent
         )
 
@@ -73,6 +73,13 @@ class RayCaster:
         """Return all rays of one view, row by row from the top."""
         n = self.width * self.height
         return self.rays(torch.arange(view * n, (view + 1) * n, device=self.device))
+
+
+def _lens(camera: Camera, box: Box) -> tuple[float, float, float, float]:
+    """Return a camera's lens as the kernels take it; see :func:`svv.kernels.numba_rays.pixel_rays`."""
+    column, row = camera.principal_point
+    focal = camera.focal * box.size if camera.is_orthographic else camera.focal
+    return focal, 0.5 - column, 0.5 - row, float(camera.is_orthographic)
 
 
 @dataclass(frozen=True)

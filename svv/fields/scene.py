@@ -112,7 +112,7 @@ class Scene(PaintedModel):
         if network != "base" and any(r.outline for r in self.regions):
             pens = [Pen(r.outline, r.outline_width, r.outline_colour) for r in self.regions]
             size = self.occupancy.box.size
-            rgba, depth, region = outlined(rgba, depth, region, pens, 1.0 / camera.focal, size)
+            rgba, depth, region = outlined(rgba, depth, region, pens, camera.pixel_at, size)
         if background is not None:
             alpha = rgba[..., 3:]
             rgba = np.concatenate([rgba[..., :3] * alpha + np.asarray(background, np.float32) * (1 - alpha),

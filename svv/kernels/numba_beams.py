@@ -19,27 +19,34 @@ POSITION_ERROR = 1e-5
 
 
 @njit(cache=True)
-def _direction(column, row, focal, width, height):  # type: ignore[no-untyped-def]
-    """Return the unit direction, in camera axes, through a point in pixels from the centre of the first pixel."""
-    u = (column - 0.5 * (width - 1)) / focal
-    v = -(row - 0.5 * (height - 1)) / focal
+def _ray(column, row, lens):  # type: ignore[no-untyped-def]
+    """Return the ray through a point in pixels from the centre of the first pixel, in camera axes.
+
+    Returns:
+        The origin's x and y (its z is 0), and the unit direction (x, y, z).
+    """
+    u = (column + lens[1]) / lens[0]
+    v = -(row + lens[2]) / lens[0]
+    if lens[3] > 0.0:
+        return u, v, 0.0, 0.0, -1.0
     norm = math.sqrt(u * u + v * v + 1.0)
-    return u / norm, v / norm, -1.0 / norm
+    return 0.0, 0.0, u / norm, v / norm, -1.0 / norm
 
 
 @njit(parallel=True, cache=True)
-def tiles_in_sight(rotation, position, focal, width, height, distance, cells, extent, seen):  # type: ignore[no-untyped-def]
+def tiles_in_sight(rotation, position, lens, width, height, distance, cells, extent, seen):  # type: ignore[no-untyped-def]
     """Mark the tiles of an image through which an occupied cell may be visible.
 
-    A beam is the axis of a tile together with all rays of the tile: at distance t they are within t k of the axis,
-    where k is the largest difference between their unit directions and the axis. Each point of the axis is the centre
+    A beam is the axis of a tile together with all rays of the tile: at distance t they are within s + t k of the axis,
+    where s is the largest distance between their origins and the axis's (0 unless the camera is orthographic), and k is
+    the largest difference between their unit directions and the axis (0 if it is). Each point of the axis is the centre
     of a cube without occupied cells, and the beam can advance until its rays might leave that cube (sphere tracing,
     Hart 1996, in the maximum norm). Every tile with a pixel centre whose ray meets an occupied cell is marked.
 
     Args:
         rotation: Camera-to-box rotation, as in :mod:`svv.kernels.numba_rays`. (3, 3)
         position: Camera position in box coordinates. (3,)
-        focal: Focal length in pixels.
+        lens: As in :mod:`svv.kernels.numba_rays`. (4,)
         width: Image width in pixels.
         height: Image height in pixels.
         distance: Chessboard distance of each cell to the nearest occupied one, 0 for occupied cells. (X, Y, Z)
@@ -55,23 +62,26 @@ def tiles_in_sight(rotation, position, focal, width, height, distance, cells, ex
     for tile in prange(seen.size):
         top, left = tile // seen.shape[1] * TILE_SIDE, tile % seen.shape[1] * TILE_SIDE
         bottom, right = min(top + TILE_SIDE, height) - 1, min(left + TILE_SIDE, width) - 1
-        a, b, c = _direction(0.5 * (left + right), 0.5 * (top + bottom), focal, width, height)
-        spread = 0.0
+        u, v, a, b, c = _ray(0.5 * (left + right), 0.5 * (top + bottom), lens)
+        radius, spread = 0.0, 0.0
         for corner in range(4):
-            p, q, r = _direction(right if corner & 1 else left, bottom if corner & 2 else top, focal, width, height)
+            g, h, p, q, r = _ray(right if corner & 1 else left, bottom if corner & 2 else top, lens)
+            radius = max(radius, math.sqrt((g - u) ** 2 + (h - v) ** 2))
             spread = max(spread, math.sqrt((p - a) ** 2 + (q - b) ** 2 + (r - c) ** 2))
+        end = reach + math.sqrt(u * u + v * v)
         cell = np.zeros(3, np.int64)
         t = 0.0
-        while t <= reach:
+        while t <= end:
             away = 0.0
             for axis in range(3):
-                x = position[axis] + t * (rotation[axis, 0] * a + rotation[axis, 1] * b + rotation[axis, 2] * c)
+                x = position[axis] + rotation[axis, 0] * u + rotation[axis, 1] * v
+                x += t * (rotation[axis, 0] * a + rotation[axis, 1] * b + rotation[axis, 2] * c)
                 inside = min(max(x, 0.0), extent[axis])
                 away = max(away, abs(x - inside))
                 cell[axis] = min(int(inside * cells), distance.shape[axis] - 1)
             # Outside the box, nothing in it is nearer than the box itself.
             free = max(away, (float(distance[cell[0], cell[1], cell[2]]) - 1.0) * side)
-            step = free - t * spread - POSITION_ERROR
+            step = free - (radius + t * spread) - POSITION_ERROR
             if step < LEAST_ADVANCE * side:
                 seen[tile // seen.shape[1], tile % seen.shape[1]] = 1
                 break

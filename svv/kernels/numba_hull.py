@@ -7,15 +7,18 @@ from numba import njit, prange
 
 
 @njit(parallel=True, cache=True)
-def visual_hull(tables, rotations, positions, focal, half, cells, shape, reach, occupied):  # type: ignore[no-untyped-def]
+def visual_hull(tables, rotations, positions, lenses, cells, shape, reach, occupied):  # type: ignore[no-untyped-def]
     """Keep the cells whose projection meets the mask in every view that contains them.
+
+    A view does not decide on cells that are behind it or not wholly in its frame. Cells on which none decides are left
+    out.
 
     Args:
         tables: Summed-area tables of the masks, int32. (N, H + 1, W + 1)
         rotations: World-to-camera rotation in box axes. (N, 3, 3)
         positions: Camera positions in box coordinates. (N, 3)
-        focal: Focal length in mask pixels. (N,)
-        half: Half of the mask's width and height in pixels. (2,)
+        lenses: For each view the focal length in mask pixels (mask pixels per box unit if it is orthographic), column
+            and row of the principal point in mask pixels, and 1 if it is orthographic, otherwise 0. (N, 4)
         cells: Cells per box unit.
         shape: Cells per axis. (3,)
         reach: Radius of a cell's bounding sphere in box units.
@@ -33,10 +36,13 @@ def visual_hull(tables, rotations, positions, focal, half, cells, shape, reach, 
                     z = -(rotations[n, 2, 0] * dx + rotations[n, 2, 1] * dy + rotations[n, 2, 2] * dz)
                     if z <= 2 * reach:
                         continue
-                    u = (rotations[n, 0, 0] * dx + rotations[n, 0, 1] * dy + rotations[n, 0, 2] * dz) / z
-                    v = (rotations[n, 1, 0] * dx + rotations[n, 1, 1] * dy + rotations[n, 1, 2] * dz) / z
-                    px, py = u * focal[n] + half[0], half[1] - v * focal[n]
-                    r = reach * focal[n] / z * np.sqrt(1.0 + u * u + v * v) + 0.5
+                    focal, parallel = lenses[n, 0], lenses[n, 3] > 0.0
+                    d = 1.0 if parallel else z
+                    u = (rotations[n, 0, 0] * dx + rotations[n, 0, 1] * dy + rotations[n, 0, 2] * dz) / d
+                    v = (rotations[n, 1, 0] * dx + rotations[n, 1, 1] * dy + rotations[n, 1, 2] * dz) / d
+                    px, py = u * focal + lenses[n, 1], lenses[n, 2] - v * focal
+                    slant = 1.0 if parallel else np.sqrt(1.0 + u * u + v * v)
+                    r = reach * focal / d * slant + 0.5
                     x0, x1 = int(np.floor(px - r)), int(np.ceil(px + r))
                     y0, y1 = int(np.floor(py - r)), int(np.ceil(py + r))
                     if x0 < 0 or y0 < 0 or x1 > width or y1 > height:

@@ -80,10 +80,10 @@ def pixels_in_sight(
     extent: Sequence[float],
 ) -> Tensor:  # fmt: skip
     """Leave out whole tiles that miss all occupied cells, because marching their rays would take as long as others."""
-    rotation, position, focal = (part.numpy().astype(np.float64) for part in camera)
+    rotation, position, lens = (part.numpy().astype(np.float64) for part in camera)
     seen = np.zeros((-(-height // numba_beams.TILE_SIDE), -(-width // numba_beams.TILE_SIDE)), np.uint8)
     numba_beams.tiles_in_sight(
-        rotation, position, float(focal), width, height, distance.numpy(), float(cells), np.asarray(extent, np.float64),
+        rotation, position, lens, width, height, distance.numpy(), float(cells), np.asarray(extent, np.float64),
         seen,
     )  # fmt: skip
     if seen.all():

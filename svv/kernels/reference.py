@@ -70,13 +70,17 @@ def adam(
 def pixel_rays(
     pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
 ) -> tuple[Tensor, Tensor]:
-    rotations, positions, focal = cameras
+    rotations, positions, lenses = cameras
     view, rest = pixels // (width * height), pixels % (width * height)
-    u = ((rest % width).float() + 0.5 * (1 - width)) / focal[view]
-    v = -((rest // width).float() + 0.5 * (1 - height)) / focal[view]
+    focal, across, down, parallel = lenses[view].unbind(1)
+    u = ((rest % width).float() + across) / focal
+    v = -((rest // width).float() + down) / focal
+    shift = torch.stack([u, v, torch.zeros_like(u)], dim=1)
     local = torch.stack([u, v, -torch.ones_like(u)], dim=1)
     local = local / (u * u + v * v + 1.0).sqrt()[:, None]
-    return positions[view], (rotations[view] * local[:, None]).sum(dim=2)
+    local = torch.where(parallel[:, None] > 0, local.new_tensor([0.0, 0.0, -1.0]), local)
+    origins = positions[view] + (rotations[view] * (shift * parallel[:, None])[:, None]).sum(dim=2)
+    return origins, (rotations[view] * local[:, None]).sum(dim=2)
 
 
 def pixels_in_sight(

@@ -13,24 +13,26 @@ import triton.language as tl
 
 @triton.jit
 def pixel_rays(  # type: ignore[no-untyped-def]
-    pixels, rotations, positions, focal, width, height, origins, directions, rays, BLOCK: tl.constexpr
+    pixels, rotations, positions, lenses, width, height, origins, directions, rays, BLOCK: tl.constexpr
 ):
     """Compute origins and unit directions (R, 3) of rays through pixel centres."""
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     there = r < rays
     pixel = tl.load(pixels + r, mask=there, other=0)
     view, rest = pixel // (width * height), (pixel % (width * height)).to(tl.int32)
-    f = tl.load(focal + view, mask=there, other=1.0)
-    u = ((rest % width).to(tl.float32) + 0.5 * (1 - width)) / f
-    v = -((rest // width).to(tl.float32) + 0.5 * (1 - height)) / f
+    f = tl.load(lenses + view * 4, mask=there, other=1.0)
+    u = ((rest % width).to(tl.float32) + tl.load(lenses + view * 4 + 1, mask=there, other=0.0)) / f
+    v = -((rest // width).to(tl.float32) + tl.load(lenses + view * 4 + 2, mask=there, other=0.0)) / f
+    parallel = tl.load(lenses + view * 4 + 3, mask=there, other=0.0) > 0.0
     norm = 1.0 / tl.sqrt(u * u + v * v + 1.0)
     for k in tl.static_range(3):
         m = rotations + view * 9 + 3 * k
         x = tl.load(m, mask=there, other=0.0)
         y = tl.load(m + 1, mask=there, other=0.0)
         z = tl.load(m + 2, mask=there, other=0.0)
-        tl.store(directions + 3 * r + k, (x * u + y * v - z) * norm, mask=there)
-        tl.store(origins + 3 * r + k, tl.load(positions + view * 3 + k, mask=there, other=0.0), mask=there)
+        tl.store(directions + 3 * r + k, tl.where(parallel, -z, (x * u + y * v - z) * norm), mask=there)
+        shift = tl.where(parallel, x * u + y * v, 0.0)
+        tl.store(origins + 3 * r + k, tl.load(positions + view * 3 + k, mask=there, other=0.0) + shift, mask=there)
 
 
 @triton.jit

@@ -168,7 +168,7 @@ class Kernels(Protocol):
     ) -> tuple[Tensor, Tensor]:
         """Return origins and unit directions (R, 3) of rays through flat pixel indices (R,) int64.
 
-        ``cameras``: rotations (N, 3, 3), positions (N, 3) and focal lengths (N,); see :mod:`svv.kernels.numba_rays`.
+        ``cameras``: rotations (N, 3, 3), positions (N, 3) and lenses (N, 4); see :mod:`svv.kernels.numba_rays`.
         """
 
     def pixels_in_sight(
@@ -178,7 +178,7 @@ class Kernels(Protocol):
         """Return flat indices of pixels whose rays may meet an occupied cell, int64, in raster order if all may. (R,)
 
         Returns all pixels if marching them costs less than finding out. ``camera``: rotation (3, 3), position (3,) and
-        focal length (); ``distance``, ``cells`` and ``extent``: as in :meth:`march`.
+        lens (4,); ``distance``, ``cells`` and ``extent``: as in :meth:`march`.
         """
 
     def march(

@@ -63,6 +63,8 @@ class ViewOptions:
     """Distance between samples in voxels; by default as fine as makes a difference."""
     frame: Annotated[Literal["visible", "whole"], Setting(panel="")] = "visible"
     """What fills the views: what the transfer function shows, or the whole volume."""
+    projection: Annotated[Literal["perspective", "orthographic"], Setting(panel="")] = "perspective"
+    """Cameras of the views: perspective, or orthographic with parallel rays, as wide as the others at the centre."""
 
 
 @dataclass(frozen=True)

@@ -160,18 +160,21 @@ def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
         information.Set(norms, (float(np.nanmin(norm)), float(np.nanmax(norm))), 2)
 
 
-def camera_of(numbers: Sequence[float], width: int, height: int) -> Camera:
-    """Return a camera from VTK's ten numbers.
+def camera_of(numbers: Sequence[float], width: int, height: int, parallel_scale: float = 0.0) -> Camera:
+    """Return a camera from VTK's ten numbers and its parallel scale.
 
     Args:
         numbers: Position (3), focal point (3), view up (3), and the vertical angle of view in degrees.
         width: Width of the image, in pixels.
         height: Height of the image, in pixels.
+        parallel_scale: Half of the image's height in world units if the camera is orthographic; 0 if it is not.
 
     Raises:
-        BadInput: Position and focal point coincide, or the angle is out of range.
+        BadInput: Position and focal point coincide, or the angle or scale is out of range.
     """
     position, focal, up = (np.array(numbers[k : k + 3], np.float64) for k in (0, 3, 6))
+    if parallel_scale:
+        return Camera.orthographic(look_at(position, focal, up), 2.0 * parallel_scale * width / height, width, height)
     angle = np.radians(numbers[9])
     if not 0 < angle < np.pi:
         raise BadInput(f"The camera's angle of view must lie between 0 and 180 degrees, not {numbers[9]:g}.")
@@ -250,7 +253,11 @@ def views_of(data: vtkDataObject | None) -> ViewSet | None:
 
 
 def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
-    """Fill a data object with cameras as points, with their direction, up, and vertical angle of view (degrees)."""
+    """Fill a data object with cameras as points, with their direction, up, and vertical angle of view (degrees).
+
+    If any camera is orthographic, there is also the parallel scale (world units): half of the height of an orthographic
+    camera's image, and 0 for other cameras. The angle of an orthographic camera is 0.
+    """
     data.Initialize()
     matrices = np.stack([camera.camera_to_world for camera in cameras])
     points = vtkPoints()
@@ -260,12 +267,11 @@ def put_cameras(cameras: Sequence[Camera], data: vtkPolyData) -> None:
     for number in range(len(cameras)):
         vertices.InsertNextCell(1, [number])
     data.SetVerts(vertices)
-    angles = [2.0 * np.arctan(0.5 * c.height / c.focal) for c in cameras]
-    for name, values in (
-        ("Direction", -matrices[:, :3, 2]),
-        ("Up", matrices[:, :3, 1]),
-        ("View Angle", np.degrees(angles)),
-    ):
+    angles = [0.0 if c.is_orthographic else 2.0 * np.arctan(0.5 * c.height / c.focal) for c in cameras]
+    arrays = {"Direction": -matrices[:, :3, 2], "Up": matrices[:, :3, 1], "View Angle": np.degrees(angles)}
+    if any(c.is_orthographic for c in cameras):
+        arrays["Parallel Scale"] = np.array([0.5 * c.height / c.focal * c.is_orthographic for c in cameras])
+    for name, values in arrays.items():
         data.GetPointData().AddArray(_array(name, values))
 
 

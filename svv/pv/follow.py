@@ -93,12 +93,12 @@ class CameraFollower:
         from paraview import simple
 
         view, filter, target = self.view, self.filter, self.target
-        camera = camera_numbers(view)
+        camera, parallel_scale = camera_numbers(view), parallel_scale_of(view)
         width, height = (max(int(scale * LARGEST * n / max(view.ViewSize)), 16) for n in view.ViewSize)
-        if (camera, width, height) == self._last:
+        if (camera, parallel_scale, width, height) == self._last:
             return
-        self._last = camera, width, height
-        filter.Camera = camera
+        self._last = camera, parallel_scale, width, height
+        filter.Camera, filter.ParallelScale = camera, parallel_scale
         filter.ImageSize = [width, height]
         filter.UpdatePipeline()
         fit(target, width, height)
@@ -137,6 +137,12 @@ def camera_numbers(view: Any) -> list[float]:
     # The view's properties are updated only when the mouse button is released.
     camera = view.GetActiveCamera()
     return [*camera.GetPosition(), *camera.GetFocalPoint(), *camera.GetViewUp(), camera.GetViewAngle()]
+
+
+def parallel_scale_of(view: Any) -> float:
+    """Return half of the height that a view's live camera sees if it is orthographic, in world units; otherwise 0."""
+    camera = view.GetActiveCamera()
+    return camera.GetParallelScale() if camera.GetParallelProjection() else 0.0
 
 
 def show_image(filter: Any, view: Any) -> Any:

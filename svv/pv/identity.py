@@ -71,7 +71,7 @@ def digest_of_mask(path: str | Path) -> str:
 def digest_of_views(views: ViewSet) -> str:
     """Return a hash of images, cameras and the classified volume; names and times do not count."""
     if views not in _views:
-        cameras = [[c.camera_to_world, c.fov_x, c.width, c.height] for c in views.cameras]
+        cameras = [list(c.identity) for c in views.cameras]
         meta = {key: value for key, value in views.meta.to_json().items() if key not in CIRCUMSTANCES}
         volume = views.classified
         known = None if volume is None else [

@@ -139,6 +139,8 @@ def image_properties(size: int) -> list[Property]:
         numbers("Camera", (0.0,) * 9 + (30.0,),
                 "Position, focal point and view-up vector (x, y, z each), and angle of view in degrees. If position "
                 "and focal point are all zeros, the orbit around the scene is used.", None, True),
+        number("ParallelScale", 0.0, "Half of the image's height in world units if Camera is orthographic, with "
+               "parallel rays; 0 for perspective.", 0.0, None, True),
         integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros. The macro StyleRF "
                 "play orbit animates through the frames.", 0, 180),
     ]  # fmt: skip

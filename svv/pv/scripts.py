@@ -196,9 +196,9 @@ def table_of(filter: Any) -> list[dict[str, Any]]:
 def camera_of_view(view: Any, width: int, height: int) -> Camera:
     """Return the camera of a 3D view, for images of the given width and height in pixels."""
     from svv.pv.data import camera_of
-    from svv.pv.follow import camera_numbers
+    from svv.pv.follow import camera_numbers, parallel_scale_of
 
-    return camera_of(camera_numbers(view), width, height)
+    return camera_of(camera_numbers(view), width, height, parallel_scale_of(view))
 
 
 def parser(description: str, *examples: str) -> argparse.ArgumentParser:

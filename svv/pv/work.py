@@ -235,7 +235,7 @@ def camera_for(scene: Scene, values: Values) -> Camera:
     """
     width, height = size_of(values)
     if any(values["Camera"][:6]):
-        return camera_of(values["Camera"], width, height)
+        return camera_of(values["Camera"], width, height, values["ParallelScale"])
     frame = values["Frame"]
     if not 0 <= frame < ORBIT:
         raise BadInput(f"Frame must be 0 to {ORBIT - 1}, the frames of the orbit, not {frame}.")

@@ -153,8 +153,11 @@ class SceneFollower:
         """Convert the plotter's camera, with an image ``part`` times the size of the window."""
         seen = self.plotter.camera
         width, height = (max(1, round(part * pixels)) for pixels in self.plotter.render_window.GetSize())
+        pose = look_at(seen.position, seen.focal_point, seen.up)
+        if seen.parallel_projection:
+            return Camera.orthographic(pose, 2.0 * seen.parallel_scale * width / height, width, height)
         fov_x = 2.0 * np.arctan(np.tan(0.5 * np.radians(seen.view_angle)) * width / height)
-        return Camera(look_at(seen.position, seen.focal_point, seen.up), float(fov_x), width, height)
+        return Camera(pose, float(fov_x), width, height)
 
     def _place(self, camera: Camera) -> None:
         """Place the plotter's camera at a camera of a scene, to turn about the scene's middle."""
@@ -163,7 +166,11 @@ class SceneFollower:
         seen.position = camera.position
         seen.focal_point = camera.position - matrix[:3, 2] * (ahead if ahead > 0 else 1.0)
         seen.up = matrix[:3, 1]
-        seen.view_angle = np.degrees(2.0 * np.arctan(0.5 * camera.height / camera.focal))
+        seen.parallel_projection = camera.is_orthographic
+        if camera.is_orthographic:
+            seen.parallel_scale = 0.5 * camera.height / camera.focal
+        else:
+            seen.view_angle = np.degrees(2.0 * np.arctan(0.5 * camera.height / camera.focal))
         seen.is_set = True
 
 
@@ -173,8 +180,7 @@ def _picture(scene: Scene, camera: Camera, network: str | None, background: Sequ
 
 
 def _same(one: Camera, other: Camera) -> bool:
-    numbers = [(camera.fov_x, camera.width, camera.height) for camera in (one, other)]
-    return numbers[0] == numbers[1] and bool((one.camera_to_world == other.camera_to_world).all())
+    return one.identity[1:] == other.identity[1:] and bool((one.camera_to_world == other.camera_to_world).all())
 
 
 def _pyvista() -> ModuleType:

@@ -352,8 +352,8 @@ def fitted_field(
     many cells, down to 16.
     """
     centre = box.bounds.mean(axis=0)
-    distance = np.median([np.linalg.norm(c.camera_to_world[:3, 3] - centre) for c in cameras])
-    pixel = float(distance / np.median([c.focal for c in cameras]) / box.size)
+    # Cameras at several distances: what half of them resolve.
+    pixel = float(np.median([c.pixel_at(float(np.linalg.norm(c.position - centre))) for c in cameras]) / box.size)
     best = 1.0 / (PIXELS_A_CELL * pixel)
     levels = [16]
     while levels[-1] * 2 <= min(best, finest):

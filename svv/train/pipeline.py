@@ -169,7 +169,7 @@ def stylize_scene(
 def key_of(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:
     """Return everything that a training run depends on: a checkpoint with another key is not resumed."""
     return {
-        "cameras": [(c.camera_to_world, c.fov_x, c.width, c.height) for c in views.cameras],
+        "cameras": [c.identity for c in views.cameras],
         "images": views.images,
         "volume": None if views.classified is None else views.classified.exponent,
         "preset": asdict(chosen),

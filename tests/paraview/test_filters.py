@@ -307,7 +307,26 @@ render.UpdatePipeline()
 Render(view)
 (target,) = others(view)
 move(view, 0.0, 90.0, 1.0)
-assert list(render.Camera[:3]) == [0.0, 90.0, 1.0]
+assert list(render.Camera[:3]) == [0.0, 90.0, 1.0] and render.ParallelScale == 0.0
+
+def seen():
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    image = render.SMProxy.GetClientSideObject().GetOutputDataObject(0)
+    return (vtk_to_numpy(image.GetPointData().GetArray("RGBA"))[:, 3] > 20).sum()
+
+# Parallel rays: the camera's distance does not matter, its scale does.
+view.CameraParallelProjection, view.CameraParallelScale = 1, 60.0
+move(view, 0.0, 90.0, 1.0)
+assert render.ParallelScale == view.GetActiveCamera().GetParallelScale() == 60.0
+pixels = seen()
+move(view, 0.0, 180.0, 2.0)
+assert abs(seen() - pixels) < 0.02 * pixels
+view.GetActiveCamera().SetParallelScale(120.0)
+move(view, 0.0, 180.0, 2.0)
+assert abs(4 * seen() - pixels) < 0.1 * pixels
+view.CameraParallelProjection = 0
+move(view, 0.0, 90.0, 1.0)
+assert render.ParallelScale == 0.0
 # A view of its own that the image has already is used; a Python state makes its views in this order.
 second = StyleRFRender(Input=reader, FollowCamera=1)
 own = CreateView("RenderView")

@@ -109,6 +109,8 @@ class Studio:
         radius = 0.5 * float(np.linalg.norm(box.bounds[1] - box.bounds[0]))
         if away <= radius:
             return camera
+        if camera.is_orthographic:
+            return replace(camera, span_x=2.0 * radius)
         return replace(camera, fov_x=2.0 * float(np.arcsin(radius / away)))
 
     def write(

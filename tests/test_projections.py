@@ -31,7 +31,7 @@ def mask_of(camera: Camera, radius: float = RADIUS) -> np.ndarray:
 def hull_of(cameras: list[Camera], radius: float = RADIUS, cells: int = 48) -> tuple[Occupancy, np.ndarray]:
     """The hull of the ball, and how far each cell's centre is from the ball's, in world units."""
     hull = carve(np.stack([mask_of(c, radius) for c in cameras]), cameras, cells)
-    where = (np.stack(np.indices(hull.occupied.shape), -1) + 0.5) / hull.cells
+    where = (np.moveaxis(np.indices(hull.occupied.shape), 0, -1) + 0.5) / hull.cells
     return hull, np.linalg.norm(hull.box.to_world(where) - CENTRE, axis=-1)
 
 
@@ -70,7 +70,7 @@ def test_a_view_decides_on_what_is_in_its_frame_and_on_nothing_else() -> None:
     masks = np.stack([mask_of(c) for c in cameras])
     assert 0.2 < np.mean([m.any() and (m[[0, -1]].any() or m[:, [0, -1]].any()) for m in masks])  # many are cut off
     hull = carve(masks, cameras, 40)
-    where = hull.box.to_world((np.stack(np.indices(hull.occupied.shape), -1) + 0.5) / hull.cells)
+    where = hull.box.to_world((np.moveaxis(np.indices(hull.occupied.shape), 0, -1) + 0.5) / hull.cells)
     reach = 0.5 * np.sqrt(3.0) * hull.box.size / hull.cells
     may, must, seen = np.zeros((3, *hull.occupied.shape), bool)
     for camera, mask in zip(cameras, masks, strict=True):

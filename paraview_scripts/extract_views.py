@@ -179,7 +179,7 @@ def draw(view, chosen, folder: Path) -> list[dict[str, str]]:
     """Let the extractors write their images at ParaView's current time; return their rows of the database."""
     from paraview import servermanager, simple
 
-    from svv.errors import BadInput
+    from svv.errors import BadInput, Cancelled
     from svv.progress import shown
 
     sweep = (chosen.phi, chosen.theta, chosen.size)
@@ -194,14 +194,26 @@ def draw(view, chosen, folder: Path) -> list[dict[str, str]]:
     controller = servermanager.vtkSMExtractsController()
     controller.SetExtractsOutputDirectory(str(folder.resolve()))
     controller.SetTime(simple.GetTimeKeeper().Time)
+    stopped = []
     with shown("Extracting") as progress:
-        watch = view.SMProxy.AddObserver(
-            "EndEvent", lambda *_: progress(min(len(list(folder.glob("*.png"))) / images, 1.0), "")
-        )
+
+        def tell(*_) -> None:
+            try:
+                progress(min(len(list(folder.glob("*.png"))) / images, 1.0), "")
+            except Cancelled as cancelled:  # an exception does not get past VTK, which calls this after each image
+                stopped.append(cancelled)
+                for extractor in extractors:
+                    extractor.Writer.ImageResolution = [1, 1]  # the rest of the sweep takes no time
+
+        watch = view.SMProxy.AddObserver("EndEvent", tell)
         try:
-            written = [controller.Extract(extractor.SMProxy) for extractor in extractors]
+            written = [controller.Extract(extractor.SMProxy) for extractor in extractors if not stopped]
         finally:
             view.SMProxy.RemoveObserver(watch)
+            for extractor in extractors:
+                simple.Delete(extractor)  # it holds the view, which must close before the program ends
+    if stopped:
+        raise stopped[0]
     rows = rows_of(controller.GetSummaryTable())
     if not all(written) or len(rows) != images:
         raise BadInput(f"ParaView wrote {len(rows)} of {images} images; its messages are above.")

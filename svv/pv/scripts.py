@@ -239,3 +239,4 @@ def _close_windows() -> None:
 
         for view in simple.GetViews():
             simple.Delete(view)
+        simple.Disconnect()  # proxies that the variables of a failed function hold may keep a view

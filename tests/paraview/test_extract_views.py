@@ -134,3 +134,28 @@ assert repeated(13, 7) == (7, 98)      # ParaView's sum of 13 steps stays below 
         done = pvpython(SCRIPT, made / "volume.vti", "--out", made / "other.cdb", *arguments, check=False)
         assert done.returncode == 2 and said in done.stderr and "Traceback" not in done.stderr
     assert not (made / "other.cdb").exists()
+
+
+def test_ctrl_c_ends_the_sweep_and_leaves_nothing(made: Path, pvpython, tmp_path: Path) -> None:
+    done = pvpython(
+        """
+import os, signal, sys
+sys.path.insert(0, sys.argv[1])
+import extract_views
+from svv.pv import scripts
+opened = scripts.open_volume
+def open_volume(*arguments):
+    display, view = opened(*arguments)
+    def interrupt(*_):
+        view.SMProxy.RemoveObserver(watch)
+        os.kill(os.getpid(), signal.SIGINT)
+    watch = view.SMProxy.AddObserver("EndEvent", interrupt)
+    return display, view
+scripts.open_volume = open_volume
+sys.argv = ["extract_views.py", *sys.argv[2:]]
+extract_views.main()
+""",
+        SCRIPT.parent, made / "volume.vti", "--size", 32, "--out", tmp_path / "a.cdb", check=False,
+    )  # fmt: skip
+    assert done.returncode == 130 and "stopped" in done.stderr.splitlines()[-1], done.stderr
+    assert "Traceback" not in done.stderr and not list(tmp_path.iterdir())

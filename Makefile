@@ -1,5 +1,6 @@
 # These targets need only make and python3 with venv:
-#   make demo       the whole job on generated data; the result is demo/report.html
+#   make demo       the whole job on generated data; the result is demo/report.html. OPTIONS are those of svv demo:
+#                   make demo OPTIONS=--views-only learns without the volume, as the paper does
 #   make test       style, types and tests, including those in ParaView
 #   make test-processors   the tests outside ParaView with the arithmetic of other CPUs
 #   make coverage   all tests, and a report of the lines and branches that they miss, as pages in build/coverage
@@ -29,7 +30,7 @@ PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 2 --dist loadf
 .PHONY: demo test test-processors coverage check docs tools install paraview clean
 
 demo: $(INSTALLED)
-	"$(BIN)/svv" demo --out "$(OUT)"
+	"$(BIN)/svv" demo --out "$(OUT)" $(OPTIONS)
 
 test: check paraview
 	$(PYTEST)

@@ -44,7 +44,7 @@ def main() -> None:
     many = {"type": int, "nargs": "+", "metavar": "N"}
     parser.add_argument("--volumes", **many, default=[128, 256, 512, 1024], help="voxels along each side")
     parser.add_argument("--images", **many, default=[400, 800, 1200], help="pixels along each side")
-    training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed"}
+    training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed", "views_only": "--views-only"}
     add_arguments(parser, TrainOptions(preset="fast"), training)
     parser.add_argument("--views", type=int, default=92, metavar="N", help="training views of 800 x 800 pixels (92)")
     parser.add_argument("--ray-caster", default="auto", choices=("auto", "gpu", "cpu"), help="ray caster of DVR (auto)")
@@ -66,7 +66,8 @@ def compare(chosen) -> None:
         folder.mkdir(exist_ok=True)
         settings = {"volume": volume, "seed": chosen.seed}
         trained = {"preset": chosen.preset, "time_limit": chosen.time_limit, "views": chosen.views,
-                   "ray_caster": chosen.ray_caster}  # fmt: skip
+                   "ray_caster": chosen.ray_caster,
+                   **({"views_only": True} if chosen.views_only else {})}  # fmt: skip
         for step, more, files, after in (
             ("generate", {}, ["volume.mha"], ()),
             ("train", trained, ["scene.svv"], ("generate",)),
@@ -91,6 +92,7 @@ def in_a_process(chosen, step: str, volume: int) -> None:
         "--images", *chosen.images, "--preset", chosen.preset, "--views", chosen.views,
         "--ray-caster", chosen.ray_caster, "--seed", chosen.seed,
         *(["--time-limit", chosen.time_limit] if chosen.time_limit else []),
+        *(["--views-only"] if chosen.views_only else []),
     ]  # fmt: skip
     code = subprocess.run([str(part) for part in command], check=False).returncode
     if code == 130:

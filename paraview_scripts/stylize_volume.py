@@ -24,7 +24,8 @@ def main() -> None:
     parser.add_argument("--tf", type=Path, help="transfer function, a ParaView preset; by default as it is shown")
     parser.add_argument("--array", help="name of the array, if the file has several")
     parser.add_argument("--style", type=Path, action="append", default=[], help="a style picture; may be repeated")
-    training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed", "lighting": "--lighting"}
+    training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed", "lighting": "--lighting",
+                "views_only": "--views-only"}  # fmt: skip
     add_arguments(parser, TrainOptions(preset="fast"), training)
     add_arguments(parser, ViewOptions(test=8), {"n": "--views", "test": "--test", "size": "--size"})
     add_arguments(parser, OrbitOptions(), {"orbit": "--orbit", "orbit_size": "--orbit-size"})

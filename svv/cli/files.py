@@ -39,4 +39,4 @@ def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, c
         write_json(json, report)
     checkpoint.unlink(missing_ok=True)
     total, size = duration(report["seconds"]["total"]), report["scene_bytes"] / 1e6
-    print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions, {total}")
+    print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions, from {report['learned_from']}, {total}")

@@ -39,9 +39,11 @@ def train(
 ) -> None:
     """Train a scene on views.
 
-    Views made by `svv views` carry the volume's extinction, and training starts from it. For other views, or with
-    --views-only, the extinction is learned as well. After Ctrl-C, the same command resumes.
+    Views made by `svv views` come with the volume's extinction, and by default, training starts from it. With
+    --views-only, or if there is no volume, everything is learned from views only. After Ctrl-C, the same command
+    resumes.
     """
+    from svv.io.equal_views import equal_views
     from svv.io.scene_file import checkpoint_of
     from svv.io.viewset import ViewSet
     from svv.kernels.dispatch import device_named
@@ -53,8 +55,9 @@ def train(
     device_named(options.device)
     with shown("Reading") as progress:
         view_set = ViewSet.read(views, "train", progress)
-    if view_set.meta.assumed is not None:
-        print(view_set.meta.assumed, file=sys.stderr)
+    for said in (view_set.meta.assumed, equal_views(view_set)):
+        if said is not None:
+            print(said, file=sys.stderr)
     checkpoint = checkpoint_of(out)
     with shown("Training") as progress:
         scene, report = train_scene(view_set, options, progress, checkpoint)

@@ -128,6 +128,9 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
         assumed = ViewMeta.from_json(scene.made["source"], "source").assumed
         if assumed is not None:
             facts.append(("Assumed", assumed))
+    if "learned_from" in training:  # not in the reports of older versions
+        facts.append(("Learned from", training["learned_from"]))
+        facts += [("Warning", said) for said in training["warnings"]]
     facts.append(("Preset", s.preset if s.time_limit is None else f"{s.preset}, at most {duration(s.time_limit)}"))
     facts.append(("Light", LIGHT[scene.settings.lighting] + " (by held-out views)" * (s.lighting == "auto")))
     facts.append(("Seed", str(s.seed)))

@@ -23,6 +23,10 @@ def add_arguments(parser: argparse.ArgumentParser, options: Any, flags: Mapping[
         if field.name not in flags:
             continue
         default = getattr(options, field.name)
+        if field.kind is bool and not default:
+            said = field.sentence.rstrip(".").replace("%", "%%")
+            parser.add_argument(flags[field.name], dest=field.name, action="store_true", help=said)
+            continue
         said = field.sentence.rstrip(".") + ("" if default is None else f" ({default})")
         kind: Any = str if field.choices or get_origin(field.kind) is tuple else field.kind
         parser.add_argument(

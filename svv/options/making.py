@@ -86,8 +86,8 @@ class TrainOptions:
     lighting: Annotated[LightingName, Setting(advanced=True)] = "network"
     """What lights the scene: network stays at the camera, phong can be moved, auto is phong if unseen views lose
     nothing."""
-    views_only: Annotated[bool, Setting(advanced=True)] = False
-    """Learn from the images alone, even if the volume is known."""
+    views_only: bool = False
+    """Learn from views only, as the paper does. By default, the volume is used as well, if the views come with it."""
     change: Annotated[
         tuple[str, ...],
         Setting("--set", metavar="STAGE.NAME=VALUE", panel="Settings", advanced=True),
@@ -107,8 +107,8 @@ class PaletteOptions:
     """Train for at most this many seconds."""
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
-    views_only: Annotated[bool, Setting(advanced=True)] = False
-    """Use the palette as given, even if the volume says otherwise."""
+    views_only: bool = False
+    """Learn the regions from views only: use the palette as given, even if the volume says otherwise."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,15 @@ from typing import Any
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
 from svv.options.editing import LightEdit, OutlineEdit, RegionEdit
-from svv.options.making import DRAWN, DeviceOptions, PresetName, RenderOptions, TrainOptions, ViewOptions
+from svv.options.making import (
+    DRAWN,
+    DeviceOptions,
+    PaletteOptions,
+    PresetName,
+    RenderOptions,
+    TrainOptions,
+    ViewOptions,
+)
 from svv.pv.option_panel import properties_of
 from svv.pv.properties import (
     Property,
@@ -95,10 +103,21 @@ def volume_properties(views: ViewOptions) -> list[Property]:
     ]  # fmt: skip
 
 
+def learning_properties(options: TrainOptions | PaletteOptions, skip: tuple[str, ...] = ()) -> list[Property]:
+    """Return the properties of training options: first what to learn from, under a heading of its own, then the others.
+
+    Args:
+        options: The panel's defaults.
+        skip: Names of fields that the panel shows in another way.
+    """
+    (views_only,) = (made for made in properties_of(options) if made.name == "ViewsOnly")
+    return [*group("Learn From", [views_only]), *properties_of(options, skip=(*skip, "views_only"))]
+
+
 def training_properties(preset: PresetName) -> list[Property]:
     """Return the properties of training."""
     return [
-        *properties_of(TrainOptions(preset=preset), skip=("device",)),
+        *learning_properties(TrainOptions(preset=preset), skip=("device",)),
         switch("TrainEachTimeStep", False,
                "Train a scene for each time step that is shown. Otherwise the scene stays the same as time changes, "
                "until Take As Edited is pressed. The scenes of the most recent steps are kept."),

@@ -124,7 +124,7 @@ class StyleRFTrain(Keeping):
         super().__init__(1, 1, "vtkTable")
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.work import scene_in, train, training_moment
+        from svv.pv.work import regions_said, scene_in, train, training_moment
 
         now, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
 
@@ -145,7 +145,8 @@ class StyleRFTrain(Keeping):
         scene, name = self.steps.get(now, get, self.values["TrainEachTimeStep"])
         self.gives(scene=name)
         put_scene(scene, outputs[0])
-        said = f"{len(scene.regions)} regions, trained in {scene.made['seconds']['total']:.0f} s."
+        said = f"{regions_said(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
+        said = " ".join([said, *scene.made.get("warnings", [])])
         return said + self.note + self.steps.told(now)
 
     def before(self, outputs: list[Any]) -> None:
@@ -198,7 +199,7 @@ class StyleRFStylizedView(ImageOutput, Keeping):
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.styling import stylize
-        from svv.pv.work import camera_for, draw, style_key, train, training_moment
+        from svv.pv.work import camera_for, draw, regions_said, style_key, train, training_moment
 
         values = self.values
         now, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
@@ -229,7 +230,7 @@ class StyleRFStylizedView(ImageOutput, Keeping):
         put_image(outputs[0], draw(scene, camera, values, self.progress))
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         hint = "" if styles else "; choose a picture under Style Files to paint them"
-        return f"{len(scene.regions)} regions{hint}.{self.note}{self.steps.told(now)}"
+        return f"{regions_said(scene)}{hint}.{self.note}{self.steps.told(now)}"
 
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:

@@ -115,6 +115,7 @@ def correct_palette(
     report = report_on(
         result, {**seconds, "total": sum(seconds.values())}, cost, chosen, seed,
         encoding=scene.settings.encoding, notes=[*notes, reason],
+        learned_from="views only" if volume is None else "volume and views",
     )  # fmt: skip
     made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report

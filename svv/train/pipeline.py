@@ -54,8 +54,9 @@ def train_scene(
     Returns:
         The scene, and a report: ``seconds`` per stage and ``total``, ``peak_rss_bytes``, ``parameters``, ``device``,
         ``gpu`` (its name), ``kernels``, ``peak_gpu_bytes`` (None on a CPU, as is ``gpu``), ``seed``, ``preset``,
-        ``encoding``, ``lighting`` (the light of the scene: ``network``, ``phong`` or ``none``), and ``notes`` (why the
-        model has its size).
+        ``encoding``, ``lighting`` (the light of the scene: ``network``, ``phong`` or ``none``), ``notes`` (why the
+        model has its size), ``learned_from`` (``volume and views`` or ``views only``) and ``warnings`` (what may be
+        wrong with the views).
 
     Raises:
         BadInput: There are fewer than 3 views, no point is visible in all of them, an option does not exist, or the
@@ -78,6 +79,7 @@ def train_scene(
     report = report_on(
         scene, seconds, cost, chosen, seed,
         encoding=chosen.field.encoding, lighting=scene.settings.lighting, notes=training.notes,
+        learned_from=training.learned_from, warnings=training.warnings,
     )  # fmt: skip
     made = {
         **report,

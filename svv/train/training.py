@@ -10,9 +10,11 @@ from dataclasses import replace
 import torch
 
 from svv.core.cameras import CameraRig
+from svv.core.classified import ClassifiedVolume
 from svv.core.palette import Palette
 from svv.errors import Progress, part
 from svv.fields.scene import Scene
+from svv.io.equal_views import equal_views
 from svv.io.viewset import ViewSet
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field
@@ -36,7 +38,8 @@ BASE_PART = 0.68
 class Training:
     """Stages 1 and 2 of one scene.
 
-    ``seconds`` holds the duration of each part; ``notes`` says what was chosen and why.
+    ``seconds`` holds the duration of each part; ``notes`` says what was chosen and why; ``warnings`` are those of the
+    notes that may mean a mistake in the views.
     """
 
     def __init__(
@@ -54,6 +57,17 @@ class Training:
         self.progress, self.saved, self.device = progress, saved, device
         self.seconds: dict[str, float] = {}
         self.notes: list[str] = []
+        self.warnings = [said for said in (equal_views(views),) if said is not None]
+
+    @property
+    def learned_from(self) -> str:
+        """What the scene is learned from: ``volume and views`` or ``views only``."""
+        return "volume and views" if self._volume is not None else "views only"
+
+    @property
+    def _volume(self) -> ClassifiedVolume | None:
+        """The volume, if the views come with it and the settings use it; a hash grid takes only the regions from it."""
+        return self.views.classified if self.chosen.reconstruct.use_volume else None
 
     def run(self) -> Scene:
         """Return the trained scene; stages that the checkpoint holds are not repeated."""
@@ -82,7 +96,7 @@ class Training:
         views, chosen, progress = self.views, self.chosen, self.progress
         with self._timed("hull"):
             occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(progress, 0.0, 0.02))
-        self.notes.append(reason)
+        self.notes += [f"learned from {self.learned_from}: {reason}", *self.warnings]
         field = chosen.field
         if chosen.fitted:
             field, reason = fitted_field(field, views.cameras, occupancy.box)
@@ -103,8 +117,8 @@ class Training:
     def _palette(self, scene: Scene) -> tuple[Scene, Palette, KnownRegions | None]:
         """Find the palette, and the regions if the volume is known; drop levels and light that the scene can spare."""
         views, seed, known = self.views, self.seed, None
-        if views.classified is not None and self.chosen.reconstruct.use_volume:
-            known = regions_of(views.classified, views, scene, seed)
+        if self._volume is not None:
+            known = regions_of(self._volume, views, scene, seed)
         if self.chosen.fitted:
             borders = known is not None and len(known.ranges) > 1
             scene, reason = with_fewest_levels(scene, views, seed, borders)

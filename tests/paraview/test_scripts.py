@@ -50,6 +50,7 @@ def test_a_volume_becomes_a_painted_scene(made: Path) -> None:
     }
     scene = Scene.load(out / "styled.svv")
     assert {region.style for region in scene.regions} == {"brush"}
+    assert scene.made["learned_from"] == "volume and views"
     assert scene.made["source"]["tf"]["Name"] and scene.made["source"]["shading"]["on"] is False  # as ParaView shows
     assert read_png(out / "image.png").shape == (96, 96, 4)
 
@@ -76,8 +77,11 @@ simple.SaveState(sys.argv[3])
 """,
         made / "volume.vti", made / "tf.json", tmp_path / "session.pvsm",
     )  # fmt: skip
-    pvpython(SCRIPTS / "stylize_volume.py", tmp_path / "session.pvsm", "--out", tmp_path / "out", *QUICK, *SMALL)
-    source = Scene.load(tmp_path / "out" / "scene.svv").made["source"]
+    arguments = (tmp_path / "session.pvsm", "--views-only", "--out", tmp_path / "out", *QUICK, *SMALL)
+    pvpython(SCRIPTS / "stylize_volume.py", *arguments)
+    scene = Scene.load(tmp_path / "out" / "scene.svv")
+    assert scene.made["learned_from"] == "views only"
+    source = scene.made["source"]
     assert source["shading"]["on"] is True and source["tf"]["ScalarOpacityUnitDistance"] == 0.125
     assert (tmp_path / "out" / "recoloured.svv").exists()
 
@@ -154,6 +158,12 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
         "--time-limit", 2, "--out", tmp_path,
     )  # fmt: skip
     assert (tmp_path / "32" / "pcn.json").stat().st_mtime_ns == stamp
+    assert Scene.load(tmp_path / "24" / "scene.svv").made["learned_from"] == "volume and views"
+    pvpython(
+        SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, "--images", 48, "--preset", "draft", "--views", 12,
+        "--time-limit", 2, "--views-only", "--out", tmp_path,
+    )  # fmt: skip
+    assert Scene.load(tmp_path / "24" / "scene.svv").made["learned_from"] == "views only"
 
 
 BAD = {

@@ -91,9 +91,9 @@ def test_views_of_one_side_have_a_rig() -> None:
 
 @pytest.mark.parametrize("span", [0.0, -1.0, np.nan, np.inf])
 def test_impossible_widths_are_refused(span: float) -> None:
-    with pytest.raises(BadInput, match=r"camera's span_x .* positive"):
+    with pytest.raises(BadInput, match=r"span_x of a camera.* positive"):
         Camera.orthographic(POSE, span, 4, 4)
-    with pytest.raises(BadInput, match=r"rig.*span_x"):
+    with pytest.raises(BadInput, match=r"camera_rig.*span_x"):
         CameraRig.from_json({"centre": [0, 0, 0], "radius": 1, "fov_x": 0.5, "span_x": span})
 
 

@@ -69,12 +69,13 @@ def run(
 
     After Ctrl-C, the same command resumes; finished stages are not repeated.
     """
+    from svv.io.transforms import transforms_file
     from svv.job.run import check, run_job
     from svv.job.source import ViewSource, VolumeSource
     from svv.job.steps import JobSettings
     from svv.render.gallery import style_file
 
-    views = (source / "transforms_train.json").exists()
+    views = transforms_file(source, "train") is not None
     origin: ViewSource | VolumeSource = ViewSource(source) if views else VolumeSource(source, **vars(volume))
     settings = JobSettings(drawing, training, path, recolour)
     check(settings)  # before a picture of the gallery is written

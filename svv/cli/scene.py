@@ -32,7 +32,10 @@ INFO = (
 
 @spread
 def train(
-    views: Annotated[Path, typer.Argument(metavar="VIEWS", help="Folder with transforms_train.json and its images.")],
+    views: Annotated[
+        Path,
+        typer.Argument(metavar="VIEWS", help="Folder with transforms_train.json or transforms.json, and its images."),
+    ],
     out: Out,
     options: TrainOptions = TrainOptions(),
     json: Json = None,

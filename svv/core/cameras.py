@@ -33,7 +33,7 @@ POLE_LIMIT = np.radians(89.99)
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera or, with ``span_x``, an orthographic one, whose rays are parallel to its axis.
+    """A pinhole camera or, with ``span_x``, an orthographic one, whom rays are parallel to its axis.
 
     A point (X, Y, Z) in camera axes appears at column cx + f X / d and row cy - f Y / d, where (cx, cy) is the
     :attr:`principal_point`, f the :attr:`focal` length, and d = -Z, or 1 if the camera is orthographic.
@@ -41,7 +41,7 @@ class Camera:
     Args:
         camera_to_world: (4, 4) float64, OpenGL convention. Its last row is set to (0, 0, 0, 1) exactly.
         fov_x: Full horizontal angle of view in radians, in (0, pi); with ``centre``, that of an image of the same
-            width and focal length whose principal point is at its centre. Orthographic cameras do not use it.
+            width and focal length whom principal point is at its centre. Orthographic cameras do not use it.
         width: Width of the image in pixels, >= 1.
         height: Height of the image in pixels, >= 1.
         span_x: Full width of the image in world units, > 0, if the camera is orthographic (see
@@ -75,7 +75,7 @@ class Camera:
                 f"(R^T R is off by {off:.3g}, its determinant is {np.linalg.det(rotation):.3g}); "
                 "check transform_matrix."
             )
-        _check_angle_and_span(self.fov_x, self.span_x, "A camera's")
+        _check_angle_and_span(self.fov_x, self.span_x, "a camera")
         if self.width < 1 or self.height < 1:
             raise BadInput(f"A camera's image needs at least one pixel, not {self.width} x {self.height}.")
         if self.centre is not None and not np.isfinite(self.centre).all():
@@ -192,18 +192,20 @@ class Camera:
     def resized(self, width: int, height: int) -> Camera:
         """Return the camera with another image size and the same horizontal angle of view, or width in world units."""
         centre = self.centre
-        if centre is not None:
+        if centre is not None and (width, height) != (self.width, self.height):
             scale = width / self.width
             column, row = centre[0] - 0.5 * self.width, centre[1] - 0.5 * self.height
             centre = 0.5 * width + scale * column, 0.5 * height + scale * row
         return replace(self, width=width, height=height, centre=centre)
 
 
-def _check_angle_and_span(fov_x: float, span_x: float | None, whose: str) -> None:
+def _check_angle_and_span(fov_x: float, span_x: float | None, whom: str) -> None:
     if not 0.0 < fov_x < np.pi:
-        raise BadInput(f"{whose} fov_x (angle of view) must lie between 0 and pi radians, not {fov_x}.")
+        raise BadInput(f"The fov_x of {whom} must lie between 0 and pi radians, not {fov_x}.")
     if span_x is not None and not 0.0 < span_x < np.inf:
-        raise BadInput(f"{whose} span_x (width of the image in world units) must be a positive number, not {span_x}.")
+        raise BadInput(
+            f"The span_x of {whom}, the width of its image in world units, must be a positive number, not {span_x}."
+        )
 
 
 def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0.0)) -> Array:
@@ -319,7 +321,7 @@ class CameraRig:
             raise BadInput(f"The centre of a camera rig must be finite, not {self.centre}.")
         if not 0.0 <= self.radius < np.inf:
             raise BadInput(f"The radius of a camera rig must be a number of at least 0, not {self.radius}.")
-        _check_angle_and_span(self.fov_x, self.span_x, "A camera rig's")
+        _check_angle_and_span(self.fov_x, self.span_x, "a camera rig")
 
     @classmethod
     def of(cls, cameras: Sequence[Camera]) -> CameraRig:

@@ -108,7 +108,8 @@ class ViewMeta:
     seconds: float | None = None
     """Time taken to make the views, in seconds."""
     assumed: str | None = None
-    """Sentence about which pixels count as empty, if the images had no alpha."""
+    """Sentences on what was assumed or changed when images of another program were read: which pixels count as empty if
+    they had no alpha, and how they were resampled."""
     other: Json = field(default_factory=dict)
     """Values under unknown keys, which are written unchanged."""
 

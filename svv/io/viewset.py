@@ -2,7 +2,8 @@
 
 On disk: ``transforms_<split>.json`` and a folder ``<split>`` of PNG files. The JSON file holds
 ``camera_angle_x`` (radians), one frame per image (``file_path`` without ``.png`` and ``transform_matrix``),
-and, in the sets that we write, metadata under the key ``svv``. If the volume is known, ``classified.npz`` in the same
+and, in the sets that we write, metadata under the key ``svv``. Sets of other programs may say more, see
+:mod:`svv.io.transforms`. If the volume is known, ``classified.npz`` in the same
 folder contains the volume classified by its transfer function; the key ``svv_classified`` names it, and it is optional.
 """
 
@@ -12,17 +13,14 @@ import json
 import os
 import shutil
 import tempfile
-import threading
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from svv.core.box import Box
@@ -30,20 +28,12 @@ from svv.core.cameras import Camera
 from svv.core.classified import ClassifiedVolume, ValueRange
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import atomic_path, cannot_write, make_folder, to_json
+from svv.io.transforms import file_in, intrinsics_of, mask_files, names_of, read_transforms
+from svv.io.view_images import Images, in_threads, read_views
 from svv.io.view_meta import ViewMeta
-
-Images = NDArray[np.uint8]
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-
-SUFFIXES = ("", ".png", ".PNG", ".jpg", ".jpeg", ".tif", ".tiff")
-"""Suffixes that ``file_path`` may lack; NeRF-synthetic sets omit ``.png``."""
 
 PNG_LEVEL = 1
 """zlib level; level 6 takes five times as long and saves only a sixth of the bytes."""
-
-CORNER_SPREAD = 16
-"""Levels by which corner pixels may differ and still count as one background colour (JPEG noise)."""
 
 MIN_TRAIN_VIEWS = 3
 """Minimum number of training views."""
@@ -99,10 +89,12 @@ class ViewSet:
 
     @classmethod
     def read(cls, folder: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
-        """Read ``transforms_<split>.json`` and its images.
+        """Read ``transforms_<split>.json``, or ``transforms.json``, and its images (:mod:`svv.io.transforms`).
 
-        If images have no alpha but their corners all show one colour, pixels of that colour count as empty and all
-        others as opaque, and ``meta.assumed`` says so; other images without alpha are rejected.
+        Images without alpha take that of their masks. Without masks, if their corners all show one colour, pixels of
+        that colour count as empty and all others as opaque; other images without alpha are rejected. Distorted images
+        are undistorted. Images of the same shape but of different sizes, which their frames state, are reduced to the
+        smallest. ``meta.assumed`` says what was assumed or changed.
 
         Args:
             folder: Folder of the JSON file.
@@ -110,30 +102,20 @@ class ViewSet:
             progress: Called after each image.
 
         Raises:
-            BadInput: A file is missing or damaged, images differ in size or have neither alpha nor a uniform
-                background, a matrix is not a rotation, there are too few views, or metadata is invalid.
+            BadInput: A file is missing or damaged, images differ in shape or have neither alpha nor a uniform
+                background, a camera model is not supported, a matrix is not a rotation, there are too few views, or
+                metadata is invalid.
         """
-        path = Path(folder) / f"transforms_{split}.json"
-        scene, frames = _read_transforms(path)
+        path, scene, frames = read_transforms(folder, split)
         meta = ViewMeta.from_json(scene.get("svv"), f"{path}: svv")
         if split == "train" and len(frames) < MIN_TRAIN_VIEWS:
             raise BadInput(f"{path} has {len(frames)} views; at least {MIN_TRAIN_VIEWS} are needed.")
-        files = [_image_file(path, frame) for frame in frames]
-        decoded = list(_in_threads(_decode, files, progress, f"Reading {split} views"))
-        height, width = decoded[0].shape[:2]
-        for file, image in zip(files, decoded, strict=True):
-            if image.shape[:2] != (height, width):
-                raise BadInput(
-                    f"All images of a set must have the same size, but {files[0].name} has {width} x {height} "
-                    f"and {file} has {image.shape[1]} x {image.shape[0]} pixels."
-                )
-        images, assumed = _with_alpha(decoded, files)
+        images, cameras, assumed = read_views(path, scene, frames, progress, f"Reading {split} views")
         if assumed:
             meta = replace(meta, assumed=assumed)
-        cameras = tuple(_camera(path, scene, frame, width, height) for frame in frames)
         file = path.parent / CLASSIFIED
         classified = _read_classified(file) if scene.get("svv_classified") == CLASSIFIED and file.exists() else None
-        return cls(cameras, images, _names(frames), meta, classified)
+        return cls(cameras, images, names_of(frames), meta, classified)
 
     def write(self, folder: str | Path, split: str = "train", progress: Progress = silent) -> None:
         """Write the set; ``read`` returns it bit by bit.
@@ -156,7 +138,7 @@ class ViewSet:
             raise cannot_write(target, error) from error
         try:
             jobs = [(staging / f"{name}.png", image) for name, image in zip(self.names, self.images)]
-            for _ in _in_threads(_encode, jobs, progress, f"Writing {split} views"):
+            for _ in in_threads(_encode, jobs, progress, f"Writing {split} views"):
                 pass
             if self.classified is not None:
                 _write_classified(staging / CLASSIFIED, self.classified)
@@ -169,14 +151,17 @@ class ViewSet:
         frames = []
         for name, camera in zip(self.names, self.cameras, strict=True):
             frame: dict[str, Any] = {"file_path": f"./{split}/{name}"}
-            if camera.fov_x != first.fov_x:
-                frame["camera_angle_x"] = camera.fov_x
+            if (camera.fov_x, camera.span_x) != (first.fov_x, first.span_x):
+                frame |= {"camera_model": "PINHOLE"} if first.is_orthographic else {}
+                frame |= intrinsics_of(camera)
+            if camera.centre is not None:
+                frame["cx"], frame["cy"] = camera.centre
             frame["transform_matrix"] = camera.camera_to_world.tolist()
             frames.append(frame)
         about = {"w": first.width, "h": first.height, "svv": self.meta.to_json()}
         if self.classified is not None:
             about["svv_classified"] = CLASSIFIED
-        return {"camera_angle_x": first.fov_x, **about, "frames": frames}
+        return {**intrinsics_of(first), **about, "frames": frames}
 
     def _move_in(self, staging: Path, target: Path, split: str) -> None:
         final = target / f"transforms_{split}.json"
@@ -200,8 +185,8 @@ def read_meta(folder: str | Path) -> ViewMeta:
     Raises:
         BadInput: There are no training views, or the metadata is invalid.
     """
-    path = Path(folder) / "transforms_train.json"
-    return ViewMeta.from_json(_read_transforms(path)[0].get("svv"), f"{path}: svv")
+    path, scene, _ = read_transforms(folder, "train")
+    return ViewMeta.from_json(scene.get("svv"), f"{path}: svv")
 
 
 def read_classified(folder: str | Path) -> ClassifiedVolume | None:
@@ -260,106 +245,8 @@ def files_of(folder: Path, split: str) -> list[Path]:
     Raises:
         BadInput: The JSON file or an image is missing, or the JSON file is invalid.
     """
-    path = folder / f"transforms_{split}.json"
-    _, frames = _read_transforms(path)
-    return [path, *(_image_file(path, frame) for frame in frames)]
-
-
-def _read_transforms(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    try:
-        scene = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise BadInput(f"There is no {path}; a folder of views needs one (NeRF-synthetic layout).") from None
-    except OSError as error:
-        raise BadInput(f"Cannot read {path}: {error.strerror or error}.") from error
-    except ValueError as error:
-        raise BadInput(f"{path} is not valid JSON ({error}); write the views again.") from error
-    frames = scene.get("frames") if isinstance(scene, dict) else None
-    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
-        raise BadInput(f"{path} has no list of frames; it must follow the NeRF-synthetic layout.")
-    if not frames:
-        raise BadInput(f"{path} has no views.")
-    return scene, frames
-
-
-def _image_file(path: Path, frame: dict[str, Any]) -> Path:
-    name = frame.get("file_path")
-    if not isinstance(name, str) or not name:
-        raise BadInput(f"{path} has a frame without file_path.")
-    for suffix in SUFFIXES:
-        file = path.parent / (name + suffix)
-        if file.is_file():
-            return file
-    raise BadInput(f"{path} names the image {name}, but there is no such file (with or without .png).")
-
-
-def _camera(path: Path, scene: dict[str, Any], frame: dict[str, Any], width: int, height: int) -> Camera:
-    angle = frame.get("camera_angle_x", scene.get("camera_angle_x"))
-    try:
-        matrix = np.array(frame.get("transform_matrix"), dtype=np.float64)
-        fov_x = float(angle)  # type: ignore[arg-type]  # None or text is an error in the file, reported below
-    except (TypeError, ValueError):
-        raise BadInput(
-            f"{path}, frame {frame['file_path']}: camera_angle_x must be a number of radians and "
-            "transform_matrix a 4x4 matrix of numbers."
-        ) from None
-    try:
-        return Camera(matrix, fov_x, width, height)
-    except BadInput as error:
-        raise BadInput(f"{path}, frame {frame['file_path']}: {error}") from None
-
-
-def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
-    """Return the file stems, or the whole paths with _ for / if frames in different folders share a stem."""
-    paths = [str(frame["file_path"]).removeprefix("./").replace("\\", "/") for frame in frames]
-    bare = [p[: p.rfind(".")] if p.lower().endswith(SUFFIXES[1:]) else p for p in paths]
-    stems = [p.rsplit("/", 1)[-1] for p in bare]
-    if len(set(stems)) == len(stems):
-        return tuple(stems)
-    return tuple(p.replace("/", "_") for p in bare)
-
-
-def _decode(file: Path) -> Images:
-    """Return uint8 levels: (h, w, 4) with straight alpha, or (h, w, 3) if the file has no alpha."""
-    try:
-        with Image.open(file) as image:
-            if image.mode.startswith("I") or image.mode == "F":  # PIL would clip instead of scale
-                raise BadInput(f"{file} is a greyscale image of more than 8 bits; views must be 8-bit RGBA.")
-            alpha = "A" in image.getbands() or "transparency" in image.info
-            return np.asarray(image.convert("RGBA" if alpha else "RGB"))
-    except BadInput:
-        raise
-    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
-        raise BadInput(f"Cannot read the image {file} ({error}); it is truncated or not an image.") from error
-
-
-def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[Images, str | None]:
-    channels = [image.shape[-1] for image in decoded]
-    if min(channels) == 4:
-        return np.stack(decoded), None
-    if max(channels) == 4:
-        with_, without = files[channels.index(4)], files[channels.index(3)]
-        raise BadInput(f"{with_.name} has alpha and {without} does not; all images of a view set need alpha.")
-    colours = np.stack(decoded)  # (n, h, w, 3)
-    edge = max(1, min(colours.shape[1:3]) // 50)
-    ends = [*range(edge), *range(-edge, 0)]
-    corners = colours[:, ends][:, :, ends].reshape(-1, 3)
-    background = np.median(corners, axis=0).astype(np.int16)
-    spread = int(np.abs(corners.astype(np.int16) - background).max())
-    if spread > CORNER_SPREAD:
-        raise BadInput(
-            f"The images of {files[0].parent} have no alpha, and their corners show no uniform background "
-            "to replace it; save them as RGBA with straight alpha."
-        )
-    images = np.empty((*colours.shape[:3], 4), np.uint8)
-    images[..., :3] = colours
-    for image in images:
-        difference = np.abs(image[..., :3].astype(np.int16) - background).max(axis=-1)
-        image[..., 3] = np.where(difference <= max(2, spread), 0, 255)
-    colour = ", ".join(str(int(c)) for c in background)
-    return images, (
-        f"The images have no alpha: pixels of the background colour ({colour}) count as empty, all others as opaque."
-    )
+    path, _, frames = read_transforms(folder, split)
+    return [path, *(file_in(path, frame) for frame in frames), *(mask_files(path, frames) or [])]
 
 
 def _encode(job: tuple[Path, Images]) -> None:
@@ -368,21 +255,3 @@ def _encode(job: tuple[Path, Images]) -> None:
         Image.fromarray(image).save(path, compress_level=PNG_LEVEL)
     except OSError as error:
         raise cannot_write(path, error) from error
-
-
-def _in_threads(
-    work: Callable[[Item], Result], items: Sequence[Item], progress: Progress, label: str
-) -> Iterator[Result]:
-    """Yield the results in order; the pool stops at the first error and when ``progress`` raises."""
-    stop = threading.Event()
-
-    def guarded(item: Item) -> Result | None:
-        return None if stop.is_set() else work(item)
-
-    with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-        try:
-            for done, result in enumerate(pool.map(guarded, items), start=1):
-                yield result  # type: ignore[misc]  # None only after stop, when results are no longer read
-                progress(done / len(items), label)
-        finally:
-            stop.set()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
+from svv.io.transforms import transforms_file
 from svv.io.view_meta import ViewMeta, known
 from svv.io.viewset import CLASSIFIED, files_of, read_meta
 from svv.job.stages import fingerprint
@@ -143,9 +144,9 @@ class ViewSource:
         Raises:
             BadInput: The folder has no training views, or an image that they refer to is missing.
         """
-        if not (self.folder / "transforms_train.json").exists():
-            raise BadInput(f"{self.folder} holds no views: there is no transforms_train.json.")
-        splits = [split for split in ("train", "test") if (self.folder / f"transforms_{split}.json").exists()]
+        if transforms_file(self.folder, "train") is None:
+            raise BadInput(f"{self.folder} holds no views: there is no transforms_train.json or transforms.json.")
+        splits = [split for split in ("train", "test") if transforms_file(self.folder, split) is not None]
         files = [path for split in splits for path in files_of(self.folder, split)]
         files += [path for path in (self.folder / CLASSIFIED,) if path.exists()]
         return {"files": [[path.name, path] for path in files]}

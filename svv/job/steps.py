@@ -20,6 +20,7 @@ from svv.io.atomic import make_folder, write_json
 from svv.io.images import read_style
 from svv.io.output import write_mp4, write_png, write_region_png
 from svv.io.scene_file import checkpoint_of
+from svv.io.transforms import transforms_file
 from svv.io.viewset import ViewSet
 from svv.job.source import Drawn, ViewSource
 from svv.job.stages import Stages, fingerprint
@@ -85,7 +86,7 @@ class Job:
         """Whether there are test views; any that another job left in the folder do not count."""
         if isinstance(self.source, Drawn):
             return self.settings.views.test > 0
-        return (self.views / "transforms_test.json").exists()
+        return transforms_file(self.views, "test") is not None
 
     def make_views(self) -> None:
         """Draw the training and test views, unless the source provides views."""

@@ -142,6 +142,7 @@ def views_in_file(values: Values, progress: Progress) -> ViewSet:
     Raises:
         BadInput: It names none, or they cannot be read.
     """
+    from svv.io.transforms import split_of
     from svv.io.viewset import ViewSet
 
     if not values["ViewsFile"]:
@@ -150,4 +151,4 @@ def views_in_file(values: Values, progress: Progress) -> ViewSet:
             "second input, or choose the transforms_train.json of the views under Views File."
         )
     file = Path(values["ViewsFile"])
-    return ViewSet.read(file.parent, file.stem.removeprefix("transforms_"), progress)
+    return ViewSet.read(file.parent, split_of(file), progress)

@@ -157,10 +157,11 @@ class Keeping(Filter):
 
 def read_views(folder: Path, progress: Any = silent) -> Views:
     """Read training views, and test views if there are any; raise BadInput if they cannot be read."""
+    from svv.io.transforms import transforms_file
     from svv.io.viewset import ViewSet
 
     train = ViewSet.read(folder, "train", part(progress, 0.0, 0.8))
-    there = (folder / "transforms_test.json").exists()
+    there = transforms_file(folder, "test") is not None
     return train, ViewSet.read(folder, "test", part(progress, 0.8, 1.0)) if there else None
 
 

@@ -53,11 +53,11 @@ class StyleRFSceneReader(Filter):
 
 
 @smproxy.reader(
-    "StyleRF views", filename_patterns="transforms_*.json", label="StyleRF Views Folder", support_reload=False
+    "StyleRF views", filename_patterns="transforms*.json", label="StyleRF Views Folder", support_reload=False
 )
 @smproperty.xml('<OutputPort name="View" index="0"/><OutputPort name="Cameras" index="1"/>')
 @panel(
-    file("FileName", "json", "Views", "The file transforms_train.json of a set of views."),
+    file("FileName", "json", "Views", "The file transforms_train.json or transforms.json of a set of views."),
     *shown_view(),
     status(),
 )
@@ -83,9 +83,9 @@ class StyleRFViewsReader(ViewsOutput):
         return f"{len(views)} views."
 
     def _read(self) -> Any:
+        from svv.io.transforms import split_of
         from svv.io.viewset import ViewSet
 
         path = Path(self.values["FileName"])
         changed = path.stat().st_mtime_ns if path.exists() else 0
-        split = path.stem.removeprefix("transforms_")
-        return self.kept("views", (path, changed), lambda: ViewSet.read(path.parent, split, self.progress))
+        return self.kept("views", (path, changed), lambda: ViewSet.read(path.parent, split_of(path), self.progress))

@@ -38,7 +38,10 @@ class Profiling:
 
 @spread
 def profile(
-    views: Annotated[Path, typer.Argument(metavar="VIEWS", help="Folder with transforms_train.json and its images.")],
+    views: Annotated[
+        Path,
+        typer.Argument(metavar="VIEWS", help="Folder with transforms_train.json or transforms.json, and its images."),
+    ],
     how: Profiling = Profiling(),
     json: Json = None,
 ) -> None:

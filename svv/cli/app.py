@@ -14,7 +14,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from svv._version import __version__
-from svv.cli import bench, cache, edit, features, job, paraview, render, scene, style, stylize
+from svv.cli import bench, cache, cinema, edit, features, job, paraview, render, scene, style, stylize
 from svv.cli.options import examples
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled
@@ -55,12 +55,14 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "demo": (job.demo, job.DEMO),
     "run": (job.run, job.RUN),
     "views": (job.views, job.VIEWS),
+    "import": (cinema.import_, cinema.IMPORT),
     "train": (scene.train, scene.TRAIN),
     "edit": (edit.edit, edit.EDIT),
     "palette": (edit.palette, edit.PALETTE),
     "stylize": (stylize.stylize, stylize.STYLIZE),
     "render": (render.render, render.RENDER),
     "evaluate": (scene.evaluate, scene.EVALUATE),
+    "export": (cinema.export, cinema.EXPORT),
     "info": (scene.info, scene.INFO),
     "styles": (style.styles, style.STYLES),
     "style-mask": (style.style_mask, style.STYLE_MASK),

@@ -153,15 +153,15 @@ def palette(
     `svv info SCENE.svv`. If the volume is known, each region still consists of ranges of the transfer function.
     After Ctrl-C, the same command resumes.
     """
+    from svv.io.cinema.views import read_views
     from svv.io.scene_file import checkpoint_of
-    from svv.io.viewset import ViewSet
     from svv.train.correct import correct_palette
 
     correction = changes.correction()
     check_targets(out, json)
     loaded = load(scene, where.device)
     with shown("Reading") as progress:
-        view_set = ViewSet.read(views, "train", progress)
+        view_set = read_views(views, "train", progress)
     checkpoint = checkpoint_of(out)
     with shown("Palette") as progress:
         result, report = correct_palette(loaded, view_set, correction, options, progress, checkpoint)

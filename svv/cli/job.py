@@ -54,7 +54,9 @@ def demo(
 
 @spread
 def run(
-    source: Annotated[Path, typer.Argument(metavar="VOLUME|VIEWS", help="A volume, or a folder of views.")],
+    source: Annotated[
+        Path, typer.Argument(metavar="VOLUME|VIEWS", help="A volume, a folder of views, or a Cinema database.")
+    ],
     out: Out,
     style: Annotated[
         list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A style picture; may be repeated.")
@@ -69,13 +71,17 @@ def run(
 
     After Ctrl-C, the same command resumes; finished stages are not repeated.
     """
+    from svv.io.cinema.table import is_database
     from svv.io.transforms import transforms_file
     from svv.job.run import check, run_job
-    from svv.job.source import ViewSource, VolumeSource
+    from svv.job.source import ViewSource, VolumeSource, imported_views
     from svv.job.steps import JobSettings
     from svv.render.gallery import style_file
 
     views = transforms_file(source, "train") is not None
+    if not views and is_database(source):
+        with shown("Reading") as progress:
+            source, views = imported_views(source, out / "views", progress), True
     origin: ViewSource | VolumeSource = ViewSource(source) if views else VolumeSource(source, **vars(volume))
     settings = JobSettings(drawing, training, path, recolour)
     check(settings)  # before a picture of the gallery is written

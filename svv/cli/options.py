@@ -183,6 +183,21 @@ def parse_dims(text: str) -> tuple[int, int, int]:
     return int(x), int(y), int(z)
 
 
+def parse_point(text: str, option: str) -> tuple[float, float, float]:
+    """Return '1,-2,2.5' as three finite numbers.
+
+    Raises:
+        BadInput: The text has another form.
+    """
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(math.isfinite(value) for value in (x, y, z)):
+        raise BadInput(f"{option} needs three numbers, for example {option} 1,-2,2.5, not '{text}'.")
+    return x, y, z
+
+
 def parse_numbers(text: str, option: str) -> tuple[float, float, float]:
     """Return '1,1,2.5' as three positive numbers.
 

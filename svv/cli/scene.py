@@ -34,7 +34,10 @@ INFO = (
 def train(
     views: Annotated[
         Path,
-        typer.Argument(metavar="VIEWS", help="Folder with transforms_train.json or transforms.json, and its images."),
+        typer.Argument(
+            metavar="VIEWS",
+            help="Folder with transforms_train.json or transforms.json, and its images, or a Cinema database.",
+        ),
     ],
     out: Out,
     options: TrainOptions = TrainOptions(),
@@ -46,9 +49,9 @@ def train(
     --views-only, or if there is no volume, everything is learned from views only. After Ctrl-C, the same command
     resumes.
     """
+    from svv.io.cinema.views import read_views
     from svv.io.equal_views import equal_views
     from svv.io.scene_file import checkpoint_of
-    from svv.io.viewset import ViewSet
     from svv.kernels.dispatch import device_named
     from svv.train.config import settings_of
     from svv.train.pipeline import train_scene
@@ -57,7 +60,7 @@ def train(
     settings_of(options)  # errors in the options are reported before the views are read
     device_named(options.device)
     with shown("Reading") as progress:
-        view_set = ViewSet.read(views, "train", progress)
+        view_set = read_views(views, "train", progress)
     for said in (view_set.meta.assumed, equal_views(view_set)):
         if said is not None:
             print(said, file=sys.stderr)
@@ -92,14 +95,15 @@ def evaluate(
     values: the intersection over union of everything that the views show.
     """
     from svv.io.atomic import write_json
-    from svv.io.viewset import ViewSet, read_classified
+    from svv.io.cinema.views import read_views
+    from svv.io.viewset import read_classified
     from svv.train.pipeline import evaluate_scene
     from svv.train.ranges import region_overlaps
 
     check_targets(json)
     loaded = load(scene, scoring.device)
     with shown("Reading") as progress:
-        view_set = ViewSet.read(views, scoring.split, progress)
+        view_set = read_views(views, scoring.split, progress)
     volume = read_classified(views)  # before minutes of work, in case it is damaged
     with shown("Evaluating") as progress:
         scores = evaluate_scene(loaded, view_set, scoring.network or "pcn", progress)

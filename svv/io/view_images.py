@@ -52,7 +52,7 @@ def read_views(
     of: Sequence[Path | None] = masks or [None] * len(files)
     jobs = list(zip(files, of, strict=True))
     decoded = list(in_threads(lambda job: _masked(*job), jobs, progress, label))
-    images, assumed = _with_alpha(decoded, files)
+    images, assumed = with_alpha(decoded, files)
     taken = [
         camera_in(path, scene, frame, image.shape[1], image.shape[0])
         for frame, image in zip(frames, images, strict=True)
@@ -72,10 +72,10 @@ def read_views(
 
 def _masked(file: Path, mask: Path | None) -> Images:
     """Decode an image; if it has no alpha, its mask is its alpha."""
-    image = _decode(file)
+    image = decode(file)
     if mask is None or image.shape[-1] == 4:
         return image
-    alpha = _decode(mask)
+    alpha = decode(mask)
     if alpha.shape[:2] != image.shape[:2]:
         raise BadInput(
             f"The mask {mask} has {alpha.shape[1]} x {alpha.shape[0]} pixels and its image {file.name} "
@@ -115,7 +115,7 @@ def _of_one_size(
     return reduced, [camera.resized(width, height) for camera in cameras]
 
 
-def _decode(file: Path) -> Images:
+def decode(file: Path) -> Images:
     """Return uint8 levels: (h, w, 4) with straight alpha, or (h, w, 3) if the file has no alpha."""
     try:
         with Image.open(file) as image:
@@ -129,7 +129,7 @@ def _decode(file: Path) -> Images:
         raise BadInput(f"Cannot read the image {file} ({error}); it is truncated or not an image.") from error
 
 
-def _with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], str | None]:
+def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], str | None]:
     """Return RGBA images and, if they had no alpha, a sentence that says what was taken for it."""
     channels = [image.shape[-1] for image in decoded]
     if min(channels) == 4:

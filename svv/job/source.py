@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress, part
+from svv.io.cinema.table import read_table
+from svv.io.cinema.views import read_database
 from svv.io.transforms import transforms_file
 from svv.io.view_meta import ViewMeta, known
 from svv.io.viewset import CLASSIFIED, files_of, read_meta
@@ -150,3 +152,17 @@ class ViewSource:
         files = [path for split in splits for path in files_of(self.folder, split)]
         files += [path for path in (self.folder / CLASSIFIED,) if path.exists()]
         return {"files": [[path.name, path] for path in files]}
+
+
+def imported_views(database: Path, folder: Path, progress: Progress) -> Path:
+    """Return the folder of views of a Cinema database; it is made anew only if the database has changed.
+
+    Raises:
+        BadInput: The database cannot be read, see :func:`svv.io.cinema.views.read_database`.
+    """
+    if (folder / "transforms_train.json").exists():
+        known_as = read_meta(folder).other.get("cinema")
+        if isinstance(known_as, dict) and known_as.get("key") == read_table(database).key():
+            return folder
+    read_database(database, None, part(progress, 0.0, 0.7)).write(folder, part(progress, 0.7, 1.0))
+    return folder

@@ -1,0 +1,232 @@
+"""Cameras of a database's rows: what is known about them, what the images add, and whether the two agree."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from svv.core.cameras import Camera
+from svv.core.directions import geodesic_directions
+from svv.core.phi_theta import ascent_rotations, paraview_rotations
+from svv.core.silhouettes import Silhouettes, best_fov, disagreement
+from svv.errors import BadInput
+from svv.io.cinema.shot import Shot, camera_of, fov_x, view_angle
+from svv.io.cinema.table import Table
+
+Array = NDArray[np.float64]
+
+SAME = 5e-4
+"""Radians within which two views have one direction; ParaView writes angles with two digits."""
+
+VISIBLE = 2
+"""Level of alpha above which a pixel belongs to the silhouette."""
+
+USUAL_ANGLE = {False: 30.0, True: 60.0}
+"""View angles of ParaView and of Ascent, in degrees, if the images do not tell."""
+
+UNSURE = 1.0
+"""Uncertainty of an estimate in degrees from which on the usual angle is taken instead."""
+
+CONTRADICTION = 1.0
+"""Degrees by which cameras may differ from what the silhouettes say."""
+
+SURE = 3.0
+"""Standard deviations that make a difference certain."""
+
+WIDE_GAP = 60.0
+"""Degrees between a direction and the nearest view from which on the gap is mentioned."""
+
+PARALLEL = np.radians(1.5)
+"""Angle of view in radians below which cameras count as orthographic."""
+
+
+def rotations_of(table: Table) -> Array | None:
+    """Return the rotations that phi and theta name, (n, 3, 3); None if the table has no such columns.
+
+    Raises:
+        BadInput: An angle is not a number.
+    """
+    phi, theta = table.column("phi"), table.column("theta")
+    if phi is None or theta is None:
+        return None
+    try:
+        angles = np.array([phi, theta], np.float64)
+    except ValueError as error:
+        raise BadInput(f"{table.folder} has an angle that is not a number ({error}).") from error
+    if not np.isfinite(angles).all():
+        raise BadInput(f"{table.folder} has an angle that is not finite.")
+    return ascent_rotations(*angles) if table.ascent else paraview_rotations(*angles)
+
+
+def cameras_by_rows(table: Table, metas: Sequence[dict[str, Any]], size: tuple[int, int]) -> list[Camera] | None:
+    """Return the cameras that images or rows describe themselves; None if they do not.
+
+    Raises:
+        BadInput: Some do and others do not, or a camera is invalid.
+    """
+    named = {name: values for name, values in table.columns.items() if name.lower().startswith("cam")}
+    found: list[Camera | None] = []
+    for k, (file, meta) in enumerate(zip(table.files, metas, strict=True)):
+        row: dict[str, Any] = {name: _parsed(values[k]) for name, values in named.items()}
+        whole = row.pop(next((n for n in row if n.lower() == "camera"), ""), None)
+        values = {**(whole if isinstance(whole, dict) else {}), **row, **meta}
+        found.append(camera_of(values, *size, f"{table.folder / file}"))
+    cameras = [camera for camera in found if camera is not None]
+    if not cameras:
+        return None
+    if len(cameras) < len(found):
+        missing = table.files[found.index(None)]
+        raise BadInput(f"{table.folder} gives cameras for some images, but not for {missing}.")
+    return cameras
+
+
+def cameras_about(
+    rotations: Array, shot: Shot, images: NDArray[np.uint8], ascent: bool
+) -> tuple[list[Camera], list[str]]:
+    """Return cameras that look at one point, and sentences on what was estimated.
+
+    Args:
+        rotations: Rotations of the cameras. (n, 3, 3)
+        shot: What is known besides.
+        images: The images, RGBA. (n, height, width, 4)
+        ascent: Whether Ascent wrote them, whose view angle is usually another.
+
+    Raises:
+        BadInput: The images contradict the view angle.
+    """
+    notes: list[str] = []
+    height, width = images.shape[1:3]
+    if shot.distance is None or shot.focal_point is None:
+        notes.append(
+            "Nothing says where the cameras stand in the world: the scene is centred on "
+            f"{_point(shot.focal_point)}, at a distance of {shot.distance or 1.0:g}."
+        )
+    point, distance = np.array(shot.focal_point or (0.0, 0.0, 0.0)), shot.distance or 1.0
+    cameras = []
+    for rotation in rotations:
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = rotation, point + distance * rotation[:, 2]
+        if shot.parallel_scale is not None:
+            span = 2.0 * shot.parallel_scale * width / height
+            cameras.append(Camera.orthographic(matrix, span, width, height))
+        else:
+            fov = fov_x(shot.view_angle or USUAL_ANGLE[ascent], width, height)
+            cameras.append(Camera(matrix, fov, width, height))
+    if shot.parallel_scale is not None:
+        return cameras, notes
+    fit = best_fov(cameras, silhouettes_of(images))
+    usual = USUAL_ANGLE[ascent]
+    if shot.view_angle is None:
+        if fit is None or np.degrees(fit.uncertainty) > UNSURE:
+            notes.append(
+                f"The silhouettes hardly depend on the view angle, so {usual:g} degrees are assumed, the usual angle "
+                f"of {'Ascent' if ascent else 'ParaView'}; if you know it, give --view-angle."
+            )
+            return cameras, notes
+        if fit.fov_x < PARALLEL:
+            notes.append("The silhouettes show no perspective: the cameras count as orthographic.")
+            span = 2.0 * distance * np.tan(0.5 * fit.fov_x)
+            return [Camera.orthographic(c.camera_to_world, span, width, height) for c in cameras], notes
+        angle, spread = view_angle(fit.fov_x, width, height), np.degrees(fit.uncertainty)
+        notes.append(
+            f"View angle estimated from the silhouettes: {angle:.2f} degrees (standard deviation {spread:.2f}), with "
+            f"which they differ by {fit.residual:.2f} pixels."
+        )
+        return [replace(camera, fov_x=fit.fov_x) for camera in cameras], notes
+    if fit is not None:
+        off = abs(np.degrees(fit.fov_x - cameras[0].fov_x))
+        if off > CONTRADICTION and off > SURE * np.degrees(fit.uncertainty):
+            raise BadInput(
+                f"The images contradict a view angle of {shot.view_angle:.4g} degrees: their silhouettes say "
+                f"{view_angle(fit.fov_x, width, height):.4g}; correct the cameras, or leave the angle out."
+            )
+    return cameras, notes
+
+
+def check_agreement(cameras: Sequence[Camera], images: NDArray[np.uint8], folder: object) -> str | None:
+    """Check that the silhouettes of images agree with their cameras.
+
+    Returns:
+        A sentence with the difference; None if too few can be compared.
+
+    Raises:
+        BadInput: They differ by more than a turn of the cameras by a degree would explain.
+    """
+    silhouettes = silhouettes_of(images)
+    found = disagreement(cameras, silhouettes)
+    found = np.abs(found[np.isfinite(found)])
+    if len(found) < 6:
+        return None
+    points = silhouettes.points[silhouettes.usable]
+    reach = float(np.median(0.5 * (points.max(axis=1) - points.min(axis=1)).max(axis=1)))  # pixels
+    differ, most = float(np.median(found)), max(np.radians(CONTRADICTION) * reach, 1.5)
+    if differ > most:
+        raise BadInput(
+            f"The images of {folder} contradict their cameras: silhouettes differ by {differ:.1f} pixels, as if the "
+            f"cameras were turned by {np.degrees(differ / reach):.1f} degrees; check which angles, focal point and "
+            "view angle the images were drawn with."
+        )
+    return f"The silhouettes agree with the cameras to {differ:.2f} pixels."
+
+
+def silhouettes_of(images: NDArray[np.uint8]) -> Silhouettes:
+    """Return the silhouettes of RGBA images. (n, height, width, 4)"""
+    return Silhouettes.of([image[..., 3] > VISIBLE for image in images])
+
+
+def first_of_each(places: Array) -> list[int]:
+    """Return the first of the rows that are equal within :data:`SAME`, in order. (n, k)"""
+    tree, first = cKDTree(places), np.ones(len(places), bool)
+    for one, other in sorted(tree.query_pairs(SAME)):
+        if first[one]:
+            first[other] = False
+    return np.flatnonzero(first).tolist()
+
+
+def spread_out(directions: Array, count: int) -> list[int]:
+    """Choose directions that are spread evenly: each is the farthest from those before. (n, 3)"""
+    chosen, nearest = [0], np.linalg.norm(directions - directions[0], axis=1)
+    while len(chosen) < min(count, len(directions)):
+        farthest = int(nearest.argmax())
+        chosen.append(farthest)
+        nearest = np.minimum(nearest, np.linalg.norm(directions - directions[farthest], axis=1))
+    return sorted(chosen)
+
+
+def gap_in(directions: Array) -> str | None:
+    """Return a sentence about the widest gap between views, and what it means, if it is wide. (n, 3)"""
+    everywhere = geodesic_directions(642)
+    angle = np.degrees(2.0 * np.arcsin(np.clip(0.5 * cKDTree(directions).query(everywhere)[0], 0.0, 1.0)))
+    widest = float(angle.max())
+    if widest < WIDE_GAP:
+        return None
+    towards = ", ".join(f"{v:.1f}" for v in everywhere[int(angle.argmax())])
+    empty = float((angle > 0.5 * WIDE_GAP).mean())
+    part = "Half of the sphere or more has no view" if widest > 85.0 else "A part of the sphere has no view"
+    return (
+        f"{part}: the nearest to the direction ({towards}) is {widest:.0f} degrees away, and {100 * empty:.0f} % of "
+        f"all directions have none within {0.5 * WIDE_GAP:.0f}; seen from there, the scene will be blurred or wrong."
+    )
+
+
+def _parsed(text: str) -> Any:
+    """Return JSON as its value, and vectors as NumPy prints them as lists of numbers; other text as it is."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        pass
+    words = text.strip("[]() ").replace(",", " ").split()
+    try:
+        return [float(word) for word in words] if len(words) > 1 else text
+    except ValueError:
+        return text
+
+
+def _point(point: Sequence[float] | None) -> str:
+    return "the origin" if point is None else f"({', '.join(f'{v:g}' for v in point)})"

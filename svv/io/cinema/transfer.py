@@ -1,0 +1,28 @@
+"""Opacity functions that ParaView's Cinema-Volumetric extractor writes beside its images."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from svv.core.json_values import Json
+from svv.errors import BadInput
+
+
+def opacity_function(folder: Path, number: str) -> Json | None:
+    """Return a transfer function of the sweep as a ParaView preset; None if ParaView did not export it.
+
+    Raises:
+        BadInput: The file is damaged.
+    """
+    file = folder / f"cinemavolume_{number}.json"
+    if not file.is_file():
+        return None
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BadInput(f"Cannot read {file} ({error}); delete it to go on without the transfer function.") from error
+    preset = content[0] if isinstance(content, list) and content else content
+    # Only a preset with both functions says how a volume looks.
+    whole = isinstance(preset, dict) and {"RGBPoints", "Points"} <= set(preset)
+    return {"Name": "cinemavolume", **preset} if whole else None

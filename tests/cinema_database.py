@@ -67,6 +67,19 @@ def save_rows(folder: Path, rows: Sequence[dict[str, str]]) -> None:
         writer.writerows(rows)
 
 
+def write_over(
+    folder: Path, background: float, angles: Sequence[tuple[float, float]] | None = None
+) -> list[dict[str, str]]:
+    """Write a database whose images have a grey background instead of alpha, and return its rows."""
+    rows = write(folder, angles)
+    for row in rows:
+        file = folder / row["FILE_png"]
+        with Image.open(file) as image:
+            flat = over(np.asarray(image), background)
+        Image.fromarray(flat).save(file)
+    return rows
+
+
 def over(image: np.ndarray, background: float) -> np.ndarray:
     """An image over a grey background, without alpha. (h, w, 3) uint8"""
     alpha = image[..., 3:] / 255.0

@@ -22,13 +22,15 @@ from svv.cli.app import app
 from svv.dvr.views import make_views
 from svv.fields.scene import Scene
 from svv.styles.offered import GALLERY
+from tests.cinema_database import write as write_database
+from tests.cinema_database import write_over
 from tests.cube import cube_paint, cube_scene, lit_cube_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 
 BLOCK = re.compile(r"(?:<!-- not run: ([^\n]+) -->\n\n?)?^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
-QUICK = {"info", "edit", "render", "style-mask", "features", "cache"}
+QUICK = {"import", "export", "info", "edit", "render", "style-mask", "features", "cache"}
 """Commands that are run as they stand, but for the size and the number of their pictures."""
 
 LEARNING = {"run", "train", "palette", "stylize"}
@@ -98,6 +100,13 @@ def fill(folder: Path) -> None:
     (folder / "head.json").write_text(json.dumps(function.to_dict()))
     train, _ = make_views(volume, function, n=16, size=64, mapper="cpu")
     train.write(folder / "views")
+    write_database(folder / "head.cdb")
+    write_over(folder / "white.cdb", 255.0)
+    write_over(folder / "black.cdb", 0.0)
+    (folder / "head.pvsm").write_text(
+        '<ParaView><Proxy group="views"><Property name="CameraPosition"><Element index="0" value="0"/>'
+        '<Element index="1" value="0"/><Element index="2" value="6"/></Property></Proxy></ParaView>'
+    )
 
 
 def paint(scene: Scene, variant: str, keep: Collection[int]) -> Scene:

@@ -109,7 +109,7 @@ def test_cut_off_and_empty_silhouettes_are_not_used() -> None:
     inside[5:9, 7:20], cut[5:9, 0:20] = True, True
     assert Silhouettes.of([inside, cut, empty]).usable.tolist() == [True, False, False]
     points = Silhouettes.of([inside]).points[0]
-    assert points.min(0).tolist() == [7.5, 5.5] and points.max(0).tolist() == [19.5, 8.5]
+    assert points.min(0).tolist() == [7.25, 5.25] and points.max(0).tolist() == [19.75, 8.75]
 
 
 # --- files that tell the camera -------------------------------------------------------------------------------------

@@ -121,7 +121,7 @@ def test_one_value_of_every_parameter(tmp_path: Path) -> None:
         select(read_table(tmp_path), {"speed": "7"})
 
 
-def ascent(folder: Path, times: object = ("0.0", "1.0")) -> dict[str, object]:
+def ascent(folder: Path, times: object = ("0.0", "1.0")) -> None:
     content = {
         "type": "simple",
         "version": "1.1",
@@ -135,7 +135,6 @@ def ascent(folder: Path, times: object = ("0.0", "1.0")) -> dict[str, object]:
     }
     folder.mkdir(exist_ok=True)
     (folder / "info.json").write_text(json.dumps(content))
-    return content
 
 
 def test_ascent(tmp_path: Path) -> None:

@@ -12,12 +12,13 @@ import pytest
 from PIL import Image
 
 from svv.core.cameras import Camera
+from svv.core.phi_theta import ascent_rotations
 from svv.errors import BadInput
 from svv.io.cinema.views import read_database, read_views
 from svv.io.viewset import ViewSet
 from svv.job.source import imported_views
 from svv.options.cinema import DatabaseOptions
-from tests.cinema_database import DISTANCE, cameras, over, picture, save_rows, turns, write
+from tests.cinema_database import BALLS, DISTANCE, cameras, picture, save_rows, turns, write, write_over
 
 CAMERA = {"focal_point": [1.0, 2.0, 3.0], "distance": DISTANCE, "view_angle": 30.0}
 
@@ -66,7 +67,7 @@ def test_views_go_through_files(database: Path, tmp_path: Path) -> None:
     imported.write(tmp_path)
     read = ViewSet.read(tmp_path)
     assert np.array_equal(read.images, imported.train.images) and read.names == imported.train.names
-    assert read.meta.other["cinema"]["database"] == "balls.cdb" and len(read_views(tmp_path, "test")) == 5
+    assert read.meta.other["cinema"] == imported.train.meta.other["cinema"] and len(read_views(tmp_path, "test")) == 5
 
 
 def test_a_job_imports_once(database: Path, tmp_path: Path) -> None:
@@ -124,11 +125,8 @@ def test_many_views_are_thinned_out(database: Path) -> None:
 
 def test_white_and_black_give_exact_alpha(tmp_path: Path) -> None:
     angles = turns(5, 5)
-    rows = write(tmp_path / "white.cdb", angles)
-    write(tmp_path / "black.cdb", angles)
-    for name, level in (("white", 255.0), ("black", 0.0)):
-        for row, camera in zip(rows, cameras(angles)):
-            Image.fromarray(over(picture(camera), level)).save(tmp_path / f"{name}.cdb" / row["FILE_png"])
+    rows = write_over(tmp_path / "white.cdb", 255.0, angles)
+    write_over(tmp_path / "black.cdb", 0.0, angles)
     options = DatabaseOptions(black=str(tmp_path / "black.cdb"), view_angle=30.0, test=0)
     images = read_database(tmp_path / "white.cdb", options).train.images
     truth = np.stack([picture(camera) for camera in cameras(angles)])
@@ -255,6 +253,36 @@ def test_pycinemas_images_carry_their_cameras(tmp_path: Path, style: str) -> Non
         assert camera.span_x == pytest.approx(4.0)
         assert camera.camera_to_world == pytest.approx(true.camera_to_world, abs=1e-6)
         assert np.array_equal(image, picture(true))
+
+
+def test_parallel_rays_go_through_files(tmp_path: Path) -> None:
+    write_h5(tmp_path / "a.cdb")
+    imported = read_database(tmp_path / "a.cdb")
+    imported.write(tmp_path / "views")
+    for one, other in zip(imported.train.cameras, ViewSet.read(tmp_path / "views").cameras, strict=True):
+        assert one.identity[1:] == other.identity[1:] and np.array_equal(one.camera_to_world, other.camera_to_world)
+
+
+def test_ascents_cameras(tmp_path: Path) -> None:
+    """The silhouettes agree, and the angle of 60 degrees that Ascent takes is found."""
+    phis, thetas = [f"{p:.1f}" for p in range(-180, 180, 60)], [f"{t:.1f}" for t in range(0, 180, 30)]
+    (tmp_path / "0.0").mkdir()
+    balls = [tuple(1.3 * np.array(ball)) for ball in BALLS]
+    for phi in phis:
+        for theta in thetas:
+            matrix = np.eye(4)
+            matrix[:3, :3] = ascent_rotations(float(phi), float(theta))
+            matrix[:3, 3] = DISTANCE * matrix[:3, 2]
+            image = picture(Camera(matrix, np.radians(60.0), 96, 96), balls)
+            Image.fromarray(image).save(tmp_path / "0.0" / f"{phi}_{theta}_balls.png")
+    values = {"time": "0.0", "phi": phis, "theta": thetas}
+    arguments = {name: {"values": v} for name, v in values.items()}
+    (tmp_path / "info.json").write_text(
+        json.dumps({"name_pattern": "{time}/{phi}_{theta}_balls.png", "arguments": arguments})
+    )
+    imported = read_database(tmp_path)
+    assert len(imported.train) + len(imported.test or ()) == 31  # at theta = 0, phi only turns the image
+    assert np.degrees(imported.train.cameras[0].fov_x) == pytest.approx(60.0, abs=0.7)
 
 
 def test_damaged_hdf5(tmp_path: Path) -> None:

@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 TANGENTS = 180
 """Directions in the image in which the outermost pixel of a silhouette is noted."""
 
+INSET = 0.25
+"""Pixels by which an outline lies outside the middle of its outermost pixel, on average: measured on balls,
+in images of 96 to 384 pixels. Without it, estimated angles of view are up to 0.8 degrees too large."""
+
 MOST_PAIRS = 600
 """Pairs of views that are compared."""
 
@@ -42,7 +46,7 @@ class Silhouettes:
     """Outermost pixels of the silhouettes of some views."""
 
     points: Array
-    """Column and row, in pixels from the image's upper left corner, of the outermost pixel in each direction.
+    """Column and row, in pixels from the image's upper left corner, of the outermost point in each direction.
     (n, TANGENTS, 2)"""
     usable: NDArray[np.bool_]
     """Views whose silhouette is there and wholly inside the image. (n,)"""
@@ -60,7 +64,7 @@ class Silhouettes:
             first = mask[rows].argmax(axis=1)
             last = mask.shape[1] - 1 - mask[rows, ::-1].argmax(axis=1)
             ends = np.concatenate([np.stack([first, rows], 1), np.stack([last, rows], 1)]) + 0.5
-            points[view] = ends[(ends @ outwards).argmax(axis=0)]
+            points[view] = ends[(ends @ outwards).argmax(axis=0)] + INSET * outwards.T
             inside = rows[0] > 0 and rows[-1] < mask.shape[0] - 1
             usable[view] = inside and first.min() > 0 and last.max() < mask.shape[1] - 1
         return cls(points, usable)

@@ -160,7 +160,7 @@ def imported_views(database: Path, folder: Path, progress: Progress) -> Path:
     Raises:
         BadInput: The database cannot be read, see :func:`svv.io.cinema.views.read_database`.
     """
-    if (folder / "transforms_train.json").exists():
+    if transforms_file(folder, "train") is not None:
         known_as = read_meta(folder).other.get("cinema")
         if isinstance(known_as, dict) and known_as.get("key") == read_table(database).key():
             return folder

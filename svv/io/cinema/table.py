@@ -144,8 +144,8 @@ def select(table: Table, wanted: dict[str, str]) -> tuple[Table, list[str]]:
             continue
         values = list(dict.fromkeys(table.columns[names[lower]]))
         if lower in asked:
-            (found,) = [v for v in values if _same(v, asked[lower])][:1] or [None]
-            if found is None:
+            found = next((v for v in values if _same(v, asked[lower])), "")
+            if not any(_same(v, asked[lower]) for v in values):
                 raise BadInput(
                     f"{table.folder} has no {names[lower]} '{asked[lower]}'; it has {_listed(values)}: choose one."
                 )

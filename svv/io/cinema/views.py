@@ -83,10 +83,10 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
         images = read_pair(files, _partners(table, whole, options.black, wanted), part(progress, 0.02, 0.9))
     size = images.shape[2], images.shape[1]
     shot = _shot(options, table.folder)
+    said: list[str] = []
     placed = None if _given(options) else cameras_by_rows(table, metas, size)
     if placed is not None:
-        cameras, said = placed, []
-        table, images, cameras = _distinct(table, images, cameras, options, notes)
+        table, images, cameras = _distinct(table, images, placed, options, notes)
     elif rotations is not None:
         cameras, said = cameras_about(rotations, shot, images, table.ascent)
     else:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from svv.dvr.views import render_views
 from svv.render.pictures import read_png
 
 SCRIPT = Path(__file__).resolve().parents[2] / "paraview_scripts" / "extract_views.py"
-SIZE = 96
+SIZE, LONG = 96, 300.0
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +136,18 @@ assert repeated(13, 7) == (7, 98)      # ParaView's sum of 13 steps stays below 
         done = pvpython(SCRIPT, made / "volume.vti", "--out", made / "other.cdb", *arguments, check=False)
         assert done.returncode == 2 and said in done.stderr and "Traceback" not in done.stderr
     assert not (made / "other.cdb").exists()
+
+
+def test_a_database_becomes_a_painting_with_one_command(made: Path, tmp_path: Path) -> None:
+    """As in the tutorial, at a small size. Scores tell whether the cameras that were read are those of ParaView."""
+    words = ["run", made / "small.cdb", "--style", "gallery:woodcut", "--preset", "draft", "--time-limit", 8]
+    words += ["--orbit", 2, "--orbit-size", 32, "--out", tmp_path / "out"]
+    subprocess.run([sys.executable, "-m", "svv", *map(str, words)], check=True, timeout=LONG)
+    out = tmp_path / "out"
+    assert json.loads((out / "train.json").read_text())["learned_from"] == "views only"
+    assert (out / "styled.svv").exists() and "views only" in (out / "report.html").read_text()
+    scores = json.loads((out / "scores.json").read_text())["base"]
+    assert scores["views"] >= 3 and scores["psnr"] > 22.0
 
 
 def test_ctrl_c_ends_the_sweep_and_leaves_nothing(made: Path, pvpython, tmp_path: Path) -> None:

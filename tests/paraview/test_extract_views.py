@@ -147,7 +147,7 @@ def test_a_database_becomes_a_painting_with_one_command(made: Path, tmp_path: Pa
     assert json.loads((out / "train.json").read_text())["learned_from"] == "views only"
     assert (out / "styled.svv").exists() and "views only" in (out / "report.html").read_text()
     scores = json.loads((out / "scores.json").read_text())["base"]
-    assert scores["views"] >= 3 and scores["psnr"] > 22.0
+    assert scores["views"] >= 3 and scores["psnr"] > 22.7  # blank images would have 21.7
 
 
 def test_ctrl_c_ends_the_sweep_and_leaves_nothing(made: Path, pvpython, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from svv.core.cameras import Camera, CameraRig, sphere_cameras
+from svv.core.cameras import Camera, CameraRig, look_at, sphere_cameras
 from svv.fields.networks import FieldSettings
 from svv.fields.occupancy import Occupancy, carve
 from svv.io.viewset import ViewSet
@@ -16,6 +16,7 @@ from svv.train.config import fitted_field
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from tests.balls import SHORT, two_balls
+from tests.solid_ball import solid_ball
 
 CENTRE, RADIUS, AWAY, FOV = np.array([2.0, -1.0, 0.5]), 0.6, 4.0, 0.5
 SPAN = CameraRig((0.0, 0.0, 0.0), AWAY, FOV).view_width
@@ -123,6 +124,18 @@ def test_cells_fit_the_pixels_of_parallel_views_as_well() -> None:
     assert first == second
     near = [replace(c, span_x=0.25 * SPAN) for c in parallel[::2]]  # half of them resolve four times as much
     assert fitted_field(FieldSettings(), near + parallel[1::2], box)[0].resolutions >= second
+
+
+@pytest.mark.parametrize("span", [None, 2.4])
+def test_an_off_centre_image_is_exactly_a_crop_of_a_larger_one(span: float | None) -> None:
+    scene, pose = solid_ball(), look_at((1.0, 0.5, 2.8), (0.0, 0.0, 0.0))
+    large = Camera(pose, 0.5, 96, 80, span)
+    fov = 2 * np.arctan(0.5 * 40 / large.focal)
+    crop = Camera(pose, fov, 40, 30, span and span * 40 / 96, (48.0 - 31, 40.0 - 22))
+    whole, part = scene.render(large, "base"), scene.render(crop, "base")
+    for name in ("rgba", "depth", "region"):
+        np.testing.assert_array_equal(getattr(whole, name)[22:52, 31:71], getattr(part, name))
+    assert (part.rgba[..., 3] > 0.9).any() and (part.rgba[..., 3] == 0).any()
 
 
 def views_of(cameras: list[Camera]) -> ViewSet:

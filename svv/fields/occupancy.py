@@ -113,17 +113,12 @@ def _first_box(cameras: Sequence[Camera]) -> Box:
     """Return a cube that surely contains a subject within the frames, about the point nearest to all lines of sight."""
     rig = CameraRig.of(cameras)
     centre, distance = np.array(rig.centre), rig.radius if rig.radius > 0 else 1.0
-    tall = [max(1.0, c.height / c.width) for c in cameras]
-    half = 1.1 * max(
-        0.5 * c.span_x * t if c.span_x is not None else distance * np.tan(c.fov_x / 2) * t
-        for c, t in zip(cameras, tall, strict=True)
-    )
-    away = [float(np.linalg.norm(c.position - centre)) for c in cameras]
-    farthest = max(
-        d * np.tan(c.fov_x / 2) * t * (not c.is_orthographic) for c, t, d in zip(cameras, tall, away, strict=True)
-    )
-    if 1.1 * farthest > 1.01 * half:  # cameras at several distances, the farthest of which see most
-        half = 1.1 * farthest
+    flat = [(c, np.tan(c.fov_x / 2) * max(1.0, c.height / c.width)) for c in cameras if c.span_x is None]
+    half = 1.1 * distance * max((tangent for _, tangent in flat), default=0.0)
+    # Cameras may be at several distances: the farthest see most.
+    farthest = 1.1 * max((np.linalg.norm(c.position - centre) * tangent for c, tangent in flat), default=0.0)
+    half = farthest if farthest > 1.01 * half else half  # within rounding, it is the same
+    half = max(half, *(0.55 * c.span_x * max(1.0, c.height / c.width) for c in cameras if c.span_x is not None), 0.0)
     return Box.of_bounds(centre - half, centre + half)
 
 

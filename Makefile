@@ -83,18 +83,18 @@ $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@echo 'Installing into $(VENV): a few minutes, once.'
 	@"$(BIN)/python" -m svv.pv.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
-	@$(PIP) --no-build-isolation -e '.[standalone,bench]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema]'
 	@echo 'Fetching weights for style features and LPIPS, 64 MB, unless they are here or SVV_OFFLINE=1 is set.'
 	@"$(BIN)/svv" features --get --small || echo 'Continuing without them: styles are matched by patches of pixels.'
 	@touch "$@"
 
 $(DOCS): $(INSTALLED)
 	@echo 'Installing the packages that the documentation needs.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,docs]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,docs]'
 	@touch "$@"
 
 # Packages that only the tests need, such as triton with 0.7 GB.
 $(TOOLS): $(INSTALLED)
 	@echo 'Installing the packages that the tests need.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,dev]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,dev]'
 	@touch "$@"

@@ -31,10 +31,11 @@ from svv.fields.rendering import Marching, RayCaster, composite, march
 from svv.io.viewset import CLASSIFIED, ViewSet, read_classified
 from svv.kernels.dispatch import CPU
 from svv.train import loop
+from svv.train.beginning import begin, first_occupancy
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
-from svv.train.reconstruct import Reconstruction, first_occupancy
+from svv.train.reconstruct import Reconstruction
 
 
 def alpha_of(extinction: ClassifiedVolume, camera) -> np.ndarray:  # type: ignore[no-untyped-def]
@@ -153,7 +154,8 @@ def test_training_begins_with_it(views: tuple[ViewSet, ViewSet]) -> None:
     assert train.classified is not None
     occupancy, reason = first_occupancy(train, settings, field, silent)
     assert "volume" in reason
-    work = Reconstruction(train, occupancy, replace(field, resolutions=(8, 16, 32)), settings)
+    field = replace(field, resolutions=(8, 16, 32))
+    work = Reconstruction(train, begin(train, occupancy, field, settings, 0, silent)[0], field, settings)
     density = work.field.density
     assert density is not None and density.resolutions == (64,)
     vertices = density.vertices_of_level(0, occupancy.occupied, occupancy.cells)

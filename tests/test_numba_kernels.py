@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import weakref
 from dataclasses import replace
+from functools import partial
 
 import numba
 import numpy as np
@@ -23,7 +24,7 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.phong import gradient_of
 from svv.fields.rendering import Extinction, Marching, Rays, composite, march
 from svv.kernels import numba_kernels, numba_lattice, reference
-from svv.train.reconstruct import largest_extinction
+from svv.train.beginning import largest_extinction, log_extinction
 from tests.tolerances import KERNELS
 
 pytestmark = pytest.mark.usefixtures("all_threads")
@@ -395,5 +396,5 @@ def test_nothing_is_read_behind_the_table(seed: int, levels: tuple[int, ...]) ->
         places = torch.from_numpy(density.places_of_level(level, occupied, 8))
         found = density.look_up(places)[:, level]
         torch.testing.assert_close(found, density.table[density.rows_of_level(level), 0].detach(), rtol=0, atol=1e-4)
-    assert largest_extinction(field, occupancy).isfinite().all()
+    assert largest_extinction(partial(log_extinction, field), occupancy, torch.device("cpu")).isfinite().all()
     assert gradient_of(density, occupancy, levels[-1]).isfinite().all()

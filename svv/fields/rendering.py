@@ -47,10 +47,15 @@ class RayCaster:
             torch.from_numpy(a).to(device) for a in (rotations, positions, lenses)
         )
 
+    @property
+    def cameras(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Rotations (N, 3, 3), positions (N, 3) and lenses (N, 4); see :mod:`svv.kernels.numba_rays`."""
+        return self._rotations, self._positions, self._lenses
+
     def rays(self, pixels: Tensor) -> Rays:
         """Return the rays through flat pixel indices ``(view * height + row) * width + column``, int64. (R,)"""
-        pixels, cameras = pixels.to(self.device), (self._rotations, self._positions, self._lenses)
-        return Rays(*kernels_for(pixels).pixel_rays(pixels, cameras, self.width, self.height))
+        pixels = pixels.to(self.device)
+        return Rays(*kernels_for(pixels).pixel_rays(pixels, self.cameras, self.width, self.height))
 
     def in_sight(self, occupancy: Occupancy) -> Tensor:
         """Return the pixels of the first view that may show something, as flat indices, int64. (R,)

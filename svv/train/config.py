@@ -36,10 +36,12 @@ class ReconstructSettings:
     Where the views say little, as in a faint shell, the coarse level then prevails over noise."""
     use_volume: bool = True
     """Whether the density is initialized from the classified volume, if the views include it."""
+    tomography: bool = True
+    """Whether the density of a lattice is otherwise initialized from the views' alpha by tomography."""
     colour_every: float = 1.0 / 16.0
     """Fraction of a pixel's weight that shares one colour lookup; the density learns from all samples."""
     known_density_rate: float = 0.05
-    """Learning rate of a density that was initialized from the volume."""
+    """Learning rate of a density that was initialized from the volume or by tomography."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005
@@ -176,7 +178,9 @@ PRESETS = {
     "paper": Preset(
         "paper",
         FieldSettings("hash", (16, 4096), features=2, shading=False),
-        ReconstructSettings(iterations=30000, use_volume=False, feature_rate=0.01, network_rate=0.01, decay=0.1),
+        ReconstructSettings(
+            iterations=30000, use_volume=False, tomography=False, feature_rate=0.01, network_rate=0.01, decay=0.1
+        ),
         RecolourSettings(
             2500,
             feature_rate=0.01,

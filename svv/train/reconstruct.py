@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,23 +11,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.core.classified import ClassifiedVolume
 from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
-from svv.errors import Progress
 from svv.fields.encodings import LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, encode_directions
-from svv.fields.occupancy import Occupancy, carve
+from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Extinction, Marching, Rays, composite, march, representatives
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.kernels.types import Samples
 from svv.train.batches import RayBudget, RayPool
+from svv.train.beginning import Beginning, largest_extinction, log_extinction
 from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, Running, falling, network_adam
-
-LEAST_EXTINCTION_SHARE = 0.05
-"""Fraction of a volume's largest extinction above which cells are occupied in any case, however faint the volume is."""
-
 
 LEAST_GAIN = 0.1
 """Gain in dB over the last tenth of a schedule from which a longer schedule is reported as worthwhile."""
@@ -37,31 +32,29 @@ DENSITY_COST = 0.25
 
 
 class Reconstruction:
-    """Trains a base field step by step, from the views and, if known, the volume."""
+    """Trains a base field step by step from views, starting from an extinction if one is known."""
 
     def __init__(
         self,
         views: ViewSet,
-        occupancy: Occupancy,
+        beginning: Beginning,
         field: FieldSettings,
         settings: ReconstructSettings,
         seed: int = 0,
         device: torch.device = CPU,
     ) -> None:
         torch.manual_seed(seed)
-        self.settings, self.field_settings = settings, field
-        known = known_volume(views, settings, field)
+        self.settings, self.field_settings, self.device = settings, field, device
+        known = beginning.density
         self.known = known is not None
         self.refined: Occupancy | None = None
-        self.occupancy = occupancy
-        levels = None if known is None else (min(2 * field.resolutions[-1], known.cells),)
+        self.occupancy = occupancy = beginning.occupancy
+        levels = None if known is None else known.resolutions
         self.field = BaseField(field, occupancy, levels)  # created on the CPU: the same numbers on every device
         if known is not None:
             assert self.field.density is not None
             with torch.no_grad():
-                vertices = self.field.density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
-                exponent = known.at_vertices(vertices, self.field.density.resolutions[0])
-                self.field.density.table.copy_(torch.from_numpy(exponent)[:, None])
+                self.field.density.table.copy_(known.table)
         self.field.to(device)
         self.field.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
         density = self.field.density
@@ -124,8 +117,8 @@ class Reconstruction:
     def refine(self) -> None:
         """Halve the step and add a density level twice as fine, in the cells that pruning left.
 
-        The new level starts with zeros, so the field does not change. A density that was initialized from the volume
-        has its finest level from the start.
+        The new level starts with zeros, so the field does not change. A density that starts from a known extinction
+        has its finest level from the beginning.
         """
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
@@ -138,7 +131,9 @@ class Reconstruction:
 
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
-        depth = largest_extinction(self.field, self.occupancy) * self.marching.step
+        depth = (
+            largest_extinction(partial(log_extinction, self.field), self.occupancy, self.device) * self.marching.step
+        )
         pruned = self.occupancy.pruned(depth, self.settings.prune_least, grow)
         if pruned.occupied.any():
             self.occupancy = pruned
@@ -170,33 +165,11 @@ class Reconstruction:
         return self.field, self.occupancy
 
 
-@torch.no_grad()
-def largest_extinction(field: BaseField, occupancy: Occupancy) -> Tensor:
-    """Return the largest extinction at 27 points of each occupied cell, in raster order."""
-    device = field.encoding.table.device
-    corner = occupancy.occupied_on(device).nonzero()
-    end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
-    largest = torch.full((len(corner),), -torch.inf, device=device)
-    for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
-        points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
-        # A cell's far corners belong to the next cell, which may not be stored: one float nearer they are in this cell.
-        points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())
-        largest = torch.maximum(largest, _exponent(field, points))
-    return torch.exp(largest.clamp(max=MOST_LOG_EXTINCTION))
-
-
-def _exponent(field: BaseField, points: Tensor) -> Tensor:
-    if field.density is not None:
-        return field.density(points).sum(dim=1)
-    assert field.density_mlp is not None
-    return torch.cat([field.density_mlp(field.encoding(p))[:, 0] for p in points.split(1 << 18)])
-
-
 def reconstruct(
     views: ViewSet,
     field: FieldSettings,
     settings: ReconstructSettings,
-    occupancy: Occupancy,
+    beginning: Beginning,
     running: Running,
     device: torch.device = CPU,
 ) -> tuple[BaseField, Occupancy, Marching, float, str]:
@@ -206,14 +179,14 @@ def reconstruct(
         views: Training views.
         field: Shape of the networks.
         settings: Settings of stage 1.
-        occupancy: Initial occupancy (:func:`first_occupancy`).
+        beginning: Initial occupancy and extinction (:func:`svv.train.beginning.begin`).
         running: Seed, time, progress and checkpoint.
         device: Device that trains.
 
     Returns:
         The frozen field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
     """
-    work, checkpoint = Reconstruction(views, occupancy, field, settings, running.seed, device), running.saved
+    work, checkpoint = Reconstruction(views, beginning, field, settings, running.seed, device), running.saved
     loop = Loop(settings.iterations, running.limit, running.progress, "base NeRF")
     if checkpoint is not None:
         work.go_on_from(checkpoint.extra("base"))
@@ -242,36 +215,3 @@ def _why_there(loop: Loop, limit: float | None) -> str:
         return text
     more = "a longer schedule would add to that" if gain >= LEAST_GAIN else "a longer schedule would add little"
     return f"{text}; the last tenth of them gained {gain:.2f} dB: {more}"
-
-
-def first_occupancy(
-    views: ViewSet, settings: ReconstructSettings, field: FieldSettings, progress: Progress
-) -> tuple[Occupancy, str]:
-    """Return the initial occupancy and its reason: the visible part of the volume, or the visual hull of the views.
-
-    Raises:
-        BadInput: No point is visible in all views.
-    """
-    progress(0.0, "where to look")
-    known = known_volume(views, settings, field)
-    if known is None:
-        occupancy = carve(views.images[..., 3] > 0, views.cameras, settings.cells)
-        reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
-    else:
-        # Cells below the first threshold would be pruned; in a fog that lies below it everywhere, the second applies.
-        least = min(
-            settings.prune_least * known.cells, LEAST_EXTINCTION_SHARE * float(np.exp(np.float64(known.exponent.max())))
-        )
-        occupied = known.occupied(settings.cells, least)
-        occupancy = Occupancy(known.box, settings.cells, occupied)
-        reason = (
-            "the extinction is that of the volume and its transfer function, which fill "
-            f"{occupancy.fraction:.1%} of the box; training refines it"
-        )
-    progress(1.0, "where to look")
-    return occupancy, reason
-
-
-def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> ClassifiedVolume | None:
-    """Return the volume that initializes the density, if the views include it and the field is a lattice."""
-    return views.classified if settings.use_volume and field.encoding == "lattice" else None

@@ -13,9 +13,12 @@ from svv.core.cameras import CameraRig
 from svv.core.classified import ClassifiedVolume
 from svv.core.palette import Palette
 from svv.errors import Progress, part
+from svv.fields.networks import FieldSettings
+from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
 from svv.io.equal_views import equal_views
 from svv.io.viewset import ViewSet
+from svv.train.beginning import Beginning, begin, first_occupancy
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field
 from svv.train.levels import with_fewest_levels
@@ -23,13 +26,16 @@ from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
 from svv.train.loop import Running
 from svv.train.ranges import KnownRegions, Owners, regions_for, regions_of
 from svv.train.recolour import palette_of, recolour
-from svv.train.reconstruct import first_occupancy, reconstruct
+from svv.train.reconstruct import reconstruct
 from svv.train.sampling import with_fewest_samples
 from svv.train.unmix import Unmixing
 
 INDEPENDENT = 3
 """Number of palette colours that a pixel's colour alone can tell apart: RGB has no more dimensions. With more colours
 and no volume, :class:`svv.train.unmix.Unmixing` estimates from the pixels which ones a mixture is made of."""
+
+BEGINNING_PART = 0.2
+"""Fraction of a time limit that reconstructing the extinction from views may take."""
 
 BASE_PART = 0.68
 """Fraction of a time limit given to stage 1; stage 2 gets the rest, less the time of the steps between them."""
@@ -101,10 +107,12 @@ class Training:
         if chosen.fitted:
             field, reason = fitted_field(field, views.cameras, occupancy.box)
             self.notes.append(reason)
-        first = None if self.limit is None else max(0.1, (self.limit - self.seconds["hull"]) * BASE_PART)
+        beginning = self._beginning(occupancy, field)
+        left = self._left()
+        first = None if left is None else max(0.1, left * BASE_PART)
         base, occupancy, marching, self.seconds["base"], reason = reconstruct(
-            views, field, chosen.reconstruct, occupancy,
-            Running(self.seed, first, part(progress, 0.02, 0.7), self.saved), self.device,
+            views, field, chosen.reconstruct, beginning,
+            Running(self.seed, first, part(progress, 0.1, 0.7), self.saved), self.device,
         )  # fmt: skip
         self.notes.append(reason)
         self.notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning empty cells")
@@ -113,6 +121,26 @@ class Training:
             header, arrays = scene.to_arrays(packed=False)
             self.saved.finish("base", {"header": header, "seconds": self.seconds, "notes": self.notes}, arrays)
         return scene
+
+    def _beginning(self, occupancy: Occupancy, field: FieldSettings) -> Beginning:
+        """Return the extinction with which training starts; one that the views told is kept in the checkpoint."""
+        saved, told = self.saved, part(self.progress, 0.02, 0.1)
+        if saved is not None and "beginning" in saved.finished:
+            values, arrays = saved.finished["beginning"], saved.arrays
+            self.seconds["extinction"] = values["seconds"]
+            self.notes.append(values["reason"])
+            return Beginning.from_arrays(replace(occupancy, occupied=arrays["occupied"]), values["cells"], arrays)
+        limit = None if self.limit is None else self.limit * BEGINNING_PART
+        begun = time.monotonic()
+        beginning, reason = begin(self.views, occupancy, field, self.chosen.reconstruct, self.seed, told, limit)
+        if reason is not None and beginning.density is not None:
+            self.seconds["extinction"] = time.monotonic() - begun
+            self.notes.append(reason)
+            if saved is not None:
+                values = {"seconds": self.seconds["extinction"], "reason": reason,
+                          "cells": beginning.density.resolutions[0]}  # fmt: skip
+                saved.finish("beginning", values, beginning.to_arrays())
+        return beginning
 
     def _palette(self, scene: Scene) -> tuple[Scene, Palette, KnownRegions | None]:
         """Find the palette, and the regions if the volume is known; drop levels and light that the scene can spare."""

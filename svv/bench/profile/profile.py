@@ -23,11 +23,12 @@ from svv.io.viewset import ViewSet
 from svv.kernels.bfloat16 import cpu_has_bfloat16
 from svv.kernels.dispatch import CPU, kernels_of
 from svv.train.batches import RayPool
+from svv.train.beginning import begin, first_occupancy
 from svv.train.config import Preset, fitted_field, preset
 from svv.train.lighting import shows_light
 from svv.train.ranges import regions_of
 from svv.train.recolour import Recolouring, palette_of
-from svv.train.reconstruct import Reconstruction, first_occupancy
+from svv.train.reconstruct import Reconstruction
 from svv.train.sampling import with_fewest_samples
 
 COUNTED_STEPS = 2
@@ -101,7 +102,8 @@ def _stage_1(views: ViewSet, chosen: Preset, steps: int, seed: int, work: _Steps
     progress(0.0, "where to look")
     occupancy, _ = first_occupancy(views, settings, chosen.field, silent)
     field = fitted_field(chosen.field, views.cameras, occupancy.box)[0] if chosen.fitted else chosen.field
-    training = Reconstruction(views, occupancy, field, settings, seed)
+    beginning, _ = begin(views, occupancy, field, settings, seed, silent)
+    training = Reconstruction(views, beginning, field, settings, seed)
     number = itertools.count()
 
     def step() -> None:
@@ -110,8 +112,8 @@ def _stage_1(views: ViewSet, chosen: Preset, steps: int, seed: int, work: _Steps
         progress(done / steps, "stage 1")
 
     ends = (("stage 1, first half", steps // 2), ("stage 1, second half", steps))
-    for (name, end), begin in zip(ends, (0, steps // 2), strict=True):
-        for _ in range(begin, end - work.looked_at):
+    for (name, end), start in zip(ends, (0, steps // 2), strict=True):
+        for _ in range(start, end - work.looked_at):
             step()
         work.take(name, training.budget.rays, step)
     base, occupancy = training.finish()

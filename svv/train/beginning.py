@@ -1,0 +1,168 @@
+"""What is known before the first step of training: where something may be visible, and a first extinction."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from svv.core.classified import ClassifiedVolume
+from svv.core.extinction import MOST_LOG_EXTINCTION
+from svv.errors import Progress
+from svv.fields.encodings import SparseLattice
+from svv.fields.networks import BaseField, FieldSettings
+from svv.fields.occupancy import Occupancy, carve
+from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import CPU
+from svv.train.checkpoint import Arrays
+from svv.train.config import ReconstructSettings
+from svv.train.tomography import extinction_from
+
+LEAST_EXTINCTION_SHARE = 0.05
+"""Fraction of a scene's largest extinction above which cells are occupied in any case, however faint the scene is."""
+
+MOST_CELLS = 256
+"""Maximum number of cells along the longest side of an extinction reconstructed from views."""
+
+POINTS_AT_A_TIME = 1 << 18
+"""Number of points whose extinction a network computes together."""
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Where training starts."""
+
+    occupancy: Occupancy
+    """Cells that may hold something visible."""
+    density: SparseLattice | None = None
+    """Log extinction on the vertices of the occupied cells, one level; None if nothing is known about it."""
+
+    @classmethod
+    def from_arrays(cls, occupancy: Occupancy, cells: int, arrays: Arrays) -> Beginning:
+        """Invert :meth:`to_arrays`.
+
+        Args:
+            occupancy: The occupancy.
+            cells: Cells per box unit of the density.
+            arrays: The arrays of a checkpoint.
+        """
+        density = SparseLattice(occupancy.occupied, occupancy.cells, (cells,), 1).requires_grad_(False)
+        density.table.copy_(torch.from_numpy(arrays["table"].copy()))
+        return cls(occupancy, density)
+
+    def to_arrays(self) -> Arrays:
+        """Return the occupied cells and the log extinction, for a checkpoint."""
+        assert self.density is not None
+        return {"occupied": self.occupancy.occupied, "table": self.density.table.detach().numpy().copy()}
+
+
+def first_occupancy(
+    views: ViewSet, settings: ReconstructSettings, field: FieldSettings, progress: Progress
+) -> tuple[Occupancy, str]:
+    """Return the initial occupancy and its reason: the visible part of the volume, or the visual hull of the views.
+
+    Raises:
+        BadInput: No point is visible in all views.
+    """
+    progress(0.0, "where to look")
+    known = known_volume(views, settings, field)
+    if known is None:
+        occupancy = carve(views.images[..., 3] > 0, views.cameras, settings.cells)
+        reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
+    else:
+        least = least_extinction(settings, known.cells, float(np.exp(np.float64(known.exponent.max()))))
+        occupied = known.occupied(settings.cells, least)
+        occupancy = Occupancy(known.box, settings.cells, occupied)
+        reason = (
+            "the extinction is that of the volume and its transfer function, which fill "
+            f"{occupancy.fraction:.1%} of the box; training refines it"
+        )
+    progress(1.0, "where to look")
+    return occupancy, reason
+
+
+def begin(
+    views: ViewSet,
+    occupancy: Occupancy,
+    field: FieldSettings,
+    settings: ReconstructSettings,
+    seed: int,
+    progress: Progress,
+    limit: float | None = None,
+) -> tuple[Beginning, str | None]:
+    """Return where training starts, and how the extinction was found if the views had to tell.
+
+    Args:
+        views: Training views.
+        occupancy: Initial occupancy (:func:`first_occupancy`).
+        field: Shape of the networks.
+        settings: Settings of stage 1.
+        seed: Seed of the reconstruction from views.
+        progress: Called several times a second during that.
+        limit: Seconds after which it ends.
+    """
+    known, finest = known_volume(views, settings, field), 2 * field.resolutions[-1]
+    if known is not None:
+        density = SparseLattice(occupancy.occupied, occupancy.cells, (min(finest, known.cells),), 1)
+        vertices = density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
+        exponent = known.at_vertices(vertices, density.resolutions[0])
+        with torch.no_grad():
+            density.table.copy_(torch.from_numpy(exponent)[:, None])
+        return Beginning(occupancy, density), None
+    if field.encoding != "lattice" or not settings.tomography:
+        return Beginning(occupancy), None
+
+    def pruned(lattice: SparseLattice, where: Occupancy, grow: bool) -> Occupancy:
+        extinction = largest_extinction(lambda points: lattice(points)[:, 0], where, CPU)
+        least = least_extinction(settings, min(finest, MOST_CELLS), float(extinction.max()))
+        left = where.pruned(extinction, least, grow)
+        return left if left.occupied.any() else where
+
+    density, left, reason = extinction_from(views, occupancy, min(finest, MOST_CELLS), pruned, seed, progress, limit)
+    return Beginning(left, density), f"{reason}, in {left.fraction:.1%} of the box; training refines it"
+
+
+def least_extinction(settings: ReconstructSettings, cells: int, largest: float) -> float:
+    """Return the extinction in 1 / box unit from which a cell counts as occupied.
+
+    Cells below the first threshold would be pruned in training; in a fog that lies below it everywhere, the second
+    applies.
+    """
+    return min(settings.prune_least * cells, LEAST_EXTINCTION_SHARE * largest)
+
+
+def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> ClassifiedVolume | None:
+    """Return the volume that initializes the density, if the views include it and the field is a lattice."""
+    return views.classified if settings.use_volume and field.encoding == "lattice" else None
+
+
+@torch.no_grad()
+def largest_extinction(exponent: Callable[[Tensor], Tensor], occupancy: Occupancy, device: torch.device) -> Tensor:
+    """Return the largest extinction at 27 points of each occupied cell, in raster order.
+
+    Args:
+        exponent: Log extinction (S,) at points (S, 3) of the box.
+        occupancy: Occupied cells.
+        device: Device of the points.
+    """
+    corner = occupancy.occupied_on(device).nonzero()
+    end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
+    largest = torch.full((len(corner),), -torch.inf, device=device)
+    for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
+        points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
+        # A cell's far corners belong to the next cell, which may not be stored: one float nearer they are in this cell.
+        points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())
+        largest = torch.maximum(largest, exponent(points))
+    return torch.exp(largest.clamp(max=MOST_LOG_EXTINCTION))
+
+
+def log_extinction(field: BaseField, points: Tensor) -> Tensor:
+    """Return a field's log extinction at points of the box: (S, 3) -> (S,)."""
+    if field.density is not None:
+        return field.density(points).sum(dim=1)
+    assert field.density_mlp is not None
+    return torch.cat([field.density_mlp(field.encoding(p))[:, 0] for p in points.split(POINTS_AT_A_TIME)])

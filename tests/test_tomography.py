@@ -1,0 +1,220 @@
+"""Extinction from the alpha of views: its two operators, what it recovers, and that training starts from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from svv.core.box import Box
+from svv.core.cameras import Camera, look_at, sphere_cameras
+from svv.core.classified import grid_shape
+from svv.core.extinction import EMPTY_LOG_EXTINCTION
+from svv.errors import Cancelled, silent
+from svv.fields.encodings import SparseLattice
+from svv.fields.networks import FieldSettings
+from svv.fields.occupancy import Occupancy, carve
+from svv.fields.rendering import RayCaster
+from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import CPU
+from svv.kernels.numba_tomography import back_project, optical_depths
+from svv.train import loop
+from svv.train.beginning import begin
+from svv.train.config import PRESETS, ReconstructSettings
+from svv.train.evaluate import evaluate_scene
+from svv.train.pipeline import train_scene
+from svv.train.tomography import pixels_a_cell, reduced, smaller
+
+BOX = Box.of_bounds((-1, -1, -1), (1, 1, 1))
+SIZE = 64
+
+
+def depths(cameras: list[Camera], sigma: Callable[[np.ndarray], np.ndarray], steps: int = 160) -> np.ndarray:
+    """Integrate an extinction in 1 / world unit along the rays of cameras: (N, H, W), in plain numpy."""
+    out = []
+    for camera in cameras:
+        origins, directions = camera.rays()
+        away = float(np.linalg.norm(camera.position))
+        t = away - 1.8 + 3.6 * (np.arange(steps) + 0.5) / steps
+        points = origins[..., None, :] + t[:, None] * directions[..., None, :]
+        out.append(sigma(points).sum(axis=-1) * 3.6 / steps)
+    return np.stack(out)
+
+
+def blobs(points: np.ndarray) -> np.ndarray:
+    """A shell that can be seen through, with two clouds in it, one of them dense."""
+    r = np.linalg.norm(points, axis=-1)
+    shell = 0.6 * np.exp(-np.square((r - 0.7) / 0.08))
+    clouds = [(4.0, (0.25, 0.1, 0.0), 0.18), (1.5, (-0.25, -0.15, 0.2), 0.15)]
+    inside = (s * np.exp(-np.square(points - np.array(c)).sum(axis=-1) / w**2) for s, c, w in clouds)
+    return (shell + sum(inside)) * (r < 0.95)
+
+
+def views_of(cameras: list[Camera], sigma: Callable[[np.ndarray], np.ndarray] = blobs) -> ViewSet:
+    """Views of one flat colour, as an 8-bit file holds them."""
+    alpha = 1.0 - np.exp(-depths(cameras, sigma))
+    images = np.zeros((*alpha.shape, 4), np.uint8)
+    images[..., :3] = (200, 120, 40)
+    images[..., 3] = np.round(255 * alpha)
+    return ViewSet(tuple(cameras), images, tuple(f"view{k}" for k in range(len(cameras))))
+
+
+def orbit(n: int, parallel: bool = False) -> list[Camera]:
+    cameras = sphere_cameras(n, (0.0, 0.0, 0.0), 5.0, 0.45, SIZE)
+    return [Camera.orthographic(c.camera_to_world, 2.2, SIZE, SIZE) for c in cameras] if parallel else cameras
+
+
+def lattice_of(exponent: np.ndarray, resolution: int) -> SparseLattice:
+    """A dense lattice over the box."""
+    lattice = SparseLattice(np.ones(grid_shape(BOX, resolution), np.uint8), resolution, (resolution,), 1)
+    with torch.no_grad():
+        lattice.table[:, 0] = torch.from_numpy(exponent.astype(np.float32).ravel())
+    return lattice.requires_grad_(False)
+
+
+def project(lattice: SparseLattice, rays: tuple[np.ndarray, np.ndarray], step: float = 1 / 256) -> np.ndarray:
+    occupancy, layout, out = Occupancy.full(BOX, 16), lattice.layout, np.empty(len(rays[0]), np.float32)
+    optical_depths(
+        *rays, occupancy.distance_on(CPU).numpy(), np.float32(16), np.asarray(BOX.extent, np.float32), np.float32(step),
+        np.float32(0.5), layout.shapes.numpy(), layout.scales.numpy(), layout.bases.numpy(), layout.index.numpy(),
+        lattice.table[:, 0].numpy(), np.float32(1e9), out,
+    )  # fmt: skip
+    return out
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10**6), st.floats(-4, 3))
+def test_the_depth_of_a_uniform_box_is_the_length_of_the_chord(seed: int, exponent: float) -> None:
+    lattice = lattice_of(np.full((9, 9, 9), exponent), 8)
+    random = np.random.default_rng(seed)
+    direction = random.normal(size=(20, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    inside = random.uniform(0.1, 0.9, (20, 3))
+    origin = inside - 3 * direction
+    ends = np.sort(np.stack([-origin / direction, (1 - origin) / direction]), axis=0)
+    chord = ends[1].min(axis=1) - ends[0].max(axis=1)
+    found = project(lattice, (origin.astype(np.float32), direction.astype(np.float32)))
+    np.testing.assert_allclose(found, chord * np.exp(exponent), atol=np.exp(exponent) / 200)
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_pixel_is_found_again_from_the_points_on_its_ray(parallel: bool) -> None:
+    """Points on the rays of pixels collect what the images hold there, and nothing from views behind which they lie."""
+    cameras = orbit(12, parallel)
+    caster = RayCaster(cameras, BOX, CPU)
+    random = np.random.default_rng(0)
+    images = random.random((12, SIZE, SIZE, 2)).astype(np.float32)
+    column, row, n = 20, 37, 5
+    rays = caster.rays(torch.tensor([(n * SIZE + row) * SIZE + column]))
+    aim = 0.5 if parallel else float(torch.linalg.norm(rays.origins[0] - 0.5))
+    point = (rays.origins + aim * rays.directions).double().numpy()
+    one = [t[n : n + 1].numpy() for t in caster.cameras]
+    sums = np.empty((1, 2), np.float32)
+    scale = 10**6
+    vertices = np.round(point * scale).astype(np.int32)
+    back_project(vertices, np.float32(scale), *one, images[n : n + 1], sums)
+    np.testing.assert_allclose(sums[0], images[n, row, column], atol=1e-3)
+    behind = np.round((rays.origins - 2 * rays.directions).double().numpy() * scale).astype(np.int32)
+    back_project(behind, np.float32(scale), *one, images[n : n + 1], sums)
+    assert (sums == 0).all()
+
+
+def begun(views: ViewSet, resolution: int = 32) -> tuple[SparseLattice, Occupancy, str]:
+    how = ReconstructSettings(cells=32)
+    hull = carve(views.images[..., 3] > 0, views.cameras, 32)
+    field = FieldSettings(resolutions=(16, resolution // 2))
+    beginning, reason = begin(views, hull, field, how, 0, silent)
+    assert beginning.density is not None and reason is not None
+    return beginning.density, beginning.occupancy, reason
+
+
+@pytest.mark.parametrize(("n", "parallel", "least"), [(42, False, 36.0), (42, True, 36.0), (12, False, 27.0)])
+def test_unseen_views_have_the_same_alpha(n: int, parallel: bool, least: float) -> None:
+    views = views_of(orbit(n, parallel))
+    density, occupancy, reason = begun(views)
+    test = views_of([c for k, c in enumerate(orbit(32, parallel)) if k % 5 == 2])
+    caster = RayCaster(test.cameras, occupancy.box, CPU)
+    rays = caster.rays(torch.arange(len(test) * SIZE * SIZE))
+    layout, out = density.layout, np.empty(len(rays), np.float32)
+    optical_depths(
+        rays.origins.numpy(), rays.directions.numpy(), occupancy.distance_on(CPU).numpy(), np.float32(occupancy.cells),
+        np.asarray(occupancy.box.extent, np.float32), np.float32(1 / 64), np.float32(0.5), layout.shapes.numpy(),
+        layout.scales.numpy(), layout.bases.numpy(), layout.index.numpy(), density.table[:, 0].numpy(),
+        np.float32(9.0), out,
+    )  # fmt: skip
+    error = np.square(1 - np.exp(-out) - test.images[..., 3].ravel() / 255.0).mean()
+    assert -10 * np.log10(error) > least
+    assert "tomography" in reason
+
+
+def test_the_extinction_itself_is_recovered() -> None:
+    density, occupancy, _ = begun(views_of(orbit(92)))
+    vertices = density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
+    places = occupancy.box.to_world(vertices / density.resolutions[0])
+    true = np.maximum(blobs(places) * occupancy.box.size, np.exp(EMPTY_LOG_EXTINCTION))
+    found = density.table[:, 0].exp().numpy()
+    assert np.corrcoef(true, found)[0, 1] > 0.97
+    assert abs(found.sum() / true.sum() - 1) < 0.05
+
+
+def test_the_number_of_threads_changes_nothing(all_threads: None) -> None:
+    views, tables = views_of(orbit(12)), []
+    for count in (1, numba.config.NUMBA_NUM_THREADS):
+        numba.set_num_threads(count)
+        tables.append(begun(views)[0].table.numpy().copy())
+    np.testing.assert_array_equal(*tables)
+
+
+def test_smaller_pictures_show_the_same() -> None:
+    """The rays of a pixel of a reduced view pass through the middle of the pixels that it averages."""
+    camera = Camera(look_at((1, 2, 3), (0, 0, 0)), 0.6, 50, 40, centre=(21.0, 23.5))
+    small = smaller(camera, 4)
+    assert (small.width, small.height) == (12, 10)
+    _, fine = camera.rays()
+    _, coarse = small.rays()
+    corners = fine[1:40:4, 1:48:4] + fine[2:40:4, 2:48:4]
+    np.testing.assert_allclose(coarse, corners / np.linalg.norm(corners, axis=-1, keepdims=True), atol=1e-4)
+    images = np.random.default_rng(0).integers(0, 256, (2, 40, 50), dtype=np.uint8)
+    assert reduced(images, 4).shape == (2, 10, 12)
+    np.testing.assert_allclose(reduced(images, 4)[1, 3, 5], images[1, 12:16, 20:24].mean() / 255, rtol=1e-6)
+    pixel = 5.0 * np.tan(0.225) / (SIZE / 2) / BOX.size
+    assert pixels_a_cell(orbit(12), Occupancy.full(BOX, 16), 16) == round(1 / (16 * pixel)) == 3
+
+
+SHORT = replace(
+    PRESETS["draft"], reconstruct=ReconstructSettings(iterations=60, rays=512, samples=8192, cells=32),
+    recolour=replace(PRESETS["draft"].recolour, iterations=1),
+)  # fmt: skip
+
+
+def test_it_helps() -> None:
+    train, test = views_of(orbit(42)), views_of(orbit(12))
+    fog = replace(SHORT, reconstruct=replace(SHORT.reconstruct, tomography=False))
+    scores = [evaluate_scene(train_scene(train, how)[0], test, "base").psnr for how in (SHORT, fog)]
+    assert scores[0] > scores[1] + 2.0
+
+
+def test_a_run_that_is_killed_goes_on_from_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The extinction is kept: a time limit would otherwise find another one, with another layout."""
+    train, file = views_of(orbit(12)), tmp_path / "run"
+    whole, _ = train_scene(train, SHORT)
+
+    def stop(fraction: float, label: str) -> None:
+        if "base" in label and fraction > 0.3:
+            raise Cancelled
+
+    monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
+    with pytest.raises(Cancelled):
+        train_scene(train, SHORT, progress=stop, checkpoint=file)
+    monkeypatch.setattr("svv.train.training.begin", None)  # not called again
+    again, report = train_scene(train, SHORT, checkpoint=file)
+    assert report["seconds"]["extinction"] > 0
+    for name, value in whole.base.state_dict().items():
+        torch.testing.assert_close(again.base.state_dict()[name], value, msg=name)

@@ -25,6 +25,7 @@ from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels import dispatch
 from svv.train.batches import RayPool
+from svv.train.beginning import Beginning
 from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.recolour import Recolouring
 from svv.train.reconstruct import Reconstruction
@@ -106,7 +107,7 @@ def views() -> ViewSet:
 def test_operations_of_a_step_and_of_an_image(count: Callable[[Callable[[], object]], list[str]]) -> None:
     field = FieldSettings(resolutions=(2, 4), features=2, width=16)
     box = Box.of_bounds((-0.35,) * 3, (0.35,) * 3)
-    first = Reconstruction(views(), Occupancy.full(box, 4), field, ReconstructSettings(rays=16, samples=128))
+    first = Reconstruction(views(), Beginning(Occupancy.full(box, 4)), field, ReconstructSettings(rays=16, samples=128))
     first.step(0, 0.0)  # what is made once is made here
     found = {"base": count(lambda: first.step(1, 0.1))}
 

@@ -29,6 +29,7 @@ from svv.kernels import dispatch, numba_kernels, reference
 from svv.kernels.dispatch import CPU
 from svv.kernels.numba_marching import uniform as numba_uniform
 from svv.kernels.types import Kernels, Limits, Samples
+from svv.train.beginning import Beginning
 from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.loop import Running
 from svv.train.recolour import recolour
@@ -319,7 +320,7 @@ def reconstruction(kernels: Kernels | ModuleType, rays: int, monkeypatch: pytest
     field = FieldSettings(resolutions=(2, 4), features=2, width=16)
     occupancy = Occupancy.full(Box.of_bounds((-0.35,) * 3, (0.35,) * 3), 4)
     how = ReconstructSettings(rays=rays, samples=512, prune_every=1, prune_least=1e-4, iterations=4)
-    return Reconstruction(views_of_a_ball(), occupancy, field, how, 3, there(kernels))
+    return Reconstruction(views_of_a_ball(), Beginning(occupancy), field, how, 3, there(kernels))
 
 
 def history(

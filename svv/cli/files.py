@@ -39,4 +39,5 @@ def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, c
         write_json(json, report)
     checkpoint.unlink(missing_ok=True)
     total, size = duration(report["seconds"]["total"]), report["scene_bytes"] / 1e6
-    print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions, from {report['learned_from']}, {total}")
+    source = f", from {report['learned_from']}" if "learned_from" in report else ""  # paint is not learned from views
+    print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions{source}, {total}")

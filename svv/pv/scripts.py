@@ -6,6 +6,7 @@ They work in pvpython and pvbatch, where the data is in the same process.
 from __future__ import annotations
 
 import argparse
+import atexit
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -239,4 +240,5 @@ def _close_windows() -> None:
 
         for view in simple.GetViews():
             simple.Delete(view)
-        simple.Disconnect()  # proxies that the variables of a failed function hold may keep a view
+        # Variables of a failed function may still hold a view; the session stays usable until the program ends.
+        atexit.register(simple.Disconnect)

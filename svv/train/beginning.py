@@ -40,10 +40,12 @@ class Beginning:
     """Cells that may hold something visible."""
     density: SparseLattice | None = None
     """Log extinction on the vertices of the occupied cells, one level; None if nothing is known about it."""
+    measured: bool = False
+    """Whether the log extinction was reconstructed from the views; otherwise it is the volume's."""
 
     @classmethod
     def from_arrays(cls, occupancy: Occupancy, cells: int, arrays: Arrays) -> Beginning:
-        """Invert :meth:`to_arrays`.
+        """Return a beginning that was reconstructed from the views, from the result of :meth:`to_arrays`.
 
         Args:
             occupancy: The occupancy.
@@ -52,7 +54,7 @@ class Beginning:
         """
         density = SparseLattice(occupancy.occupied, occupancy.cells, (cells,), 1).requires_grad_(False)
         density.table.copy_(torch.from_numpy(arrays["table"].copy()))
-        return cls(occupancy, density)
+        return cls(occupancy, density, measured=True)
 
     def to_arrays(self) -> Arrays:
         """Return the occupied cells and the log extinction, for a checkpoint."""
@@ -123,7 +125,7 @@ def begin(
         return left if left.occupied.any() else where
 
     density, left, reason = extinction_from(views, occupancy, min(finest, MOST_CELLS), pruned, seed, progress, limit)
-    return Beginning(left, density), f"{reason}, in {left.fraction:.1%} of the box; training refines it"
+    return Beginning(left, density, measured=True), f"{reason}, in {left.fraction:.1%} of the box; training refines it"
 
 
 def least_extinction(settings: ReconstructSettings, cells: int, largest: float) -> float:

@@ -47,6 +47,9 @@ class Reconstruction:
         self.settings, self.field_settings, self.device = settings, field, device
         known = beginning.density
         self.known = known is not None
+        self.density_rate = settings.density_rate
+        if self.known:
+            self.density_rate = settings.tomography_density_rate if beginning.measured else settings.known_density_rate
         self.refined: Occupancy | None = None
         self.occupancy = occupancy = beginning.occupancy
         levels = None if known is None else known.resolutions
@@ -111,8 +114,7 @@ class Reconstruction:
         if self.field.density is None:
             self.tables.step([s.feature_rate * rate])
         else:
-            density_rate = s.known_density_rate if self.known else s.density_rate
-            self.tables.step([density_rate * rate, s.feature_rate * rate], [s.density_pull * rate, 0.0])
+            self.tables.step([self.density_rate * rate, s.feature_rate * rate], [s.density_pull * rate, 0.0])
 
     def refine(self) -> None:
         """Halve the step and add a density level twice as fine, in the cells that pruning left.

@@ -95,3 +95,23 @@ def published(of_the_user: Mapping[str, str | None]) -> Callable[[str], State]:
         return found.state
 
     return get
+
+
+@pytest.fixture
+def off_screen() -> None:
+    """VTK can draw without a screen."""
+    from svv.dvr.mappers import off_screen_window
+    from svv.errors import BadInput
+
+    try:
+        off_screen_window().Finalize()
+    except BadInput:
+        pytest.skip("no off-screen OpenGL here")
+
+
+@pytest.fixture(params=["cpu", "gpu"])
+def mapper(request: pytest.FixtureRequest) -> str:
+    """Each of VTK's ray casters."""
+    if request.param == "gpu":
+        request.getfixturevalue("off_screen")
+    return str(request.param)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from PIL import Image
@@ -225,7 +226,6 @@ def test_bad_options(database: Path, options: dict[str, Any], says: str) -> None
 
 def write_h5(folder: Path, style: str = "CameraPos") -> list[Camera]:
     """A database as pycinema writes it: the camera is in the images."""
-    h5py = pytest.importorskip("h5py")
     folder.mkdir(exist_ok=True)
     shots = [Camera.orthographic(c.camera_to_world, 4.0, 64, 48) for c in cameras(turns(5, 5))]
     names = ("CameraPos", "CameraDir", "CameraUp", "CameraHeight", "CameraNearFar")
@@ -286,7 +286,6 @@ def test_ascents_cameras(tmp_path: Path) -> None:
 
 
 def test_damaged_hdf5(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
     write_h5(tmp_path)
     whole = (tmp_path / "4.h5").read_bytes()
     (tmp_path / "4.h5").write_bytes(whole[: len(whole) // 2])

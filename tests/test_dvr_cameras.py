@@ -61,16 +61,6 @@ def test_a_ball_is_seen_where_rays_meet_it(
     assert (alpha[away > RADIUS + 0.4] == 0).all()
 
 
-@pytest.fixture(params=["cpu", "gpu"])
-def mapper(request: pytest.FixtureRequest) -> str:
-    if request.param == "gpu":
-        try:
-            mappers.off_screen_window().Finalize()
-        except BadInput:
-            pytest.skip("no off-screen OpenGL here")
-    return str(request.param)
-
-
 @pytest.mark.parametrize("span", [None, 30.0])
 def test_an_off_centre_view_is_a_crop_of_a_larger_one(span: float | None, mapper: str) -> None:
     pose = look_at(MIDDLE + np.array((20.0, 30.0, 45.0)), MIDDLE)
@@ -80,11 +70,8 @@ def test_an_off_centre_view_is_a_crop_of_a_larger_one(span: float | None, mapper
     assert np.abs(whole[8:38, 17:49] - part).max() <= 2
 
 
+@pytest.mark.usefixtures("off_screen")
 def test_both_ray_casters_see_the_same_in_parallel() -> None:
-    try:
-        mappers.off_screen_window().Finalize()
-    except BadInput:
-        pytest.skip("no off-screen OpenGL here")
     cameras = sphere_cameras(3, MIDDLE, 60, 0.6, 64, 22.0)
     a, b = (render_views(ball(), opaque(), cameras, m, FLAT, 0.5)[..., 3].astype(int) for m in ("cpu", "gpu"))
     assert np.abs(a - b).mean() < 1.0

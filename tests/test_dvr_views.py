@@ -78,16 +78,6 @@ def demo() -> vtkImageData:
     return demo_volume(24)
 
 
-@pytest.fixture(params=["cpu", "gpu"])
-def mapper(request: pytest.FixtureRequest) -> str:
-    if request.param == "gpu":
-        try:
-            mappers.off_screen_window().Finalize()
-        except BadInput:
-            pytest.skip("no off-screen OpenGL here")
-    return str(request.param)
-
-
 @pytest.mark.parametrize("opacity", [0.003, 0.02, 0.1, 0.5, 0.9])
 @pytest.mark.parametrize("unit", [1.0, 7.5])
 def test_alpha_of_a_slab_is_the_analytic_one(mapper: str, opacity: float, unit: float) -> None:
@@ -221,12 +211,9 @@ def test_a_blob_in_a_corner_of_a_large_volume_is_cropped_without_a_trace() -> No
     assert np.abs(on_white(a) - on_white(render_views(from_array(large), ramp(1.0), moved, "cpu"))).max() <= 2
 
 
+@pytest.mark.usefixtures("off_screen")
 def test_both_ray_casters_agree() -> None:
     """Same conventions of shading and opacity; they differ in how they take gradients and round."""
-    try:
-        mappers.off_screen_window().Finalize()
-    except BadInput:
-        pytest.skip("no off-screen OpenGL here")
     cameras = sphere_cameras(3, (8, 12, 9), 60, 0.6, 64)
     for shading, tolerance in ((FLAT, 1.0), (Shading(), 2.0), (Shading(True, 0.3, 0.4, 0.0, 1.0), 1.0)):
         a, b = (render_views(from_array(blob()), ramp(), cameras, m, shading, 0.5) for m in ("cpu", "gpu"))

@@ -189,13 +189,10 @@ def parse_point(text: str, option: str) -> tuple[float, float, float]:
     Raises:
         BadInput: The text has another form.
     """
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        x = y = z = math.nan
-    if not all(math.isfinite(value) for value in (x, y, z)):
+    point = _three(text)
+    if point is None:
         raise BadInput(f"{option} needs three numbers, for example {option} 1,-2,2.5, not '{text}'.")
-    return x, y, z
+    return point
 
 
 def parse_numbers(text: str, option: str) -> tuple[float, float, float]:
@@ -204,10 +201,16 @@ def parse_numbers(text: str, option: str) -> tuple[float, float, float]:
     Raises:
         BadInput: The text has another form.
     """
+    numbers = _three(text)
+    if numbers is None or min(numbers) <= 0:
+        raise BadInput(f"{option} needs three positive numbers, for example {option} 1,1,2.5, not '{text}'.")
+    return numbers
+
+
+def _three(text: str) -> tuple[float, float, float] | None:
+    """Return three finite numbers between commas, or None if the text has another form."""
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        x = y = z = math.nan
-    if not all(0 < value < math.inf for value in (x, y, z)):
-        raise BadInput(f"{option} needs three positive numbers, for example {option} 1,1,2.5, not '{text}'.")
-    return x, y, z
+        return None
+    return (x, y, z) if all(math.isfinite(value) for value in (x, y, z)) else None

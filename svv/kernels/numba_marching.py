@@ -34,6 +34,21 @@ def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: i
 
 
 @njit(fastmath=True, inline="always")
+def clip_to_box(origins, directions, r, extent):  # type: ignore[no-untyped-def]
+    """Return the distances at which ray r enters and leaves the box; the first is larger if it misses the box."""
+    near, far = np.float32(0.0), np.float32(1e30)
+    for k in range(3):
+        o, d, e = origins[r, k], directions[r, k], extent[k]
+        if abs(d) < 1e-9:
+            if o < 0.0 or o > e:
+                far = np.float32(-1.0)
+        else:
+            a, b = -o / d, (e - o) / d
+            near, far = max(near, min(a, b)), min(far, max(a, b))
+    return near, far
+
+
+@njit(fastmath=True, inline="always")
 def uniform(seed, a, b):  # type: ignore[no-untyped-def]
     """Return a random number in [0, 1) from three integers (counter-based, so threads need no state)."""
     h = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) ^ np.uint64(a) * np.uint64(0xBF58476D1CE4E5B9)
@@ -115,15 +130,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
             start[r] = n
             ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
             dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
-            near, far = np.float32(0.0), np.float32(1e30)
-            for k in range(3):
-                o, d, e = origins[r, k], directions[r, k], extent[k]
-                if abs(d) < 1e-9:
-                    if o < 0.0 or o > e:
-                        far = np.float32(-1.0)
-                else:
-                    a, b = -o / d, (e - o) / d
-                    near, far = max(near, min(a, b)), min(far, max(a, b))
+            near, far = clip_to_box(origins, directions, r, extent)
             left_out = np.float32(0.0)  # optical depth since the last kept sample
             tau = np.float32(0.0)  # optical depth since the start of the ray
             front = ONE32  # upper bound of the transmittance in front of the next sample

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.numba_marching import interpolate_scalar, inverse, leap
+from svv.kernels.numba_marching import clip_to_box, interpolate_scalar, inverse, leap
 from svv.kernels.numba_trilinear import ONE32
 
 
@@ -42,15 +42,7 @@ def optical_depths(  # type: ignore[no-untyped-def]
     for r in prange(origins.shape[0]):
         ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
         dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
-        near, far = np.float32(0.0), np.float32(1e30)
-        for k in range(3):
-            o, d, e = origins[r, k], directions[r, k], extent[k]
-            if abs(d) < 1e-9:
-                if o < 0.0 or o > e:
-                    far = np.float32(-1.0)
-            else:
-                a, b = -o / d, (e - o) / d
-                near, far = max(near, min(a, b)), min(far, max(a, b))
+        near, far = clip_to_box(origins, directions, r, extent)
         depth = np.float32(0.0)
         if near < far:
             ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)

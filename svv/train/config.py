@@ -42,7 +42,7 @@ class ReconstructSettings:
     """Fraction of a pixel's weight that shares one colour lookup; the density learns from all samples."""
     known_density_rate: float = 0.05
     """Learning rate of a density that was initialized from the volume."""
-    tomography_density_rate: float = 0.1
+    tomography_density_rate: float = 0.15
     """Learning rate of a density that was initialized by tomography, which is less certain."""
     feature_rate: float = 0.02
     """Learning rate of the features."""

@@ -16,6 +16,7 @@ from svv.core.shading import Shading
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.views import render_views
 from svv.render.pictures import read_png
+from tests.paraview.demo_files import write_demo
 
 SCRIPT = Path(__file__).resolve().parents[2] / "paraview_scripts" / "extract_views.py"
 SIZE, LONG = 96, 300.0
@@ -24,15 +25,8 @@ SIZE, LONG = 96, 300.0
 @pytest.fixture(scope="module")
 def made(pvpython, tmp_path_factory) -> Path:
     """A folder with a volume, its transfer function, and ``small.cdb``, drawn on black and on white too."""
-    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
-
     folder = tmp_path_factory.mktemp("extracts")
-    writer = vtkXMLImageDataWriter()
-    writer.SetDataModeToBinary()
-    writer.SetFileName(str(folder / "volume.vti"))
-    writer.SetInputData(demo_volume(32, levels=255))
-    assert writer.Write()
-    (folder / "tf.json").write_text(json.dumps([demo_transfer_function().mapped(255.0, 0.0).to_dict()]))
+    write_demo(folder)
     done = pvpython(
         SCRIPT, folder / "volume.vti", "--tf", folder / "tf.json", "--phi", 6, "--theta", 5, "--size", SIZE,
         "--black-and-white", "--out", folder / "small.cdb",

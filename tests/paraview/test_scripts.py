@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.fields.scene import Scene
 from svv.io.output import write_png
 from svv.render.pictures import read_png
 from svv.styles.textures import style_picture
+from tests.paraview.demo_files import write_demo
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "paraview_scripts"
 QUICK = ("--preset", "draft", "--time-limit", 2, "--views", 12, "--test", 2, "--size", 96)
@@ -24,15 +24,8 @@ SMALL = ("--orbit", 3, "--orbit-size", 48)
 @pytest.fixture(scope="module")
 def made(pvpython, tmp_path_factory) -> Path:
     """A folder with a volume, its function, a style, and what stylize_volume.py makes of them."""
-    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
-
     folder = tmp_path_factory.mktemp("scripts")
-    writer = vtkXMLImageDataWriter()
-    writer.SetDataModeToBinary()
-    writer.SetFileName(str(folder / "volume.vti"))
-    writer.SetInputData(demo_volume(32, levels=255))
-    assert writer.Write()
-    (folder / "tf.json").write_text(json.dumps([demo_transfer_function().mapped(255.0, 0.0).to_dict()]))
+    write_demo(folder)
     write_png(folder / "brush.png", style_picture("brush strokes", 64))
     write_png(folder / "dots.png", style_picture("stippling", 64))
     done = pvpython(

@@ -91,8 +91,9 @@ def evaluate(
 ) -> None:
     """Score a scene against views of the volume: PSNR, SSIM, FLIP and LPIPS.
 
-    If the folder contains the classified volume, region_overlap measures how well each region matches its range of
-    values: the intersection over union of everything that the views show.
+    If the folder contains the classified volume, region_overlap measures how well regions match its ranges of values:
+    the intersection over union of everything that the views show, for each region that knows its values; for regions
+    found in views alone, for each range and the region that matches it.
     """
     from svv.io.atomic import write_json
     from svv.io.cinema.views import read_views
@@ -107,7 +108,7 @@ def evaluate(
     volume = read_classified(views)  # before minutes of work, in case it is damaged
     with shown("Evaluating") as progress:
         scores = evaluate_scene(loaded, view_set, scoring.network or "pcn", progress)
-    if volume is not None and any(region.values for region in loaded.regions):
+    if volume is not None and loaded.palette_network is not None:
         scores = replace(scores, region_overlap=tuple(region_overlaps(loaded, view_set, volume)))
     if json is not None:
         write_json(json, scores.to_json())

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from torch import Tensor, nn
 from torch.nn.functional import softplus
@@ -129,19 +130,37 @@ def gradient_of(density: SparseLattice, occupancy: Occupancy, resolution: int) -
 
     They are shorter where the gradient nearly vanishes. The levels of ``density`` sum to the extinction's logarithm.
     """
-    lattice = SparseLattice(occupancy.occupied, occupancy.cells, (resolution,), 1)
-    vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells)
+    _, vertices, field = softened_extinction(density, occupancy, resolution)
     x, y, z = vertices.T
-    end = torch.tensor(occupancy.box.extent, dtype=torch.float32)
-    places = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
-    points = torch.minimum(torch.from_numpy(places), end)
-    exponent = density(points.to(density.table.device)).sum(dim=1)
-    exponent = exponent.clamp(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION).cpu().numpy()
-    field = np.full(tuple(lattice.shapes[0].tolist()), np.exp(LEAST_LOG_EXTINCTION * EXTINCTION_POWER), np.float32)
-    field[x, y, z] = np.exp(EXTINCTION_POWER * exponent)
     found = np.empty((len(vertices), 3), np.float32)
     for axis in range(3):
         order = [int(k == axis) for k in range(3)]
         found[:, axis] = -gaussian_filter(field, GRADIENT_DEVIATION, order=order, mode="nearest")[x, y, z]
     length = np.linalg.norm(found, axis=1, keepdims=True)
     return torch.from_numpy(found / (length + 1e-3))
+
+
+@torch.no_grad()
+def softened_extinction(
+    density: SparseLattice, occupancy: Occupancy, resolution: int
+) -> tuple[SparseLattice, NDArray[np.int64], NDArray[np.float32]]:
+    """Return the power :data:`EXTINCTION_POWER` of the extinction on the vertices of a lattice of one level.
+
+    Args:
+        density: Lattice whose levels sum to the logarithm of the extinction.
+        occupancy: Occupied cells.
+        resolution: Cells per box unit of the new lattice.
+
+    Returns:
+        The lattice, with a table of zeros; its vertices in storage order (V, 3); and the field on the whole grid.
+    """
+    lattice = SparseLattice(occupancy.occupied, occupancy.cells, (resolution,), 1).requires_grad_(False)
+    vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells)
+    end = torch.tensor(occupancy.box.extent, dtype=torch.float32)
+    places = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
+    points = torch.minimum(torch.from_numpy(places), end)
+    exponent = density(points.to(density.table.device)).sum(dim=1)
+    exponent = exponent.clamp(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION).cpu().numpy()
+    field = np.full(tuple(lattice.shapes[0].tolist()), np.exp(LEAST_LOG_EXTINCTION * EXTINCTION_POWER), np.float32)
+    field[tuple(vertices.T)] = np.exp(EXTINCTION_POWER * exponent)
+    return lattice, vertices, field

@@ -18,6 +18,7 @@ from svv.core.classified import ClassifiedVolume
 from svv.core.correction import Correction, Entry, corrected
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.edits import History, edits_of, with_edits
+from svv.fields.encodings import SparseLattice
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import forget_gpu_peak
@@ -26,8 +27,9 @@ from svv.options.making import PaletteOptions
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, given, preset
 from svv.train.loop import Running
+from svv.train.material import owners_of
 from svv.train.pipeline import key_of
-from svv.train.ranges import Owners, membership, regions_for
+from svv.train.ranges import Labelled, Owners, membership, regions_for
 from svv.train.recolour import recolour
 from svv.train.report import report_on
 from svv.train.sampling import with_fewest_samples
@@ -51,7 +53,8 @@ def correct_palette(
 
     If the scene knows which values its regions show and the views include the classified volume, regions remain unions
     of transfer function ranges: ranges are merged and split, and those of a removed region go to their neighbours.
-    Otherwise the corrected palette is taken as given, and the views decide which colour each point has.
+    Otherwise the corrected palette is taken as given, and the views decide which colour each point has
+    (:func:`svv.train.material.owners_of`).
 
     Args:
         scene: A scene with a palette network; its device does the work.
@@ -85,11 +88,13 @@ def correct_palette(
     volume = views.classified if all(region.values for region in scene.regions) else None
     ranges = () if volume is None else volume.ranges
     entries, notes = corrected(_entries(scene, volume), correction, ranges)
-    palette, owners, unmixing = np.array([entry.colour for entry in entries]), None, None
+    palette = np.array([entry.colour for entry in entries])
+    owners: Labelled | None = None
     if volume is not None:
         owners = Owners(volume, np.array([[r in e.ranges for e in entries] for r in range(len(ranges))]), scene.device)
-    if owners is None or owners.shared:
-        unmixing = Unmixing(palette, scene.device)
+    elif chosen.fitted and isinstance(scene.base.encoding, SparseLattice):
+        owners = owners_of(scene, views, palette, seed)
+    unmixing = Unmixing(palette, scene.device) if owners is None or owners.shared else None
     saved = None
     if checkpoint is not None:
         key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries]}

@@ -54,7 +54,7 @@ class Scores:
     peak_gpu_bytes: int | None
     """Peak GPU memory; None on a CPU."""
     region_overlap: tuple[float, ...] | None = None
-    """Intersection over union of each region with the values that it represents, if the volume is known
+    """Intersection over union of regions and ranges of values, if the volume is known
     (:func:`svv.train.ranges.region_overlaps`)."""
 
     @classmethod

@@ -34,8 +34,8 @@ def with_fewest_levels(scene: Scene, views: ViewSet, seed: int, borders: bool = 
         scene: A scene with a trained base field and no other network.
         views: The training views.
         seed: Seed of the pixels.
-        borders: Whether the regions come from a volume: their borders may not show in the colours, so the palette
-            network needs all levels to tell the regions apart.
+        borders: Whether there are several regions, known point by point: their borders may not show in the colours, so
+            the palette network needs all levels to tell the regions apart.
     """
     encoding = scene.base.encoding
     if not isinstance(encoding, SparseLattice):
@@ -43,7 +43,7 @@ def with_fewest_levels(scene: Scene, views: ViewSet, seed: int, borders: bool = 
     if encoding.levels == 1:
         return scene, "one level of features, the minimum"
     if borders:
-        return scene, f"all {encoding.levels} levels of features stay, for the borders between the volume's ranges"
+        return scene, f"all {encoding.levels} levels of features stay, for the borders between the regions"
     choices = [without_finer(scene, k, views, seed) for k in range(1, encoding.levels)] + [scene]
     found = [accuracy(choice, views, seed) for choice in choices]
     kept = next(k for k in range(1, encoding.levels + 1) if found[-1] - found[k - 1] <= LEAST_GAIN)

@@ -17,7 +17,7 @@ from svv.io.viewset import ViewSet
 from svv.train.batches import RayPool
 from svv.train.config import RecolourSettings
 from svv.train.loop import Running
-from svv.train.ranges import Owners, regions_for
+from svv.train.ranges import Labelled, regions_for
 from svv.train.recolour import recolour
 from svv.train.unmix import Unmixing
 
@@ -81,7 +81,7 @@ def light_by_trial(
     palette: NDArray[np.floating],
     settings: RecolourSettings,
     running: Running,
-    owners: Owners | None = None,
+    owners: Labelled | None = None,
     given: Unmixing | None = None,
 ) -> tuple[Scene, str]:
     """Return the scene with an explicit light if that renders held-out views as well as the network, and the reason.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from svv.core.classified import ClassifiedVolume
@@ -25,6 +26,19 @@ from svv.train.batches import RayPool
 LOOKED_AT = 16384
 """Number of rays from which the visible light of each range is estimated. With a hash grid, all their samples pass
 through networks at once, so more rays would need gigabytes."""
+
+
+class Labelled(Protocol):
+    """Regions to which points belong."""
+
+    shared: bool
+    """Whether a point may belong to several regions; the views then decide which part belongs to which."""
+
+    def of(self, position: Tensor) -> Tensor:
+        """Return the region of each point, the first of those that share it: (S, 3) in [0, 1] -> (S,) int64."""
+
+    def told(self, weights: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the region of each point (S,), and the sum of ``weights`` (S, P) over the regions sharing it (S,)."""
 
 
 class Owners:
@@ -68,13 +82,13 @@ class Owners:
 
 @dataclass(frozen=True)
 class KnownRegions:
-    """Regions of a scene according to its classified volume."""
+    """Regions of a scene according to its classified volume, or to views alone."""
 
     palette: Palette
     """One colour per region, the region with the most visible light first."""
     ranges: tuple[tuple[tuple[float, float], ...], ...]
-    """Smallest and largest scalar value of each range of each region."""
-    owners: Owners
+    """Smallest and largest scalar value of each range of each region; none if only views are known."""
+    owners: Labelled
     """Region of each point."""
 
 
@@ -155,7 +169,7 @@ def shares_of(samples: Samples, sigma: Tensor, region: Tensor, count: int) -> ND
 
 @torch.no_grad()
 def region_overlaps(scene: Scene, views: ViewSet, volume: ClassifiedVolume) -> list[float]:
-    """Return the intersection over union of each region with its values, over everything that the views show.
+    """Return the intersection over union of regions and ranges, over everything that the views show.
 
     Args:
         scene: A scene with a palette colour network.
@@ -163,23 +177,34 @@ def region_overlaps(scene: Scene, views: ViewSet, volume: ClassifiedVolume) -> l
         volume: The classified volume, which gives the transfer function range of each point.
 
     Returns:
-        A number in [0, 1] per region; an empty list if the scene does not know the values of its regions, or if regions
-        share a range, because the volume then does not tell which part belongs to which.
+        Numbers in [0, 1]: one per region if the scene knows the values of its regions; an empty list if such regions
+        share a range, because the volume then does not tell which part belongs to which. For regions found in views
+        alone, one per range that has at least the palette's ``min_share`` of the visible light, in ascending order of
+        values, each with a region of its own so that the sum is largest; 0 for a range without one.
     """
     assert scene.palette_network is not None
-    if not all(region.values for region in scene.regions):
-        return []
-    member = membership(scene.regions, volume)
-    if (member.sum(axis=1) > 1).any():
-        return []
-    region_of_range = member.argmax(axis=1)
+    valued = all(region.values for region in scene.regions)
+    ranges, count = len(volume.ranges), len(scene.regions)
+    region_of_range = np.arange(ranges)
+    if valued:
+        member = membership(scene.regions, volume)
+        if (member.sum(axis=1) > 1).any():
+            return []
+        region_of_range = member.argmax(axis=1)
     batch = RayPool(views, scene.occupancy.box, 0, scene.device).batch(0, LOOKED_AT)
     samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
     ours, theirs = scene.occupancy.box, volume.box
     shift = samples.position.new_tensor((np.asarray(ours.low) - np.asarray(theirs.low)) / theirs.size)
     owner = Owners(volume, region_of_range, scene.device).of(samples.position * (ours.size / theirs.size) + shift)
     found = scene.palette_network.material(samples.position)[1].argmax(1)
-    sigma, count = scene.base.extinction(samples), len(scene.regions)
-    both = shares_of(samples, sigma, torch.where(owner == found, owner, count), count + 1)[:count]
-    either = shares_of(samples, sigma, owner, count) + shares_of(samples, sigma, found, count) - both
-    return [float(part) for part in both / np.maximum(either, 1e-12)]
+    classes = count if valued else ranges
+    both = shares_of(samples, scene.base.extinction(samples), owner * count + found, classes * count)
+    both = both.reshape(classes, count)
+    share = both.sum(axis=1)
+    each = both / np.maximum(share[:, None] + both.sum(axis=0) - both, 1e-12)
+    if valued:
+        return [float(part) for part in each.diagonal()]
+    row, column = linear_sum_assignment(-each)
+    matched = np.zeros(ranges)
+    matched[row] = each[row, column]
+    return [float(part) for part in matched[share >= PaletteSettings().min_share]]

@@ -21,7 +21,7 @@ from svv.kernels.dispatch import CPU
 from svv.train.batches import Batch, RayBudget, RayPool
 from svv.train.config import RecolourSettings
 from svv.train.loop import Loop, Running, falling, network_adam
-from svv.train.ranges import Owners, shares_of
+from svv.train.ranges import Labelled, shares_of
 from svv.train.unmix import Unmixing
 
 PALETTE_PIXELS = 400_000
@@ -44,8 +44,8 @@ class Recolouring:
     """Training rays."""
     settings: RecolourSettings
     """Settings of stage 2."""
-    owners: Owners | None = None
-    """Region of each point, if the volume is known."""
+    owners: Labelled | None = None
+    """Region of each point, if it is known."""
     given: Unmixing | None = None
     """Palette shares in the pixels, for a palette made by hand or of more than three colours."""
     headlight: str = "point"
@@ -146,7 +146,7 @@ def recolour(
     palette: NDArray[np.floating],
     settings: RecolourSettings,
     running: Running,
-    owners: Owners | None = None,
+    owners: Labelled | None = None,
     given: Unmixing | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
     """Train the palette colour network for a palette (P, 3).

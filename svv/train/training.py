@@ -13,6 +13,7 @@ from svv.core.cameras import CameraRig
 from svv.core.classified import ClassifiedVolume
 from svv.core.palette import Palette
 from svv.errors import Progress, part
+from svv.fields.encodings import SparseLattice
 from svv.fields.networks import FieldSettings
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
@@ -24,7 +25,8 @@ from svv.train.config import Preset, fitted_field
 from svv.train.levels import with_fewest_levels
 from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
 from svv.train.loop import Running
-from svv.train.ranges import KnownRegions, Owners, regions_for, regions_of
+from svv.train.material import regions_in
+from svv.train.ranges import KnownRegions, Labelled, regions_for, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import reconstruct
 from svv.train.sampling import with_fewest_samples
@@ -143,15 +145,21 @@ class Training:
         return beginning
 
     def _palette(self, scene: Scene) -> tuple[Scene, Palette, KnownRegions | None]:
-        """Find the palette, and the regions if the volume is known; drop levels and light that the scene can spare."""
-        views, seed, known = self.views, self.seed, None
+        """Find the palette and, except as in the paper, the regions; drop levels and light that the scene can spare."""
+        views, seed, known, palette = self.views, self.seed, None, None
         if self._volume is not None:
             known = regions_of(self._volume, views, scene, seed)
+        else:
+            palette = palette_of(views, scene.occupancy, seed)
+            if self.chosen.fitted and isinstance(scene.base.encoding, SparseLattice):
+                known = regions_in(scene, views, palette, seed)
         if self.chosen.fitted:
             borders = known is not None and len(known.ranges) > 1
             scene, reason = with_fewest_levels(scene, views, seed, borders)
             self.notes.append(reason)
-        palette = palette_of(views, scene.occupancy, seed) if known is None else known.palette
+        if known is not None:
+            palette = known.palette
+        assert palette is not None
         self.notes.extend(palette.steps)
         if self.chosen.fitted:
             lit, reason = shows_light(scene, views, seed)
@@ -159,7 +167,7 @@ class Training:
             self.notes.append(reason)
         return scene, palette, known
 
-    def _lit(self, scene: Scene, palette: Palette, owners: Owners | None, given: Unmixing | None) -> Scene:
+    def _lit(self, scene: Scene, palette: Palette, owners: Labelled | None, given: Unmixing | None) -> Scene:
         """Return the scene, with an explicit light if one was requested."""
         if scene.settings.lighting != "network" or self.chosen.lighting == "network":
             return scene

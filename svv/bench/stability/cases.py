@@ -353,6 +353,19 @@ EASIEST = "easy"
 COUNTS = range(1, 9)
 """Numbers of regions."""
 
+VIEWS_ALONE = {
+    "easy": "easy",
+    "nested": "nested translucent regions",
+    "similar-hues": "regions of similar hue",
+    "white": "a white region",
+    "greys": "a grey and a white region",
+    "one-region": "one region",
+    "wires": "thin wires",
+    "noise": "noisy volume",
+    **{f"regions-{n}": f"{n} regions" for n in COUNTS},
+}
+"""Scenes that are also learned from views alone, and their titles."""
+
 CASES: dict[str, Case] = {
     EASIEST: Case("easy: opaque, two hues", on_unseen_views),
     "saved": Case("before and after saving", before_and_after_saving),
@@ -385,8 +398,8 @@ CASES: dict[str, Case] = {
     "transparent": Case("transparent everywhere", refusal),
     **{f"regions-{n}": Case(f"{n} regions", on_unseen_views, f"regions-{n}") for n in COUNTS},
     **{
-        f"regions-{n}-views": Case(f"{n} regions, views alone", on_unseen_views, f"regions-{n}", views_only=True)
-        for n in COUNTS
+        f"{name}-views": Case(f"{title}, views alone", on_unseen_views, name, views_only=True)
+        for name, title in VIEWS_ALONE.items()
     },
     "regions-similar": Case("3 regions, two of similar hue, views alone", on_unseen_views, "regions-similar",
                             views_only=True),
@@ -395,5 +408,6 @@ CASES: dict[str, Case] = {
 }  # fmt: skip
 """Name -> case."""
 
-USUAL = tuple(name for name in CASES if not name.startswith("regions-"))
-"""Cases that run by default: all except the numbers of regions, whose table is in docs/measurements/palette.md."""
+USUAL = tuple(name for name in CASES if not name.startswith("regions-") and not CASES[name].views_only)
+"""Cases that run by default: all except numbers of regions and views alone, whose tables are in
+docs/measurements/palette.md."""

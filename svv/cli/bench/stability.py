@@ -22,7 +22,7 @@ STABILITY = (
     "svv bench stability --case nested --case wires --seeds 2",
     "svv bench stability --preset draft --preset fast --preset paper --size 400 --time-limit 60 --out stable",
     "svv bench stability --steps draft=300+150 --steps paper=60+40 --samples 8192",
-    "svv bench stability --case 'regions-*' --preset draft --seeds 1",
+    "svv bench stability --case 'regions-*' --case '*-views' --preset draft --seeds 1",
     "svv bench stability --list",
 )
 """Examples in the help."""
@@ -33,7 +33,7 @@ class Runs:
     """Cases to run, and the number and size of their runs."""
 
     case: Annotated[tuple[str, ...], Setting(metavar="NAME")] = ()
-    """A case, or a pattern of names; by default all except 'regions-*'."""
+    """A case, or a pattern of names; by default all except 'regions-*' and '*-views'."""
     preset: tuple[PresetName, ...] = ()
     """A preset; by default draft and paper."""
     seeds: Annotated[int, Setting(least=1)] = 5

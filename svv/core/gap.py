@@ -1,0 +1,57 @@
+"""Whether values fall into two groups with a gap between them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from skimage.filters import threshold_otsu
+
+BINS_OF_LEAST = 6
+"""Number of bins of the histogram per smallest distance of two groups."""
+
+BINS_ASIDE = 30
+"""Number of bins on either side of the median; values beyond are left out."""
+
+BLUR = 1.5
+"""Standard deviation in bins of the Gaussian that smooths the histogram."""
+
+LEAST_SHARE = 0.02
+"""Share of the smaller group below which it is not one."""
+
+DEPTH = 0.3
+"""Height of the gap relative to the smaller group's peak above which the two are one."""
+
+
+def gap_of(values: NDArray[np.floating], weights: NDArray[np.floating], least: float) -> float | None:
+    """Return the value at the bottom of the gap between two groups of values, or None if they are one group.
+
+    Otsu's method (1979) finds the division; it finds one in any histogram, so the peaks on both sides must be at least
+    ``least`` apart, and between them the histogram must fall to :data:`DEPTH` of the lower one.
+
+    Args:
+        values: Values. (N,)
+        weights: Weights >= 0. (N,)
+        least: Smallest distance of two groups, > 0.
+    """
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order])
+    if not len(values) or below[-1] <= 0:
+        return None
+    median = float(values[order][np.searchsorted(below, 0.5 * below[-1])])
+    edges = median + least / BINS_OF_LEAST * (np.arange(-BINS_ASIDE, BINS_ASIDE + 1) + 0.5)
+    held, _ = np.histogram(values, edges, weights=weights)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    if np.count_nonzero(held) < 2:
+        return None
+    # The first bin of the upper group.
+    cut = int(np.searchsorted(middles, threshold_otsu(hist=(held, middles)), side="right"))
+    share = held[:cut].sum() / held.sum()
+    if not LEAST_SHARE <= share <= 1.0 - LEAST_SHARE:
+        return None
+    smooth = gaussian_filter1d(held.astype(np.float64), BLUR, mode="constant")
+    low, high = int(smooth[:cut].argmax()), cut + int(smooth[cut:].argmax())
+    bottom = low + int(smooth[low : high + 1].argmin())
+    if middles[high] - middles[low] < least or smooth[bottom] > DEPTH * min(smooth[low], smooth[high]):
+        return None
+    return float(middles[bottom])

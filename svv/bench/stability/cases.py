@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from scipy.optimize import linear_sum_assignment
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.bench.stability.measures import matched, overlaps, palette_error
+from svv.bench.stability.pictures import barely_masked, dark, flat, grey, tiny
 from svv.bench.stability.scenes import SCENES, TRANSPARENT, KnownScene
 from svv.core.cameras import Camera
 from svv.core.colour import WHITE, colour_differences, over
@@ -24,7 +22,6 @@ from svv.dvr.views import make_views, render_views
 from svv.errors import BadInput, Progress, part
 from svv.fields.rendering import RayCaster, march
 from svv.fields.scene import Scene
-from svv.io.images import read_style
 from svv.io.view_meta import known
 from svv.io.viewset import ViewSet
 from svv.train.config import Preset
@@ -47,9 +44,6 @@ LARGER = 3
 
 STYLE_STEPS: dict[str, Any] = {"distil_iterations": 100, "style_iterations": 20, "style_views": 20}
 """Settings that shorten stylization with every preset: the only question is whether it stays in bounds."""
-
-STYLE_SIZE = 128
-"""Side of the style pictures in pixels."""
 
 
 @dataclass(frozen=True)
@@ -290,48 +284,6 @@ def painted_like(picture: Callable[[], NDArray[np.float32]]) -> Callable[..., Me
         }
 
     return measure
-
-
-# --- style pictures ----------------------------------------------------------------------------------------------
-
-
-def strokes() -> NDArray[np.float32]:
-    """Return a painting made by this package, (h, w, 3) in [0, 1]."""
-    from svv.styles.textures import style_picture
-
-    return style_picture("brush strokes", STYLE_SIZE).astype(np.float32)
-
-
-def flat() -> NDArray[np.float32]:
-    """Return a picture of one colour."""
-    return np.full((STYLE_SIZE, STYLE_SIZE, 3), (0.2, 0.55, 0.5), np.float32)
-
-
-def dark() -> NDArray[np.float32]:
-    """Return a nearly black picture."""
-    return np.float32(0.06) * strokes()
-
-
-def grey() -> NDArray[np.float32]:
-    """Return a picture in shades of grey."""
-    return np.repeat(strokes().mean(axis=2, keepdims=True), 3, axis=2)
-
-
-def tiny() -> NDArray[np.float32]:
-    """Return a picture of the smallest accepted size, 16 x 16."""
-    return strokes()[:16, :16]
-
-
-def barely_masked() -> NDArray[np.float32]:
-    """Return a picture, read from a file, that is transparent except for 1 % of its area."""
-    rgba = np.zeros((STYLE_SIZE, STYLE_SIZE, 4), np.uint8)
-    rgba[..., :3] = np.rint(255 * strokes())
-    side = STYLE_SIZE // 10
-    rgba[:side, :side, 3] = 255
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "style.png"
-        Image.fromarray(rgba).save(path)
-        return read_style(path)
 
 
 # --- the list ----------------------------------------------------------------------------------------------------

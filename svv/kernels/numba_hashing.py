@@ -11,7 +11,7 @@ from numba import njit, prange
 
 @njit(inline="always")
 def corners(x, y, z, resolution, entries, rows, weights):  # type: ignore[no-untyped-def]
-    """Set the rows (8,) and weights (8,) of the vertices around a point; rows are hashed if a level has too few (eq. 4)."""
+    """Set the rows (8,) and weights (8,) of the vertices around a point; a large level hashes its rows (eq. 4)."""
     fx, fy, fz = x * resolution, y * resolution, z * resolution
     ix, iy, iz = min(int(fx), resolution - 1), min(int(fy), resolution - 1), min(int(fz), resolution - 1)
     wx, wy, wz = np.float32(fx - ix), np.float32(fy - iy), np.float32(fz - iz)

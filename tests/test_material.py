@@ -1,0 +1,175 @@
+"""Regions of views alone: from points of one hue or brightness, and their colours in full light."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from svv.bench.stability.measures import palette_error
+from svv.bench.stability.scenes import SCENES
+from svv.core.gap import gap_of
+from svv.core.shading import Shading
+from svv.core.surfaces import surface_normals
+from svv.dvr.views import make_views
+from svv.fields.encodings import SparseLattice
+from svv.fields.rendering import composite, march
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.train.batches import RayPool
+from svv.train.config import PRESETS, ReconstructSettings
+from svv.train.material import Labels, owners_of, regions_in
+from svv.train.pipeline import train_scene
+from svv.train.ranges import KnownRegions, Owners
+from svv.train.recolour import palette_of
+
+SHORT = replace(
+    PRESETS["draft"], reconstruct=ReconstructSettings(iterations=200, rays=2048),
+    recolour=replace(PRESETS["draft"].recolour, iterations=1, rays=64),
+)  # fmt: skip
+
+
+# --- normals -----------------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 2**31))
+def test_the_normal_of_a_thin_shell_is_across_it(seed: int) -> None:
+    """In the middle of the shell the gradient vanishes."""
+    direction = np.random.default_rng(seed).normal(size=3)
+    direction /= np.linalg.norm(direction)
+    place = np.stack(np.meshgrid(*[np.arange(-7.0, 8.0)] * 3, indexing="ij"), axis=-1)
+    shell = np.exp(-0.5 * (place @ direction) ** 2)
+    (normal,) = surface_normals(shell, np.array([[7, 7, 7]]), 1.0, 1.0)
+    assert abs(normal @ direction) > 0.995
+
+
+def test_where_nothing_changes_there_is_no_normal() -> None:
+    np.testing.assert_array_equal(surface_normals(np.ones((5, 5, 5)), np.array([[2, 2, 2]]), 1.0, 1.0), 0.0)
+
+
+# --- groups of values --------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 2**31), st.floats(0.1, 0.9), st.floats(2.0, 4.0), st.floats(-100.0, 100.0), st.floats(0.01, 10.0))
+def test_two_groups_far_apart_have_a_gap_between_them(
+    seed: int, share: float, apart: float, shift: float, least: float
+) -> None:
+    generator = np.random.default_rng(seed)
+    upper = generator.random(4000) < share
+    values = shift + least * (apart * upper + 0.15 * generator.normal(size=4000))
+    gap = gap_of(values, np.ones(4000), least)
+    assert gap is not None
+    assert ((values > gap) == upper).mean() > 0.99
+
+
+@given(st.integers(0, 2**31), st.floats(0.05, 3.0), st.sampled_from(["normal", "even", "one value"]))
+def test_one_group_has_none(seed: int, width: float, kind: str) -> None:
+    generator = np.random.default_rng(seed)
+    values = {"normal": generator.normal(size=8000), "even": generator.random(8000), "one value": np.zeros(8000)}[kind]
+    assert gap_of(width * values, np.ones(8000), 1.0) is None
+
+
+def test_a_few_strays_are_no_group() -> None:
+    generator = np.random.default_rng(0)
+    values = np.concatenate([0.1 * generator.normal(size=1000), 3.0 + 0.1 * generator.normal(size=1000)])
+    weights = np.repeat([1.0, 0.01], 1000)
+    assert gap_of(values, weights, 1.0) is None
+    assert gap_of(values, np.ones(2000), 1.0) is not None
+    assert gap_of(np.empty(0), np.empty(0), 1.0) is None
+
+
+# --- labels ------------------------------------------------------------------------------------------------------
+
+
+def test_a_point_has_the_region_of_the_nearest_vertex() -> None:
+    lattice = SparseLattice(np.ones((4, 3, 2), np.uint8), 4, (4,), 1).requires_grad_(False)
+    vertices = lattice.vertices_of_level(0, np.ones((4, 3, 2), np.uint8), 4)
+    region = (vertices[:, 0] + 2 * vertices[:, 1] + vertices[:, 2]) % 3
+    labels = Labels(lattice, region, torch.device("cpu"))
+    generator = np.random.default_rng(0)
+    vertex = vertices[generator.integers(0, len(vertices), 200)]
+    near = (vertex + generator.uniform(-0.49, 0.49, vertex.shape)).clip(0, (4, 3, 2)) / 4
+    expected = (vertex[:, 0] + 2 * vertex[:, 1] + vertex[:, 2]) % 3
+    position = torch.from_numpy(near.astype(np.float32))
+    np.testing.assert_array_equal(labels.of(position).numpy(), expected)
+    weights = torch.softmax(torch.from_numpy(generator.normal(size=(200, 3)).astype(np.float32)), dim=1)
+    owner, own = labels.told(weights, position)
+    np.testing.assert_array_equal(owner.numpy(), expected)
+    torch.testing.assert_close(own, weights[torch.arange(200), torch.from_numpy(expected)])
+
+
+# --- scenes ------------------------------------------------------------------------------------------------------
+
+
+def drawn(name: str, shading: Shading | None = None, size: int = 128) -> tuple[Scene, ViewSet]:
+    known = SCENES[name]
+    volume = known.volume(48)
+    train, _ = make_views(
+        volume, known.transfer_function(), n=32, size=size, mapper="cpu", rescale=False, shading=shading
+    )
+    scene, _ = train_scene(replace(train, classified=None), SHORT)
+    return scene, train
+
+
+def overlap(scene: Scene, views: ViewSet, found: KnownRegions | Labels) -> np.ndarray:
+    """Intersection over union of each true range with the region that matches it best, over visible samples."""
+    labels = found.owners if isinstance(found, KnownRegions) else found
+    assert views.classified is not None
+    pool = RayPool(views, scene.occupancy.box, 1, scene.device)
+    samples = march(pool.batch(0, 4096).rays, scene.occupancy, scene.base.density, scene.marching)
+    ours, theirs = scene.occupancy.box, views.classified.box
+    shift = torch.tensor((np.asarray(ours.low) - np.asarray(theirs.low)) / theirs.size, dtype=torch.float32)
+    owners = Owners(views.classified, np.arange(len(views.classified.ranges)), scene.device)
+    truth = owners.of(samples.position * (ours.size / theirs.size) + shift).numpy()
+    region = labels.of(samples.position).numpy()
+    both = np.zeros((truth.max() + 1, region.max() + 1))
+    np.add.at(both, (truth, region), composite(samples, samples.sigma, torch.zeros(len(samples), 1))[2].numpy())
+    return np.asarray((both / (both.sum(0) + both.sum(1, keepdims=True) - both)).max(axis=1))
+
+
+@pytest.mark.parametrize("name", ["nested", "greys", "regions-similar"])
+def test_ranges_that_pixels_confuse_are_regions_with_their_colours(name: str) -> None:
+    """Shells in each other, grey beside white, and hues that are too close for a palette of pixels."""
+    scene, train = drawn(name)
+    palette = palette_of(train, scene.occupancy, 0)
+    found = regions_in(scene, train, palette, 0)
+    truth = np.array([r.colour for r in SCENES[name].ranges])
+    assert len(found.palette.colours) == len(truth)
+    assert overlap(scene, train, found).min() > 0.7
+    assert palette_error(found.palette.colours, truth) < 5.0
+    assert palette_error(palette.colours, truth) > palette_error(found.palette.colours, truth)
+    assert found.palette.share.sum() == pytest.approx(1.0)
+    assert (np.diff(found.palette.share) <= 0).all()
+
+
+@pytest.mark.parametrize(
+    "shading", [Shading(on=False), Shading(ambient=0.3, diffuse=0.6, specular=0.3, specular_power=20.0)],
+    ids=["unlit", "shiny"],
+)  # fmt: skip
+def test_one_material_is_one_region_however_it_is_lit(shading: Shading) -> None:
+    scene, train = drawn("easy", shading)
+    found = regions_in(scene, train, palette_of(train, scene.occupancy, 0), 0)
+    assert len(found.palette.colours) == 2
+    assert overlap(scene, train, found).min() > 0.9
+
+
+def test_a_palette_given_by_hand_tells_brightnesses_of_one_hue_apart() -> None:
+    scene, train = drawn("greys")
+    truth = np.array([r.colour for r in SCENES["greys"].ranges])
+    assert overlap(scene, train, owners_of(scene, train, truth, 0)).min() > 0.9
+
+
+def test_the_same_seed_finds_the_same_regions() -> None:
+    scene, train = drawn("easy", size=64)
+    palette = palette_of(train, scene.occupancy, 0)
+    one, other = (regions_in(scene, train, palette, 3) for _ in range(2))
+    np.testing.assert_array_equal(one.palette.colours, other.palette.colours)
+    generator = np.random.default_rng(0)
+    cells = np.argwhere(scene.occupancy.occupied)[generator.integers(0, scene.occupancy.occupied.sum(), 200)]
+    points = torch.from_numpy(((cells + generator.random(cells.shape)) / scene.occupancy.cells).astype(np.float32))
+    points = torch.minimum(points, torch.tensor(scene.occupancy.box.extent, dtype=torch.float32))
+    torch.testing.assert_close(one.owners.of(points), other.owners.of(points))

@@ -41,9 +41,10 @@ class ReconstructSettings:
     colour_every: float = 1.0 / 16.0
     """Fraction of a pixel's weight that shares one colour lookup; the density learns from all samples."""
     known_density_rate: float = 0.05
-    """Learning rate of a density that was initialized from the volume."""
-    tomography_density_rate: float = 0.15
-    """Learning rate of a density that was initialized by tomography, which is less certain."""
+    """Learning rate of a density that was initialized from the volume, or by a tomography of translucent views."""
+    opaque_density_rate: float = 0.15
+    """Learning rate of a density that was initialized by a tomography of views of which most visible pixels are opaque:
+    what lies behind such a pixel, it does not tell."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005

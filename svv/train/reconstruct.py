@@ -23,9 +23,13 @@ from svv.train.batches import RayBudget, RayPool
 from svv.train.beginning import Beginning, largest_extinction, log_extinction
 from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, Running, falling, network_adam
+from svv.train.tomography import opaque_part
 
 LEAST_GAIN = 0.1
 """Gain in dB over the last tenth of a schedule from which a longer schedule is reported as worthwhile."""
+
+MOSTLY = 0.5
+"""Part of the visible pixels that must be opaque for a tomography to count as a guess."""
 
 DENSITY_COST = 0.25
 """Cost of a sample that only the density learns from, relative to a sample with a colour."""
@@ -49,7 +53,8 @@ class Reconstruction:
         self.known = known is not None
         self.density_rate = settings.density_rate
         if self.known:
-            self.density_rate = settings.tomography_density_rate if beginning.measured else settings.known_density_rate
+            guessed = beginning.measured and opaque_part(views.images[..., 3]) > MOSTLY
+            self.density_rate = settings.opaque_density_rate if guessed else settings.known_density_rate
         self.refined: Occupancy | None = None
         self.occupancy = occupancy = beginning.occupancy
         levels = None if known is None else known.resolutions

@@ -161,6 +161,11 @@ class Tomography:
         return -10.0 * float(np.log10(max(error, 1e-12)))
 
 
+def opaque_part(alpha: NDArray[np.uint8]) -> float:
+    """Return which part of the visible pixels is opaque, from the alpha of views, 0 to 255. (N, height, width)"""
+    return float(np.count_nonzero(alpha >= 255 * OPAQUE) / max(np.count_nonzero(alpha), 1))
+
+
 def extinction_from(
     views: ViewSet,
     occupancy: Occupancy,

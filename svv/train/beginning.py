@@ -76,7 +76,7 @@ def first_occupancy(
         occupancy = carve(views.images[..., 3] > 0, views.cameras, settings.cells)
         reason = f"the visual hull of {len(views.cameras)} views fills {occupancy.fraction:.1%} of the box"
     else:
-        least = least_extinction(settings, known.cells, float(np.exp(np.float64(known.exponent.max()))))
+        least = least_extinction(settings.prune_least * known.cells, float(np.exp(np.float64(known.exponent.max()))))
         occupied = known.occupied(settings.cells, least)
         occupancy = Occupancy(known.box, settings.cells, occupied)
         reason = (
@@ -120,7 +120,7 @@ def begin(
 
     def pruned(lattice: SparseLattice, where: Occupancy, grow: bool) -> Occupancy:
         extinction = largest_extinction(lambda points: lattice(points)[:, 0], where, CPU)
-        least = least_extinction(settings, min(finest, MOST_CELLS), float(extinction.max()))
+        least = least_extinction(settings.faint_prune_least * min(finest, MOST_CELLS), float(extinction.max()))
         left = where.pruned(extinction, least, grow)
         return left if left.occupied.any() else where
 
@@ -128,13 +128,13 @@ def begin(
     return Beginning(left, density, measured=True), f"{reason}, in {left.fraction:.1%} of the box; training refines it"
 
 
-def least_extinction(settings: ReconstructSettings, cells: int, largest: float) -> float:
-    """Return the extinction in 1 / box unit from which a cell counts as occupied.
+def least_extinction(pruned: float, largest: float) -> float:
+    """Return the extinction from which a cell counts as occupied, all in 1 / box unit.
 
-    Cells below the first threshold would be pruned in training; in a fog that lies below it everywhere, the second
-    applies.
+    Cells below ``pruned`` would be pruned in training; in a fog whose ``largest`` extinction is not much more, a share
+    of that applies.
     """
-    return min(settings.prune_least * cells, LEAST_EXTINCTION_SHARE * largest)
+    return min(pruned, LEAST_EXTINCTION_SHARE * largest)
 
 
 def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> ClassifiedVolume | None:

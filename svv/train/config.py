@@ -61,6 +61,8 @@ class ReconstructSettings:
     """Number of steps between prunings of the occupancy."""
     prune_least: float = 0.003
     """Optical depth per step below which a cell is pruned."""
+    faint_prune_least: float = 0.001
+    """The same where a tomography of translucent views found the extinction: it is exact enough for a skin of 2 %."""
     cells: int = 128
     """Number of occupancy cells along the longest side."""
 

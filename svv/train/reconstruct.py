@@ -52,9 +52,12 @@ class Reconstruction:
         known = beginning.density
         self.known = known is not None
         self.density_rate = settings.density_rate
+        self.prune_least = settings.prune_least
         if self.known:
             guessed = beginning.measured and opaque_part(views.images[..., 3]) > MOSTLY
             self.density_rate = settings.opaque_density_rate if guessed else settings.known_density_rate
+            if beginning.measured and not guessed:
+                self.prune_least = settings.faint_prune_least
         self.refined: Occupancy | None = None
         self.occupancy = occupancy = beginning.occupancy
         levels = None if known is None else known.resolutions
@@ -141,7 +144,7 @@ class Reconstruction:
         depth = (
             largest_extinction(partial(log_extinction, self.field), self.occupancy, self.device) * self.marching.step
         )
-        pruned = self.occupancy.pruned(depth, self.settings.prune_least, grow)
+        pruned = self.occupancy.pruned(depth, self.prune_least, grow)
         if pruned.occupied.any():
             self.occupancy = pruned
 

@@ -30,7 +30,7 @@ from svv.train.beginning import begin
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
-from svv.train.tomography import pixels_a_cell, reduced, smaller
+from svv.train.tomography import opaque_part, pixels_a_cell, reduced, smaller
 
 BOX = Box.of_bounds((-1, -1, -1), (1, 1, 1))
 SIZE = 64
@@ -218,3 +218,29 @@ def test_a_run_that_is_killed_goes_on_from_it(tmp_path: Path, monkeypatch: pytes
     assert report["seconds"]["extinction"] > 0
     for name, value in whole.base.state_dict().items():
         torch.testing.assert_close(again.base.state_dict()[name], value, msg=name)
+
+
+def test_a_skin_of_one_per_cent_has_no_holes() -> None:
+    """Its cells lie near what pruning drops; where a cell is gone, it does not come back."""
+
+    def skin(points: np.ndarray) -> np.ndarray:
+        r = np.linalg.norm(points, axis=-1)
+        return 0.03 * np.exp(-np.square((r - 0.7) / 0.08)) + 6.0 * (r < 0.25)
+
+    train = views_of(orbit(24), skin)
+    short = replace(
+        PRESETS["draft"], reconstruct=ReconstructSettings(iterations=300, rays=1024, cells=32, prune_every=25),
+        recolour=replace(PRESETS["draft"].recolour, iterations=1),
+    )  # fmt: skip
+    scene, _ = train_scene(train, short)
+    for camera in orbit(5)[1:3]:
+        truth = 1.0 - np.exp(-depths([camera], skin)[0])
+        faint = (truth > 0.004) & (truth < 0.1)
+        assert faint.sum() > 500
+        assert (scene.render(camera, "base").rgba[..., 3][faint] > 0.5 * truth[faint]).mean() > 0.99
+
+
+def test_opaque_pixels_are_counted_among_the_visible() -> None:
+    alpha = np.array([[[0, 0, 100], [254, 255, 253]]], np.uint8)
+    assert opaque_part(alpha) == 0.5
+    assert opaque_part(np.zeros((1, 2, 2), np.uint8)) == 0.0

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from svv.bench.stability.cases import CASES, EASIEST, Bench, BenchSettings, Case, Measures, barely_masked, tiny
+from svv.bench.stability.cases import CASES, EASIEST, Bench, BenchSettings, Case, Measures
 from svv.bench.stability.measures import (
     FOREGROUND_DROP,
     failures,
@@ -22,6 +22,7 @@ from svv.bench.stability.measures import (
     overlaps,
     palette_error,
 )
+from svv.bench.stability.pictures import barely_masked, tiny
 from svv.bench.stability.runs import Matrix, run_stability
 from svv.bench.stability.scenes import NESTED, SCENES, TRANSPARENT, Range
 from svv.bench.stability.table import FILES, summary, write_summary

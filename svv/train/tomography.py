@@ -163,7 +163,7 @@ class Tomography:
 
 def opaque_part(alpha: NDArray[np.uint8]) -> float:
     """Return which part of the visible pixels is opaque, from the alpha of views, 0 to 255. (N, height, width)"""
-    return float(np.count_nonzero(alpha >= 255 * OPAQUE) / max(np.count_nonzero(alpha), 1))
+    return int(np.count_nonzero(alpha >= 255 * OPAQUE)) / max(int(np.count_nonzero(alpha)), 1)
 
 
 def extinction_from(

@@ -157,6 +157,16 @@ def test_one_material_is_one_region_however_it_is_lit(shading: Shading) -> None:
     assert overlap(scene, train, found).min() > 0.9
 
 
+def test_a_black_scene_is_one_black_region() -> None:
+    _, train = drawn("one-region", size=64)
+    images = train.images.copy()
+    images[..., :3] = 0
+    black = replace(train, images=images)
+    scene, _ = train_scene(replace(black, classified=None), SHORT)
+    found = regions_in(scene, black, palette_of(black, scene.occupancy, 0), 0)
+    np.testing.assert_allclose(found.palette.colours, np.zeros((1, 3)), atol=0.02)
+
+
 def test_a_palette_given_by_hand_tells_brightnesses_of_one_hue_apart() -> None:
     scene, train = drawn("greys")
     truth = np.array([r.colour for r in SCENES["greys"].ranges])

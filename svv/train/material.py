@@ -118,10 +118,8 @@ class _Points:
         self._device = scene.device
         empty = self.labels(np.zeros(len(self._places), np.int64))
         normals = torch.from_numpy(surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)).to(self._device)
-        pool, caster = (
-            RayPool(views, occupancy.box, seed, self._device),
-            RayCaster(views.cameras, occupancy.box, self._device),
-        )
+        pool = RayPool(views, occupancy.box, seed, self._device)
+        caster = RayCaster(views.cameras, occupancy.box, self._device)
         parts = []
         for number in range(RAYS // AT_A_TIME):
             batch = pool.batch(number, AT_A_TIME)
@@ -133,16 +131,8 @@ class _Points:
             ray, vertex = samples.ray.long(), empty.rows_of(samples.position)
             facing = caster.axes(batch.pixels) if views.meta.mapper == "cpu" else -batch.rays.directions
             cosine = (normals[vertex] * facing[ray]).sum(dim=1).abs()
-            seen = (
-                vertex,
-                ray + number * AT_A_TIME,
-                weight,
-                cosine,
-                colour + missing[ray],
-                batch.premultiplied,
-                batch.alpha,
-            )
-            parts.append([value.cpu().numpy() for value in seen])
+            seen = vertex, ray + number * AT_A_TIME, weight, cosine, colour + missing[ray]
+            parts.append([value.cpu().numpy() for value in (*seen, batch.premultiplied, batch.alpha)])
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
@@ -174,8 +164,8 @@ class _Points:
         nearest = distance_transform_edt(grid == 0, return_distances=False, return_indices=True)
         return np.asarray(grid[tuple(nearest)][tuple(self._places.T)] - 1).clip(min=0)
 
-    def two_hues(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.int64], str] | None:
-        """Return regions with one divided by hue, the new one last, and their difference; None if it has one hue."""
+    def two_hues(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.bool_], str] | None:
+        """Return which vertices (V,) of a region have its second hue, and "hue"; None if it has only one."""
         mine = region == number
         light = self._blurred(self._sum(self.weight[:, None] * self.colour) * mine[:, None])[mine]
         hue, saturation, bright = hsb_array(light.clip(min=0.0)).T
@@ -184,15 +174,15 @@ class _Points:
             return None
         away = (hue - ours[0] + 0.5) % 1.0 - 0.5
         gap = gap_of(away, bright * saturation, LEAST_HUE_GAP)
-        return None if gap is None else (_divided(region, mine, away > gap), "hue")
+        return None if gap is None else (_among(mine, away > gap), "hue")
 
-    def two_brightnesses(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.int64], str] | None:
-        """Return regions with one divided by brightness in full light, the new one last; None if it has only one."""
+    def two_brightnesses(self, region: NDArray[np.int64], number: int) -> tuple[NDArray[np.bool_], str] | None:
+        """Return which vertices (V,) of a region are brighter in full light; None if it has only one brightness."""
         mine = region == number
         bright, weight = self._brightness(mine)
         bright = np.log(np.maximum(bright, 1e-6))
         gap = gap_of(bright, weight, np.log(LEAST_BRIGHTNESS_RATIO))
-        return None if gap is None else (_divided(region, mine, bright > gap), "brightness")
+        return None if gap is None else (_among(mine, bright > gap), "brightness")
 
     def nearest_in_brightness(self, region: NDArray[np.int64], palette: Array) -> NDArray[np.int64]:
         """Return regions (V,) in which those of one hue are told apart by brightness in full light."""
@@ -228,7 +218,7 @@ class _Points:
         for number in range(count):
             mine = own == number
             if mine.any():
-                bright = colour[mine] @ (found[number] / np.square(found[number]).sum())
+                bright = colour[mine] @ (found[number] / max(float(np.square(found[number]).sum()), 1e-12))
                 found[number] *= max(1.0, _quantile(bright, self.weight[mine], BEST_LIT))
         # Of a colour that is too bright, the hue is right.
         return np.asarray(found / np.maximum(found.max(axis=1, keepdims=True), 1.0))
@@ -295,11 +285,11 @@ def _quantile(values: NDArray[np.floating], weights: NDArray[np.floating], part:
     return float(values[order[min(int(np.searchsorted(below, part * below[-1])), len(order) - 1)]])
 
 
-def _divided(region: NDArray[np.int64], mine: NDArray[np.bool_], new: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return regions (V,) in which a part ``new`` (M,) of the vertices ``mine`` (V,) is a new region, the last."""
-    result = region.copy()
-    result[np.flatnonzero(mine)[new]] = region.max() + 1
-    return result
+def _among(mine: NDArray[np.bool_], some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which vertices (V,) are ``some`` (M,) of the vertices ``mine`` (V,)."""
+    found = np.zeros_like(mine)
+    found[mine] = some
+    return found
 
 
 @torch.no_grad()
@@ -320,7 +310,8 @@ def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int) -> Kno
         if parts is None:
             number += 1
             continue
-        region, said = parts
+        apart, said = parts
+        region = np.where(apart, count, region)
         steps.append(f"{to_hex(hues[number])} is two regions: in full light, their points differ in {said}")
         hues, count = np.concatenate((hues, hues[number : number + 1])), count + 1
     region, kept = points.without_the_faint(region, hues)

@@ -261,8 +261,10 @@ class HashGrid(Encoding):
         return kernels_for(x).hash_encode(x, self.resolutions, self.offsets, self.table)
 
     def add_gradient(self, x: Tensor, gradient: Tensor) -> None:
+        # Most samples of an opaque scene are hidden, and scattering zeros would take as long as scattering numbers.
+        rows = gradient.any(dim=1).nonzero()[:, 0]
         buffers = self.buffers_for_gradient()
-        kernels_for(x).hash_backward(x, gradient, self.resolutions, self.offsets, *buffers)
+        kernels_for(x).hash_backward(x[rows], gradient[rows], self.resolutions, self.offsets, *buffers)
 
 
 class LatticeAdam:

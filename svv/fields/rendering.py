@@ -130,6 +130,30 @@ def march(rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: 
 
 
 @torch.no_grad()
+def not_hidden(samples: Samples, sigma: Tensor, how: Marching) -> tuple[Samples, Tensor]:
+    """Leave out the samples behind which :func:`march` would have ended a ray, had it known their extinction.
+
+    Args:
+        samples: S samples of a march without a density.
+        sigma: Their extinction in 1 / box unit. (S,)
+        how: The optical depth ``stop`` at which a ray ends, and ``fade``.
+
+    Returns:
+        The K samples that are left, with the optical depth of the others in ``tail``, and their indices (K,).
+    """
+    own = (samples.skipped + sigma * samples.step).double()
+    total = own.cumsum(0)
+    ray = samples.ray.long()
+    before = total - own - torch.cat([total.new_zeros(1), total])[samples.start][ray]
+    seen = how.fade * before <= how.stop
+    rows = seen.nonzero()[:, 0]
+    count = torch.bincount(ray[rows], minlength=len(samples.count))
+    tail = samples.tail.index_add(0, ray[~seen], own[~seen].float())
+    parts = (part[rows] for part in (samples.position, sigma, samples.skipped, samples.ray))
+    return Samples(*parts, count.cumsum(0) - count, count, tail, samples.step), rows
+
+
+@torch.no_grad()
 def representatives(samples: Samples, every: float, seed: int) -> tuple[Tensor, Tensor]:
     """Choose samples whose colour can stand for that of the samples around them on their ray.
 

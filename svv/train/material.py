@@ -59,6 +59,7 @@ LEAST_HUE_GAP = 0.02
 LEAST_BRIGHTNESS_RATIO = 1.4
 """Ratio of the brightness of two groups in full light from which they may be two regions."""
 
+QUANT = True
 BEST_LIT = 0.995
 """Quantile of the brightness of a region's points that counts as full light: a normal is not known well enough where a
 surface is rough, thin or cut off by the volume's side."""
@@ -112,6 +113,7 @@ class _Points:
     def __init__(self, scene: Scene, views: ViewSet, seed: int) -> None:
         """Follow :data:`RAYS` training rays through a scene."""
         occupancy, settings = scene.occupancy, scene.settings
+        self._shading = views.meta.shading
         assert scene.base.density is not None
         cells = (settings.resolutions + settings.finer)[-1]
         self._lattice, self._places, field = softened_extinction(scene.base.density, occupancy, cells)
@@ -210,18 +212,28 @@ class _Points:
         """Return the colour of each region in full light, RGB in [0, 1]; ``hues`` (P, 3) for those not seen. (P, 3)"""
         count, own = len(hues), region[self.vertex]
         ambient, diffuse = self._light(region, count)
-        found = ambient + diffuse
+        found = (2.0 * ambient + diffuse) / (1.0 + self._ambient_share(ambient, diffuse))
         found = np.where(found.max(axis=1, keepdims=True) > LEAST_COLOUR, found, hues)
         colour = ambient[own] + diffuse[own] * self.cosine[:, None]
         missing = self.pixel - self._shown(colour)
         colour += (missing / np.maximum(self.alpha, LEAST_SOLID)[:, None])[self.ray]
         for number in range(count):
             mine = own == number
-            if mine.any():
+            if mine.any() and QUANT:
                 bright = colour[mine] @ (found[number] / max(float(np.square(found[number]).sum()), 1e-12))
                 found[number] *= max(1.0, _quantile(bright, self.weight[mine], BEST_LIT))
         # Of a colour that is too bright, the hue is right.
         return np.asarray(found / np.maximum(found.max(axis=1, keepdims=True), 1.0))
+
+    def _ambient_share(self, ambient: Array, diffuse: Array) -> float:
+        """Return which part of full light does not depend on the direction of a surface."""
+        shading = self._shading
+        if shading is not None:
+            whole = shading.ambient + shading.diffuse
+            return shading.ambient / whole if shading.seen and whole > 0 else 1.0
+        bright = np.stack([ambient.max(axis=1), diffuse.max(axis=1)], axis=1)
+        bright = bright[bright.sum(axis=1) > LEAST_COLOUR]
+        return float((bright[:, 0] / bright.sum(axis=1)).min(initial=1.0))
 
     def _light(self, region: NDArray[np.int64], count: int) -> tuple[Array, Array]:
         """Return what regions reflect of light from everywhere and of a headlight, (P, 3) each.

@@ -14,7 +14,7 @@ from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import BaseField, PaletteField, encode_directions
 from svv.fields.occupancy import Occupancy
 from svv.fields.phong import Beams
-from svv.fields.rendering import Marching, composite, march
+from svv.fields.rendering import Marching, composite, march, not_hidden
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
@@ -80,6 +80,9 @@ class Recolouring:
             lit = self.field.lighting_mlp is not None
             # Without a lighting network the geometry features are unused; only the number of samples matters.
             sigma, geometry = self.base.geometry(samples) if lit else (self.base.extinction(samples), samples.position)
+            if self.base.density is None:
+                samples, seen = not_hidden(samples, sigma, self.marching)
+                sigma, geometry = sigma[seen], geometry[seen]
         directions = encode_directions(batch.rays.directions, samples.ray)
         parts = self.field(samples.position, geometry, directions, self._headlight(batch).at(samples.ray))
         diffuse = parts.diffuse(self.field.colours + parts.offsets)

@@ -15,7 +15,7 @@ from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.fields.encodings import LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import Extinction, Marching, Rays, composite, march, representatives
+from svv.fields.rendering import Extinction, Marching, Rays, composite, march, not_hidden, representatives
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.kernels.types import Samples
@@ -87,7 +87,7 @@ class Reconstruction:
             self.refine()
         batch = self.pool.batch(number, self.budget.rays)
         samples = march(batch.rays, self.occupancy, self.field.density, self.marching, seed=number + 1)
-        sigma, colour, cost = self._look(samples, batch.rays, number)
+        samples, sigma, colour, cost = self._look(samples, batch.rays, number)
         self.budget.adjust(number, len(batch.rays), cost)
         out, transmittance, _ = composite(samples, sigma, colour)
         error = (out - batch.premultiplied).square().mean()
@@ -99,20 +99,23 @@ class Reconstruction:
             self.prune(grow=fraction < 0.25 and not self.known)
         return error.detach()
 
-    def _look(self, samples: Samples, rays: Rays, number: int) -> tuple[Tensor, Tensor, int]:
-        """Return extinction (S,) and colour (S, 3) of samples, and their cost, counted in colours.
+    def _look(self, samples: Samples, rays: Rays, number: int) -> tuple[Samples, Tensor, Tensor, int]:
+        """Return the samples that can be seen, their extinction (S,) and colour (S, 3), and the cost in colours.
 
         If the density has its own lattice, it learns from all samples, but colours are only computed for representative
         samples and shared with those around them: a ray through fog has dozens of samples but needs few colours.
         """
         if self.field.density is None or not len(samples):
-            sigma, geometry = self.field.geometry(samples)
-            return sigma, self.field(geometry, encode_directions(rays.directions, samples.ray)), len(samples)
+            cost, (sigma, geometry) = len(samples), self.field.geometry(samples)
+            samples, seen = not_hidden(samples, sigma, self.marching)
+            colour = self.field(geometry[seen], encode_directions(rays.directions, samples.ray))
+            return samples, sigma[seen], colour, cost
         rows, place = representatives(samples, self.settings.colour_every, number)
         sigma = Extinction.apply(samples, self.field.density.table, self.field.density)
         geometry = self.field.encoding(samples.position[rows])
         colour = self.field(geometry, encode_directions(rays.directions, samples.ray[rows]))
-        return sigma, colour.index_select(0, place), len(rows) + int(DENSITY_COST * len(samples))
+        cost = len(rows) + int(DENSITY_COST * len(samples))
+        return samples, sigma, colour.index_select(0, place), cost
 
     def _update(self, rate: float) -> None:
         s = self.settings

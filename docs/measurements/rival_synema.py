@@ -1,0 +1,137 @@
+"""Train and score synema on views with parallel rays, for the comparison in accuracy.md.
+
+synema (`pip install 'pycinema[synema]'`, in an environment of its own) ships as filters of pycinema. This script runs
+their model, optimiser, training step and renderer on a folder of views that `svv import` wrote:
+
+    python rival_synema.py head-views --seconds 600 --json head-synema.json
+
+As in synema's own trainer, a step takes 4,096 random pixels of one random image, the cameras are at a distance of half
+the picture's height from the centre, and lengths are in units of that height. Its images are over black.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import resource
+import sys
+import time
+import types
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from skimage.io import imread
+
+STEP_PIXELS = 4096
+"""Pixels of a training step, as in synema's trainer."""
+
+
+def filter_class(name: str) -> type:
+    """Return a filter class from its file: importing pycinema's package of filters needs a display."""
+    if "pycinema" not in sys.modules:
+        package = types.ModuleType("pycinema")
+        package.Filter = object  # type: ignore[attr-defined]
+        sys.modules["pycinema"] = package
+    folder = next(Path(p) / "pycinema/filters/synema" for p in sys.path if (Path(p) / "pycinema/filters").is_dir())
+    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return getattr(module, name)  # type: ignore[no-any-return]
+
+
+def views_of(folder: Path, split: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses (N, 4, 4) and premultiplied images (N, H, W, 4) in [0, 1] of a split."""
+    content = json.loads((folder / f"transforms_{split}.json").read_text())
+    if "span_x" not in content:
+        raise SystemExit("synema's filters have parallel rays only: these views have perspective.")
+    poses, images = [], []
+    for frame in content["frames"]:
+        pose = np.array(frame["transform_matrix"])
+        pose[:3, 3] = 0.5 * pose[:3, 2]
+        poses.append(pose)
+        path = folder / (frame["file_path"].removesuffix(".png") + ".png")
+        image = imread(path).astype(np.float32) / 255.0
+        image[..., :3] *= image[..., 3:]
+        images.append(image)
+    return np.stack(poses), np.stack(images)
+
+
+def main() -> None:
+    """Train for some time, and print the scores on the way."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("views", type=Path)
+    parser.add_argument("--seconds", type=float, default=600.0, help="time to train, without compilation")
+    parser.add_argument("--steps", type=int, default=1000, help="most steps; synema's own example takes 1,000")
+    parser.add_argument("--pixels", type=int, default=8192, help="random pixels of each test view that are scored")
+    parser.add_argument("--scores", type=int, default=3, help="number of times to score, evenly spread")
+    parser.add_argument("--json", type=Path)
+    chosen = parser.parse_args()
+
+    from synema.models.cinema import CinemaRGBAImage
+    from synema.renderers.ray_gen import Parallel
+    from synema.renderers.volume import Hierarchical
+
+    poses, images = views_of(chosen.views, "train")
+    test_poses, test_images = views_of(chosen.views, "test")
+    height, width = images.shape[1:3]
+    model = CinemaRGBAImage(aabb=((-1, -1, -1), (1, 1, 1)))
+    state = filter_class("SynemaColorImageModelFactory").create_empty_state(model)  # type: ignore[attr-defined]
+    step = filter_class("SynemaColorImageModelTrainer").create_train_steps(model)  # type: ignore[attr-defined]
+    rays = Parallel(width=width, height=height, viewport_height=1.0)
+    renderer = Hierarchical()
+
+    @jax.jit
+    def render(params, bundle, key):  # type: ignore[no-untyped-def]
+        found = renderer(coarse_field=model.bind(params), fine_field=model.bind(params), ray_bundle=bundle, rng_key=key)
+        return found["fine_rgb"], found["alpha"]
+
+    draw = np.random.default_rng(0)
+
+    def bundle(pose, pixels):  # type: ignore[no-untyped-def]
+        return rays(jnp.asarray(pixels, jnp.float32), jnp.asarray(pose), t_near=0.0, t_far=1.0)
+
+    def score(params) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+        """Return the mean PSNR in dB over white, and the seconds of a whole view."""
+        found, begun = [], time.monotonic()
+        for pose, image in zip(test_poses, test_images, strict=True):
+            fixed = np.random.default_rng(1)
+            places = np.stack([fixed.integers(0, height, chosen.pixels), fixed.integers(0, width, chosen.pixels)], 1)
+            errors = []
+            for part in np.split(places, range(STEP_PIXELS, chosen.pixels, STEP_PIXELS)):
+                rgb, alpha = (np.asarray(v) for v in render(params, bundle(pose, part), jax.random.PRNGKey(2)))
+                truth = image[part[:, 0], part[:, 1]]
+                ours = np.clip(rgb + 1.0 - alpha[:, None], 0.0, 1.0)
+                errors.append(np.square(ours - (truth[:, :3] + 1.0 - truth[:, 3:])))
+            found.append(-10.0 * np.log10(np.concatenate(errors).mean()))
+        seconds = (time.monotonic() - begun) / len(test_poses) * width * height / chosen.pixels
+        return float(np.mean(found)), seconds
+
+    key, rows, spent, cpu, done = jax.random.PRNGKey(1377), [], 0.0, 0.0, 0
+    marks = [chosen.seconds * (k + 1) / chosen.scores for k in range(chosen.scores)]
+    while done < chosen.steps and spent < chosen.seconds:
+        number = int(draw.integers(len(images)))
+        pixels = np.stack([draw.integers(0, height, STEP_PIXELS), draw.integers(0, width, STEP_PIXELS)], axis=1)
+        truth = jnp.asarray(images[number][pixels[:, 0], pixels[:, 1]])
+        key, own = jax.random.split(key)
+        begun, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
+        state, loss = step(state, bundle(poses[number], pixels), {"rgb": truth[:, :3], "alpha": truth[:, 3]}, own)
+        loss = float(loss)
+        after = resource.getrusage(resource.RUSAGE_SELF)
+        if done:  # the first step compiles
+            spent += time.monotonic() - begun
+            cpu += after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        done += 1
+        if spent >= marks[len(rows)] or done == chosen.steps:
+            psnr, view = score(state.params)
+            rows.append({"steps": done, "seconds": spent, "cpu_seconds": cpu, "psnr": psnr, "seconds_per_view": view})
+            print(json.dumps(rows[-1]), flush=True)
+    if chosen.json:
+        chosen.json.write_text(json.dumps(rows, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -21,7 +21,8 @@ STOP = 7.0
 def test_a_ray_ends_where_a_march_would_end_it(counts: list[int], seed: int, thick: float, fade: float) -> None:
     samples = samples_of(counts, seed, thick)
     left, rows = not_hidden(samples, samples.sigma, Marching(STEP, stop=STOP, fade=fade))
-    expected, kept = [], []
+    expected: list[int] = []
+    kept: list[int] = []
     for start, count in zip(samples.start.tolist(), samples.count.tolist(), strict=True):
         tau, number = 0.0, len(expected)
         for row in range(start, start + count):

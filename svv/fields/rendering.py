@@ -143,14 +143,17 @@ def not_hidden(samples: Samples, sigma: Tensor, how: Marching) -> tuple[Samples,
     """
     own = (samples.skipped + sigma * samples.step).double()
     total = own.cumsum(0)
-    ray = samples.ray.long()
+    ray: Tensor = samples.ray.long()
     before = total - own - torch.cat([total.new_zeros(1), total])[samples.start][ray]
     seen = how.fade * before <= how.stop
     rows = seen.nonzero()[:, 0]
     count = torch.bincount(ray[rows], minlength=len(samples.count))
     tail = samples.tail.index_add(0, ray[~seen], own[~seen].float())
-    parts = (part[rows] for part in (samples.position, sigma, samples.skipped, samples.ray))
-    return Samples(*parts, count.cumsum(0) - count, count, tail, samples.step), rows
+    left = Samples(
+        samples.position[rows], sigma[rows], samples.skipped[rows], samples.ray[rows], count.cumsum(0) - count, count,
+        tail, samples.step,
+    )  # fmt: skip
+    return left, rows
 
 
 @torch.no_grad()

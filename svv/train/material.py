@@ -6,7 +6,7 @@ pixel shows and how much of each, and what a pixel shows beyond the field's colo
 that their mean over all views is true to the views. Points of one hue are one region, unless their hues, or their
 brightness in full light, fall into two groups with a gap between them; a surface's normal tells how much of a headlight
 it reflects. A pixel is then a sum over regions, of their weights in it times their colours, and least squares over many
-pixels finds the colours, even those of regions that are never seen alone.
+pixels finds the colours, even those of regions that are never seen alone, or whose normals noise turns anywhere.
 
 Letters: S samples, R rays, V vertices of the finest grid of features, P regions.
 """
@@ -59,7 +59,6 @@ LEAST_HUE_GAP = 0.02
 LEAST_BRIGHTNESS_RATIO = 1.4
 """Ratio of the brightness of two groups in full light from which they may be two regions."""
 
-QUANT = True
 BEST_LIT = 0.995
 """Quantile of the brightness of a region's points that counts as full light: a normal is not known well enough where a
 surface is rough, thin or cut off by the volume's side."""
@@ -212,28 +211,35 @@ class _Points:
         """Return the colour of each region in full light, RGB in [0, 1]; ``hues`` (P, 3) for those not seen. (P, 3)"""
         count, own = len(hues), region[self.vertex]
         ambient, diffuse = self._light(region, count)
-        found = (2.0 * ambient + diffuse) / (1.0 + self._ambient_share(ambient, diffuse))
+        # Where noise hides normals, the cosine is c = p c' + (1 - p) / 2 on average: that of a normal at random is 1/2.
+        # In C (A + (1 - A) c), least squares then find ambient = C (A + (1 - A) (1 - p) / 2), diffuse = C (1 - A) p,
+        # and thus C, whatever p is.
+        found = (2.0 * ambient + diffuse) / (1.0 + self._ambient_part(ambient, diffuse))
         found = np.where(found.max(axis=1, keepdims=True) > LEAST_COLOUR, found, hues)
         colour = ambient[own] + diffuse[own] * self.cosine[:, None]
         missing = self.pixel - self._shown(colour)
         colour += (missing / np.maximum(self.alpha, LEAST_SOLID)[:, None])[self.ray]
         for number in range(count):
             mine = own == number
-            if mine.any() and QUANT:
+            if mine.any():
                 bright = colour[mine] @ (found[number] / max(float(np.square(found[number]).sum()), 1e-12))
                 found[number] *= max(1.0, _quantile(bright, self.weight[mine], BEST_LIT))
         # Of a colour that is too bright, the hue is right.
         return np.asarray(found / np.maximum(found.max(axis=1, keepdims=True), 1.0))
 
-    def _ambient_share(self, ambient: Array, diffuse: Array) -> float:
-        """Return which part of full light does not depend on the direction of a surface."""
+    def _ambient_part(self, ambient: Array, diffuse: Array) -> float:
+        """Return the part A of full light that comes from everywhere: the views' own, or else that of the best lit.
+
+        Args:
+            ambient: What regions seem to reflect of light from everywhere. (P, 3)
+            diffuse: The same of a headlight. (P, 3)
+        """
         shading = self._shading
         if shading is not None:
-            whole = shading.ambient + shading.diffuse
-            return shading.ambient / whole if shading.seen and whole > 0 else 1.0
-        bright = np.stack([ambient.max(axis=1), diffuse.max(axis=1)], axis=1)
-        bright = bright[bright.sum(axis=1) > LEAST_COLOUR]
-        return float((bright[:, 0] / bright.sum(axis=1)).min(initial=1.0))
+            return shading.ambient / (shading.ambient + shading.diffuse) if shading.on and shading.diffuse else 1.0
+        seen = np.stack([ambient.max(axis=1), diffuse.max(axis=1)], axis=1)
+        seen = seen[seen.sum(axis=1) > LEAST_COLOUR]
+        return float((seen[:, 0] / seen.sum(axis=1)).min(initial=1.0))
 
     def _light(self, region: NDArray[np.int64], count: int) -> tuple[Array, Array]:
         """Return what regions reflect of light from everywhere and of a headlight, (P, 3) each.

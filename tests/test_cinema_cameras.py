@@ -16,6 +16,7 @@ from svv.core.cameras import Camera
 from svv.core.phi_theta import ascent_rotations, paraview_rotations
 from svv.core.silhouettes import Silhouettes, best_fov, disagreement
 from svv.errors import BadInput
+from svv.io.cinema.placing import first_of_each
 from svv.io.cinema.shot import Shot, camera_of, read_shot
 from tests.cinema_database import BALLS, cameras, picture, turns
 
@@ -46,6 +47,20 @@ def test_rotations_are_paraviews(phi: float, steps: int, data: st.DataObject) ->
 def test_every_direction_has_two_names(phi: float, theta: float) -> None:
     one, other = paraview_rotations(phi, theta), paraview_rotations(phi + 180.0, 180.0 - theta)
     assert other == pytest.approx(one @ np.diag((-1.0, -1.0, 1.0)), abs=EXACT)
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.floats(0.0, 1e-4)), min_size=1, max_size=40))
+def test_of_rows_that_repeat_the_first_stays(rows: list[tuple[int, int, float]]) -> None:
+    places = np.array([[a + jitter, b] for a, b, jitter in rows])
+    directions = [row[:2] for row in rows]
+    assert first_of_each(places) == [k for k, own in enumerate(directions) if own not in directions[:k]]
+
+
+def test_thousands_of_rows_may_have_one_direction() -> None:
+    """Each of 36 directions at 3,000 times: 160 million pairs of rows are equal."""
+    phi, theta = (np.tile(angle.ravel(), 3000) for angle in np.meshgrid(60.0 * np.arange(6), 60.0 * np.arange(6)))
+    kept = first_of_each(paraview_rotations(phi, theta)[:, :, 2])
+    assert len(kept) == 18 and max(kept) < 36
 
 
 def test_ascents_rotations() -> None:

@@ -182,11 +182,13 @@ def silhouettes_of(images: NDArray[np.uint8]) -> Silhouettes:
 
 def first_of_each(places: Array) -> list[int]:
     """Return the first of the rows that are equal within :data:`SAME`, in order. (n, k)"""
-    tree, first = cKDTree(places), np.ones(len(places), bool)
-    for one, other in sorted(tree.query_pairs(SAME)):
+    # A sweep over time has each direction thousands of times: their pairs would not fit into memory.
+    different = np.sort(np.unique(places, axis=0, return_index=True)[1])
+    first = np.ones(len(different), bool)
+    for one, other in sorted(cKDTree(places[different]).query_pairs(SAME)):
         if first[one]:
             first[other] = False
-    return np.flatnonzero(first).tolist()
+    return different[first].tolist()
 
 
 def spread_out(directions: Array, count: int) -> list[int]:

@@ -61,74 +61,91 @@ def views_of(folder: Path, split: str) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(poses), np.stack(images)
 
 
+class Rival:
+    """Model, training step and renderer of synema for the views of a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read the views and create an untrained model."""
+        from synema.models.cinema import CinemaRGBAImage
+        from synema.renderers.ray_gen import Parallel
+        from synema.renderers.volume import Hierarchical
+
+        self.poses, self.images = views_of(folder, "train")
+        self.test_poses, self.test_images = views_of(folder, "test")
+        self.height, self.width = self.images.shape[1:3]
+        model, renderer = CinemaRGBAImage(aabb=((-1, -1, -1), (1, 1, 1))), Hierarchical()
+        self.state = filter_class("SynemaColorImageModelFactory").create_empty_state(model)  # type: ignore[attr-defined]
+        self._step = filter_class("SynemaColorImageModelTrainer").create_train_steps(model)  # type: ignore[attr-defined]
+        self._rays = Parallel(width=self.width, height=self.height, viewport_height=1.0)
+        self._draw, self._key = np.random.default_rng(0), jax.random.PRNGKey(1377)
+
+        @jax.jit
+        def render(params, bundle, key):  # type: ignore[no-untyped-def]
+            field = model.bind(params)
+            found = renderer(coarse_field=field, fine_field=field, ray_bundle=bundle, rng_key=key)
+            return found["fine_rgb"], found["alpha"]
+
+        self._render = render
+
+    def _bundle(self, pose: np.ndarray, pixels: np.ndarray) -> object:
+        return self._rays(jnp.asarray(pixels, jnp.float32), jnp.asarray(pose), t_near=0.0, t_far=1.0)
+
+    def step(self) -> tuple[float, float]:
+        """Take one step; return its seconds and CPU seconds."""
+        draw, number = self._draw, int(self._draw.integers(len(self.images)))
+        pixels = np.stack([draw.integers(0, n, STEP_PIXELS) for n in (self.height, self.width)], axis=1)
+        truth = jnp.asarray(self.images[number][pixels[:, 0], pixels[:, 1]])
+        self._key, own = jax.random.split(self._key)
+        begun, before = time.monotonic(), cpu_seconds()
+        targets = {"rgb": truth[:, :3], "alpha": truth[:, 3]}
+        self.state, loss = self._step(self.state, self._bundle(self.poses[number], pixels), targets, own)
+        float(loss)  # waits for the step
+        return time.monotonic() - begun, cpu_seconds() - before
+
+    def score(self, count: int) -> tuple[float, float]:
+        """Return the mean PSNR in dB over white for ``count`` pixels of each test view, and seconds of a whole view."""
+        found, begun = [], time.monotonic()
+        for pose, image in zip(self.test_poses, self.test_images, strict=True):
+            fixed = np.random.default_rng(1)
+            places = np.stack([fixed.integers(0, n, count) for n in (self.height, self.width)], axis=1)
+            errors = []
+            for part in np.split(places, range(STEP_PIXELS, count, STEP_PIXELS)):
+                parts = self._render(self.state.params, self._bundle(pose, part), jax.random.PRNGKey(2))
+                rgb, alpha = (np.asarray(v) for v in parts)
+                truth = image[part[:, 0], part[:, 1]]
+                shown = np.clip(rgb + 1.0 - alpha[:, None], 0.0, 1.0)
+                errors.append(np.square(shown - (truth[:, :3] + 1.0 - truth[:, 3:])))
+            found.append(-10.0 * np.log10(np.concatenate(errors).mean()))
+        seconds = (time.monotonic() - begun) / len(self.test_poses)
+        return float(np.mean(found)), seconds * self.width * self.height / count
+
+
+def cpu_seconds() -> float:
+    """Return the CPU time of this process so far, over all threads."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
 def main() -> None:
     """Train for some time, and print the scores on the way."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("views", type=Path)
     parser.add_argument("--seconds", type=float, default=800.0, help="CPU seconds to train")
     parser.add_argument("--steps", type=int, default=1000, help="most steps; synema's own example takes 1,000")
-    parser.add_argument("--pixels", type=int, default=8192, help="random pixels of each test view that are scored")
+    parser.add_argument("--pixels", type=int, default=4096, help="random pixels of each test view that are scored")
     parser.add_argument("--scores", type=int, default=3, help="number of times to score, evenly spread")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
-
-    from synema.models.cinema import CinemaRGBAImage
-    from synema.renderers.ray_gen import Parallel
-    from synema.renderers.volume import Hierarchical
-
-    poses, images = views_of(chosen.views, "train")
-    test_poses, test_images = views_of(chosen.views, "test")
-    height, width = images.shape[1:3]
-    model = CinemaRGBAImage(aabb=((-1, -1, -1), (1, 1, 1)))
-    state = filter_class("SynemaColorImageModelFactory").create_empty_state(model)  # type: ignore[attr-defined]
-    step = filter_class("SynemaColorImageModelTrainer").create_train_steps(model)  # type: ignore[attr-defined]
-    rays = Parallel(width=width, height=height, viewport_height=1.0)
-    renderer = Hierarchical()
-
-    @jax.jit
-    def render(params, bundle, key):  # type: ignore[no-untyped-def]
-        found = renderer(coarse_field=model.bind(params), fine_field=model.bind(params), ray_bundle=bundle, rng_key=key)
-        return found["fine_rgb"], found["alpha"]
-
-    draw = np.random.default_rng(0)
-
-    def bundle(pose, pixels):  # type: ignore[no-untyped-def]
-        return rays(jnp.asarray(pixels, jnp.float32), jnp.asarray(pose), t_near=0.0, t_far=1.0)
-
-    def score(params) -> tuple[float, float]:  # type: ignore[no-untyped-def]
-        """Return the mean PSNR in dB over white, and the seconds of a whole view."""
-        found, begun = [], time.monotonic()
-        for pose, image in zip(test_poses, test_images, strict=True):
-            fixed = np.random.default_rng(1)
-            places = np.stack([fixed.integers(0, height, chosen.pixels), fixed.integers(0, width, chosen.pixels)], 1)
-            errors = []
-            for part in np.split(places, range(STEP_PIXELS, chosen.pixels, STEP_PIXELS)):
-                rgb, alpha = (np.asarray(v) for v in render(params, bundle(pose, part), jax.random.PRNGKey(2)))
-                truth = image[part[:, 0], part[:, 1]]
-                ours = np.clip(rgb + 1.0 - alpha[:, None], 0.0, 1.0)
-                errors.append(np.square(ours - (truth[:, :3] + 1.0 - truth[:, 3:])))
-            found.append(-10.0 * np.log10(np.concatenate(errors).mean()))
-        seconds = (time.monotonic() - begun) / len(test_poses) * width * height / chosen.pixels
-        return float(np.mean(found)), seconds
-
-    key, rows, spent, cpu, done = jax.random.PRNGKey(1377), [], 0.0, 0.0, 0
+    rival, rows, done, seconds, cpu = Rival(chosen.views), [], 0, 0.0, 0.0
     marks = [chosen.seconds * (k + 1) / chosen.scores for k in range(chosen.scores)]
     while done < chosen.steps and cpu < chosen.seconds:
-        number = int(draw.integers(len(images)))
-        pixels = np.stack([draw.integers(0, height, STEP_PIXELS), draw.integers(0, width, STEP_PIXELS)], axis=1)
-        truth = jnp.asarray(images[number][pixels[:, 0], pixels[:, 1]])
-        key, own = jax.random.split(key)
-        begun, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
-        state, loss = step(state, bundle(poses[number], pixels), {"rgb": truth[:, :3], "alpha": truth[:, 3]}, own)
-        loss = float(loss)
-        after = resource.getrusage(resource.RUSAGE_SELF)
+        wall, own = rival.step()
         if done:  # the first step compiles
-            spent += time.monotonic() - begun
-            cpu += after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            seconds, cpu = seconds + wall, cpu + own
         done += 1
         if cpu >= marks[len(rows)] or done == chosen.steps:
-            psnr, view = score(state.params)
-            rows.append({"steps": done, "seconds": spent, "cpu_seconds": cpu, "psnr": psnr, "seconds_per_view": view})
+            psnr, view = rival.score(chosen.pixels)
+            rows.append({"steps": done, "seconds": seconds, "cpu_seconds": cpu, "psnr": psnr, "seconds_per_view": view})
             print(json.dumps(rows[-1]), flush=True)
     if chosen.json:
         chosen.json.write_text(json.dumps(rows, indent=2) + "\n")

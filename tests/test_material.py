@@ -151,8 +151,8 @@ def test_ranges_that_pixels_confuse_are_regions_with_their_colours(name: str) ->
 def test_colours_are_right_where_normals_are_not(name: str, shading: Shading | None) -> None:
     """Noise turns gradients anywhere, and a wire is thinner than its normals, so hardly a point is seen in full light.
 
-    Wires come out a little too bright, as more of them faces the camera than of a normal at random. Views that do not say
-    how they were shaded give colours that are at most darker.
+    Wires come out a little too bright, because more of a wire faces the camera than of normals at random. Views that do
+    not say how they were shaded give colours that are at most darker.
     """
     scene, train = drawn(name, shading)
     palette = palette_of(train, scene.occupancy, 0)

@@ -102,8 +102,12 @@ class Rival:
         float(loss)  # waits for the step
         return time.monotonic() - begun, cpu_seconds() - before
 
-    def score(self, count: int) -> tuple[float, float]:
-        """Return the mean PSNR in dB over white for ``count`` pixels of each test view, and seconds of a whole view."""
+    def score(self, count: int) -> tuple[float, float, float]:
+        """Return the mean PSNR in dB over white and over black, and the seconds of a whole view.
+
+        Args:
+            count: Number of random pixels of each test view that are scored.
+        """
         found, begun = [], time.monotonic()
         for pose, image in zip(self.test_poses, self.test_images, strict=True):
             fixed = np.random.default_rng(1)
@@ -113,11 +117,13 @@ class Rival:
                 parts = self._render(self.state.params, self._bundle(pose, part), jax.random.PRNGKey(2))
                 rgb, alpha = (np.asarray(v) for v in parts)
                 truth = image[part[:, 0], part[:, 1]]
-                shown = np.clip(rgb + 1.0 - alpha[:, None], 0.0, 1.0)
-                errors.append(np.square(shown - (truth[:, :3] + 1.0 - truth[:, 3:])))
-            found.append(-10.0 * np.log10(np.concatenate(errors).mean()))
+                behind = np.array([1.0, 0.0])[:, None, None]
+                shown = np.clip(rgb + behind * (1.0 - alpha[:, None]), 0.0, 1.0)
+                errors.append(np.square(shown - (truth[:, :3] + behind * (1.0 - truth[:, 3:]))))
+            found.append(-10.0 * np.log10(np.concatenate(errors, axis=1).mean(axis=(1, 2))))
+        white, black = np.mean(found, axis=0).tolist()
         seconds = (time.monotonic() - begun) / len(self.test_poses)
-        return float(np.mean(found)), seconds * self.width * self.height / count
+        return white, black, seconds * self.width * self.height / count
 
 
 def cpu_seconds() -> float:
@@ -144,8 +150,9 @@ def main() -> None:
             seconds, cpu = seconds + wall, cpu + own
         done += 1
         if cpu >= marks[len(rows)] or done == chosen.steps:
-            psnr, view = rival.score(chosen.pixels)
-            rows.append({"steps": done, "seconds": seconds, "cpu_seconds": cpu, "psnr": psnr, "seconds_per_view": view})
+            white, black, view = rival.score(chosen.pixels)
+            rows.append({"steps": done, "seconds": seconds, "cpu_seconds": cpu, "psnr_white": white,
+                         "psnr_black": black, "seconds_per_view": view})  # fmt: skip
             print(json.dumps(rows[-1]), flush=True)
     if chosen.json:
         chosen.json.write_text(json.dumps(rows, indent=2) + "\n")

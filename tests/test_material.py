@@ -146,8 +146,7 @@ def test_ranges_that_pixels_confuse_are_regions_with_their_colours(name: str) ->
     assert (np.diff(found.palette.share) <= 0).all()
 
 
-@pytest.mark.parametrize("shading", [None, Shading(ambient=0.3, diffuse=0.6)], ids=["headlight", "ambient, too"])
-@pytest.mark.parametrize("name", ["noise", "wires"])
+@pytest.mark.parametrize(("name", "shading"), [("noise", None), ("wires", Shading(ambient=0.3, diffuse=0.6))])
 def test_colours_are_right_where_normals_are_not(name: str, shading: Shading | None) -> None:
     """Noise turns gradients anywhere, and a wire is thinner than its normals, so hardly a point is seen in full light.
 

@@ -146,8 +146,14 @@ def test_ranges_that_pixels_confuse_are_regions_with_their_colours(name: str) ->
     assert (np.diff(found.palette.share) <= 0).all()
 
 
-@pytest.mark.parametrize(("name", "shading"), [("noise", None), ("wires", Shading(ambient=0.3, diffuse=0.6))])
-def test_colours_are_right_where_normals_are_not(name: str, shading: Shading | None) -> None:
+AMBIENT = Shading(ambient=0.3, diffuse=0.6)
+
+
+@pytest.mark.parametrize(
+    ("name", "shading", "most"),
+    [("noise", None, 4.0), ("wires", None, 4.0), ("noise", AMBIENT, 4.0), ("wires", AMBIENT, 6.0)],
+)
+def test_colours_are_right_where_normals_are_not(name: str, shading: Shading | None, most: float) -> None:
     """Noise turns gradients anywhere, and a wire is thinner than its normals, so hardly a point is seen in full light.
 
     Wires come out a little too bright, because more of a wire faces the camera than of normals at random. Views that do
@@ -158,7 +164,7 @@ def test_colours_are_right_where_normals_are_not(name: str, shading: Shading | N
     truth = np.array([r.colour for r in SCENES[name].ranges])
     light = 1.0 if shading is None else shading.ambient + shading.diffuse
     found = regions_in(scene, train, palette, 0).palette.colours
-    assert palette_error(found, truth * light) < 6.0
+    assert palette_error(found, truth * light) < most
     other = regions_in(scene, replace(train, meta=replace(train.meta, shading=None)), palette, 0).palette.colours
     assert other.max() <= found.max() + 0.01
 

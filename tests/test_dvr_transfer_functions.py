@@ -15,7 +15,7 @@ pytest.importorskip("vtkmodules")
 from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
-from svv.dvr.grids import from_array
+from svv.dvr.grids import from_array, level_of_image
 from svv.dvr.histogram import default_transfer_function
 from svv.dvr.transfer_functions import COLOUR_SPACES, TransferFunction, unit_distance_for
 from svv.errors import BadInput
@@ -211,9 +211,11 @@ def test_a_function_outside_the_data_is_refused() -> None:
 
 def test_unit_distance_is_paraviews() -> None:
     """ParaView's Wavelet (21^3 points, spacing 1) shows 1.7320508075688774."""
-    assert unit_distance_for(from_array(np.zeros((21, 21, 21)))) == pytest.approx(np.sqrt(3), rel=1e-12)
+    assert unit_distance_for(level_of_image(from_array(np.zeros((21, 21, 21))))) == pytest.approx(np.sqrt(3), rel=1e-12)
     image = from_array(np.zeros((5, 9, 17)), (1, 2, 3))
-    assert unit_distance_for(image) == pytest.approx(np.sqrt(16**2 + 16**2 + 12**2) / np.cbrt(16 * 8 * 4))
+    assert unit_distance_for(level_of_image(image)) == pytest.approx(
+        np.sqrt(16**2 + 16**2 + 12**2) / np.cbrt(16 * 8 * 4)
+    )
 
 
 @pytest.mark.parametrize("background", [0, 1, 2])

@@ -333,7 +333,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "test": ({"test": 182}, "0 to 181"),
     "fov": ({"fov": 200.0}, "angle of view"),
     "frame": ({"frame": "all"}, "visible"),
-    "mapper": ({"mapper": "cuda"}, "auto, gpu or cpu"),
+    "mapper": ({"mapper": "cuda"}, "auto, gpu, cpu or bricks"),
     "step": ({"step": 0.0}, "sample distance"),
     "transparent": ({"tf": constant(0.0, 1.0, 500.0)}, "transparent everywhere"),
     "opaque": ({"tf": constant(1.0, 1.0, 500.0)}, "opaque everywhere"),

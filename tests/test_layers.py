@@ -24,16 +24,17 @@ BELOW["_version"] = BELOW["own_symbols"] = set()
 BELOW["errors"] = set()
 BELOW["options"] = {"errors"}
 BELOW["io"] = BOTTOM | {"core"}
-BELOW["dvr"] = BOTTOM | {"core", "io"}
+BELOW["bricks"] = BOTTOM | {"core", "io"}
+BELOW["dvr"] = BOTTOM | {"core", "io", "bricks"}
 BELOW["progress"] = BELOW["measure"] = BELOW["ending"] = BOTTOM
 BELOW["fields"] |= {"io"}
 BELOW["styles"] |= {"io"}
 BELOW["train"] |= {"io", "measure"}
 BELOW["render"] |= {"io", "measure"}
-BELOW["job"] |= {"io", "dvr", "progress", "measure", "ending"}
+BELOW["job"] |= {"io", "bricks", "dvr", "progress", "measure", "ending"}
 BELOW["bench"] |= BELOW["job"]
-BELOW["pv"] = BOTTOM | {*COLUMN, "io", "dvr", "ending", "measure", "own_symbols"} - {"bench"}
-BELOW["cli"] = BOTTOM | {*COLUMN, "io", "dvr", "progress", "measure", "ending", "pv"}
+BELOW["pv"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "ending", "measure", "own_symbols"} - {"bench"}
+BELOW["cli"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "progress", "measure", "ending", "pv"}
 BELOW["__main__"] = {"cli"}
 
 ALLOWED = {

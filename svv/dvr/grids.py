@@ -14,6 +14,7 @@ from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
 
+from svv.bricks.source import Level
 from svv.errors import BadInput
 
 Triple = Sequence[float]
@@ -97,6 +98,13 @@ def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
     matrix[:3, :3] = axes * image.GetSpacing()
     matrix[:3, 3] = image.GetOrigin() + matrix[:3, :3] @ image.GetExtent()[::2]
     return matrix
+
+
+def level_of_image(image: vtkImageData) -> Level:
+    """Return the grid of an image as a level."""
+    matrix = index_to_world(image)
+    x, y, z = image.GetDimensions()
+    return Level((z, y, x), matrix[:3, :3], matrix[:3, 3])
 
 
 def set_geometry(image: vtkImageData, axes: NDArray[np.float64], origin: NDArray[np.float64]) -> None:

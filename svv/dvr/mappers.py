@@ -235,7 +235,7 @@ def choose_mapper(mapper: str) -> type[CpuMapper] | type[GpuMapper]:
         BadInput: ``mapper`` is another word.
     """
     if mapper not in ("auto", "gpu", "cpu"):
-        raise BadInput(f"The mapper must be auto, gpu or cpu, not '{mapper}'.")
+        raise BadInput(f"The mapper must be auto, gpu, cpu or bricks, not '{mapper}'.")
     return GpuMapper if mapper == "gpu" or (mapper == "auto" and hardware_opengl()) else CpuMapper
 
 

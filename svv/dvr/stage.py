@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera
-from svv.dvr.grids import from_array, index_to_world, to_array
+from svv.dvr.grids import from_array, index_to_world, level_of_image, to_array
 from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
 from svv.errors import BadInput
 
@@ -100,7 +100,7 @@ def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
     centre = matrix[:3, 3] + matrix[:3, :3] @ (0.5 * (first + last))
     scale = 1.0 / visible.max()
     numbers, gain, offset = _small_type(cropped)
-    unit_distance = tf.unit_distance or unit_distance_for(image)
+    unit_distance = tf.unit_distance or unit_distance_for(level_of_image(image))
     staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
     return Stage(staged, tf.mapped(gain, offset), scale * unit_distance, rotation, centre, scale, visible, gain, offset)
 

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPiecewiseFunction
+from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
+from svv.bricks.source import Level
 from svv.errors import BadInput
 
 COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step")
@@ -312,10 +313,10 @@ def _quadruples(numbers: object, key: str, name: str) -> Points:
     return tuple(tuple(numbers[i : i + 4]) for i in range(0, len(numbers), 4))
 
 
-def unit_distance_for(image: vtkImageData) -> float:
+def unit_distance_for(level: Level) -> float:
     """Return ParaView's default opacity unit distance: diagonal of the bounds / cube root of the number of cells.
 
     It is in world units; sqrt(3) voxels for a cube-shaped volume (vtkSMBoundsDomain, mode approximate_cell_length).
     """
-    cells = np.array(image.GetDimensions()) - 1
-    return float(np.linalg.norm(cells * np.array(image.GetSpacing())) / np.cbrt(cells.prod(dtype=np.float64)))
+    cells = np.array(level.shape[::-1]) - 1
+    return float(np.linalg.norm(cells * level.spacing) / np.cbrt(cells.prod(dtype=np.float64)))

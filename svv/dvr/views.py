@@ -13,25 +13,29 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
+from svv.bricks.source import Level
 from svv.core.cameras import Camera, CameraRig, sphere_cameras
 from svv.core.shading import Shading
 from svv.dvr.classify import classified
-from svv.dvr.grids import as_volume, index_to_world, to_array
+from svv.dvr.grids import as_volume
 from svv.dvr.histogram import default_transfer_function
+from svv.dvr.large import BrickMapper, LargeVolume, Subject, open_volume
 from svv.dvr.mappers import CpuMapper, GpuMapper, choose_mapper
 from svv.dvr.stage import Stage, set_stage
 from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
-from svv.dvr.volumes import read_volume
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.view_meta import ViewMeta, VolumeGrid
 from svv.io.viewset import ViewSet
 from svv.options.making import ViewOptions
 
-STEP = {"cpu": 0.5, "gpu": 0.25}
+Caster = CpuMapper | GpuMapper | BrickMapper
+"""A ray caster."""
+
+STEP = {"cpu": 0.5, "bricks": 0.5, "gpu": 0.25}
 """Finest default sample distance in voxels (VTK's own is half a voxel). It is finer on the GPU, where that costs
 nothing and the ray caster, which does not interpolate shading between voxels, is grainier."""
 
-COARSER = {"cpu": (1.0, 0.75, 0.625), "gpu": ()}
+COARSER = {"cpu": (1.0, 0.75, 0.625), "bricks": (1.0, 0.75, 0.625), "gpu": ()}
 """Sample distances in voxels that are tried first; the first that is good enough is used (see ``default_step``)."""
 
 GOOD_ENOUGH = 50.0
@@ -51,7 +55,7 @@ ORBIT = 181
 
 
 def render_views(
-    image: vtkImageData,
+    image: vtkImageData | LargeVolume,
     tf: TransferFunction,
     cameras: Sequence[Camera],
     mapper: str = "auto",
@@ -62,10 +66,11 @@ def render_views(
     """Render a volume from cameras of the same image size.
 
     Args:
-        image: Volume with one-component point scalars (see ``as_volume``), any spacing, origin and direction matrix.
+        image: Volume with one-component point scalars (see ``as_volume``), any spacing, origin and direction matrix; or
+            a large volume, which is always drawn by bricks.
         tf: Transfer function for the image's values.
         cameras: Cameras in the world units of the image.
-        mapper: ``auto``, ``gpu`` or ``cpu``.
+        mapper: ``auto``, ``gpu``, ``cpu`` or ``bricks``.
         shading: Shading of the volume; by default a headlight with ParaView's coefficients.
         step: Sample distance in voxels (see ``Stage.voxel``), the same in all views; by default ``default_step``.
         progress: Called after each view.
@@ -77,12 +82,16 @@ def render_views(
         BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or
             it is ``gpu`` and OpenGL is not available.
     """
-    tf.fitted(*_range(image), rescale=False)
-    return _render(set_stage(image, tf), cameras, mapper, shading or Shading(), step, progress)[0]
+    subject = Subject.of(image, mapper, None)
+    tf = tf.fitted(*subject.range, rescale=False)
+    tf = replace(tf, unit_distance=tf.unit_distance or unit_distance_for(subject.whole))
+    stage = set_stage(subject.image, tf)
+    caster, _ = open_caster(stage, mapper, shading or Shading(), step, subject.large, tf)
+    return _render(caster, cameras, progress)
 
 
 def make_views(
-    volume: vtkImageData | str | Path,
+    volume: vtkImageData | LargeVolume | str | Path,
     tf: TransferFunction | str | Path | None = None,
     options: ViewOptions = ViewOptions(test=0),
     *,
@@ -95,7 +104,7 @@ def make_views(
     """Render the views of a volume that a scene is trained on and those that it is tested on.
 
     Args:
-        volume: A file (see ``read_volume``) or an image, which may be a ``pyvista.ImageData``.
+        volume: A file (see ``open_volume``), a large volume, or an image, which may be a ``pyvista.ImageData``.
         tf: A transfer function, or its JSON file; by default two ranges of the histogram.
         options: Number, size and rendering of the views. Training views lie on a sphere around the volume (see
             ``geodesic_directions``), test views on the path of 181 (see ``orbit_cameras``), first and last included.
@@ -115,44 +124,39 @@ def make_views(
     """
     asked = replace(options, **changes)
     _check_options(asked)
-    n, size, fov = asked.n, asked.size, float(np.radians(asked.fov))
+    n, size = asked.n, asked.size
     began = time.monotonic()
     progress(0.0, "Reading the volume")
-    image = as_volume(volume) if isinstance(volume, vtkImageData) else read_volume(volume)
+    named = Path(volume).name if isinstance(volume, (str, Path)) else "volume"
+    if isinstance(volume, vtkImageData):
+        volume = as_volume(volume)
+    elif not isinstance(volume, LargeVolume):
+        volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
+    subject = Subject.of(volume, asked.mapper, asked.memory)
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
-    given = tf or default_transfer_function(image)
-    fitted = given.fitted(*_range(image), rescale)
+    given = tf or default_transfer_function(subject.image)
+    fitted = given.fitted(*subject.range, rescale)
     rescaled = fitted is not given
-    fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(image))
-    stage = set_stage(image, fitted)
-    centre, half = stage.centre, 0.5 * stage.visible_size
-    if asked.frame == "whole":
-        matrix, last = index_to_world(image), np.array(image.GetDimensions()) - 1
-        centre, half = matrix[:3, 3] + 0.5 * matrix[:3, :3] @ last, 0.5 * last * image.GetSpacing()
-    # With a narrower angle of view, cameras are farther away, so the volume fills the same part of the image.
-    radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
-    x, y, z = (float(v) for v in centre)
-    rig, numbers = CameraRig((x, y, z), radius, fov), unseen_numbers(asked.test)
-    if asked.projection == "orthographic":
-        rig = replace(rig, span_x=rig.view_width)
+    fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(subject.whole))
+    stage = set_stage(subject.image, fitted)
+    rig, numbers = _rig(asked, stage, subject.whole), unseen_numbers(asked.test)
     cameras = rig.sphere(n, size) + rig.orbit(ORBIT, size, numbers)
     shading = shading or Shading()
     volume_classified = classified(stage)
-    images, mapper_name, distance = _render(
-        stage, cameras, asked.mapper, shading, asked.step, part(progress, 0.02, 1.0)
-    )
+    caster, distance = open_caster(stage, asked.mapper, shading, asked.step, subject.large, fitted)
+    images = _render(caster, cameras, part(progress, 0.3 if subject.large else 0.02, 1.0))
     low, high = stage.bounds.tolist()
     meta = ViewMeta(
-        volume=name or (Path(volume).name if isinstance(volume, (str, Path)) else "volume"),
-        grid=_grid(image),
+        volume=name or named,
+        grid=_grid(subject),
         bounds=(tuple(low), tuple(high)),
         rig=rig,
         tf=fitted.to_dict(),
         tf_rescaled=rescaled,
         shading=shading,
         sample_distance=float(distance / stage.scale),
-        mapper=mapper_name,
+        mapper=caster.name,
         vtk=vtkVersion.GetVTKVersion(),
         seconds=round(time.monotonic() - began, 3),
     )
@@ -169,15 +173,22 @@ def unseen_numbers(test: int) -> list[int]:
 
 
 def open_caster(
-    stage: Stage, mapper: str, shading: Shading, step: float | None = None
-) -> tuple[CpuMapper | GpuMapper, float]:
+    stage: Stage,
+    mapper: str,
+    shading: Shading,
+    step: float | None = None,
+    large: LargeVolume | None = None,
+    tf: TransferFunction | None = None,
+) -> tuple[Caster, float]:
     """Open a ray caster that renders one view after another; close it at the end.
 
     Args:
-        stage: Stage with the volume to render.
-        mapper: ``auto``, ``gpu`` or ``cpu``.
+        stage: Stage with the volume to render, or with the overview of a large one.
+        mapper: ``auto``, ``gpu`` or ``cpu``; not used for a large volume.
         shading: Shading of the volume.
         step: Sample distance in voxels, by default ``default_step``.
+        large: A large volume, which is drawn by bricks.
+        tf: Transfer function for its values.
 
     Returns:
         The caster, and its sample distance in stage units.
@@ -186,19 +197,24 @@ def open_caster(
         BadInput: The mapper is unknown, the step is not a positive number, or the mapper is ``gpu`` and OpenGL is not
             available.
     """
-    make_caster = choose_mapper(mapper)
     if not (step is None or (np.isfinite(step) and step > 0)):
         raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
+    name = "bricks" if large is not None else choose_mapper(mapper).name
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
-    distance = max((step or STEP[make_caster.name]) * stage.voxel, least)
-    caster = make_caster(stage, shading, distance)
+    distance = max((step or STEP[name]) * stage.voxel, least)
+    caster: Caster
+    if large is not None:
+        assert tf is not None
+        caster = BrickMapper(large, tf, stage, shading, distance)
+    else:
+        caster = choose_mapper(mapper)(stage, shading, distance)
     if step is None:
         distance = max(default_step(caster, stage) * stage.voxel, least)
         caster.set_step(distance)
     return caster, distance
 
 
-def default_step(caster: CpuMapper | GpuMapper, stage: Stage) -> float:
+def default_step(caster: Caster, stage: Stage) -> float:
     """Return the sample distance in voxels that a volume needs with its transfer function.
 
     It is the longest of ``COARSER`` whose three small test pictures reach ``GOOD_ENOUGH`` against those with an eighth
@@ -237,14 +253,11 @@ def _check_options(asked: ViewOptions) -> None:
         raise BadInput(f"The frame of the views must be 'visible' or 'whole', not '{asked.frame}'.")
 
 
-def _render(
-    stage: Stage, cameras: Sequence[Camera], mapper: str, shading: Shading, step: float | None, progress: Progress
-) -> tuple[NDArray[np.uint8], str, float]:
-    """Return the images, the name of the mapper, and the sample distance in stage units."""
-    if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
-        raise BadInput("Rendering needs at least one camera, and one image size for all cameras.")
-    caster, distance = open_caster(stage, mapper, shading, step)
+def _render(caster: Caster, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
+    """Render a view from each camera, and close the caster."""
     try:
+        if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
+            raise BadInput("Rendering needs at least one camera, and one image size for all cameras.")
         first = cameras[0]
         images = np.empty((len(cameras), first.height, first.width, 4), np.uint8)
         for i, camera in enumerate(cameras):
@@ -252,22 +265,34 @@ def _render(
             progress((i + 1) / len(cameras), "Rendering views")
     finally:
         caster.close()
-    return images, caster.name, distance
+    return images
 
 
-def _range(image: vtkImageData) -> tuple[float, float]:
-    values = to_array(image)
-    return float(values.min()), float(values.max())
+def _rig(asked: ViewOptions, stage: Stage, whole: Level) -> CameraRig:
+    """Return the cameras around what is visible, or around the whole volume."""
+    fov = float(np.radians(asked.fov))
+    centre, half = stage.centre, 0.5 * stage.visible_size
+    if asked.frame == "whole":
+        last = np.array(whole.shape[::-1]) - 1
+        centre, half = whole.origin + 0.5 * whole.axes @ last, 0.5 * last * whole.spacing
+    # With a narrower angle of view, cameras are farther away, so the volume fills the same part of the image.
+    radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
+    x, y, z = (float(v) for v in centre)
+    rig = CameraRig((x, y, z), radius, fov)
+    return replace(rig, span_x=rig.view_width) if asked.projection == "orthographic" else rig
 
 
-def _grid(image: vtkImageData) -> VolumeGrid:
-    matrix = image.GetDirectionMatrix()
-    first, second, third = (tuple(matrix.GetElement(i, j) for j in range(3)) for i in range(3))
+def _grid(subject: Subject) -> VolumeGrid:
+    level = subject.whole
+    (a, b, c), (d, e, f), (g, h, i) = (level.axes / level.spacing).tolist()
+    z, y, x = level.shape
+    sx, sy, sz = level.spacing.tolist()
+    ox, oy, oz = level.origin.tolist()
     return VolumeGrid(
-        dimensions=image.GetDimensions(),
-        spacing=image.GetSpacing(),
-        origin=image.GetOrigin(),
-        direction=(first, second, third),
-        type=str(to_array(image).dtype),
-        range=_range(image),
+        dimensions=(x, y, z),
+        spacing=(sx, sy, sz),
+        origin=(ox, oy, oz),
+        direction=((a, b, c), (d, e, f), (g, h, i)),
+        type=subject.type,
+        range=subject.range,
     )

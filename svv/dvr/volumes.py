@@ -17,6 +17,8 @@ from vtkmodules.vtkIOImage import vtkMetaImageReader, vtkNIFTIImageReader, vtkNr
 from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
+from svv.bricks.mapped import raw_layout
+from svv.bricks.tiff_files import TIFFFILE_DECODES, in_order
 from svv.dvr.grids import Triple, as_volume, from_array, put_scalars, set_geometry
 from svv.dvr.other_formats import reader_of
 from svv.dvr.vtk_readers import damaged, run, vtk_messages
@@ -24,15 +26,6 @@ from svv.errors import BadInput
 
 SUPPORTED = ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .slc .npy .raw .tif (or a folder of .tif)"
 """Formats that are read without PyVista."""
-
-RAW_TYPES = {
-    "uchar": "uint8", "char": "int8", "ushort": "uint16", "short": "int16", "uint": "uint32", "int": "int32",
-    "float": "float32", "double": "float64", "half": "float16",
-}  # fmt: skip
-"""C types that may occur in the names of raw files, besides NumPy's own type names."""
-
-TIFFFILE_DECODES = (1, 8, 32773, 32946)
-"""TIFF compressions that tifffile decodes by itself: none, deflate, PackBits, and the old number of deflate."""
 
 
 def read_volume(
@@ -155,13 +148,11 @@ def _read_tiff(file: Path) -> vtkImageData:
 
 
 def _read_folder(folder: Path) -> vtkImageData:
-    files = [f for f in folder.iterdir() if f.suffix.lower() in (".tif", ".tiff")]
+    files = in_order(folder)
     if not files and (reader := reader_of(folder)):
         return run(reader, folder)
     if not files:
         raise BadInput(f"The folder {folder} contains no .tif slices; a volume is one file or a folder of slices.")
-    # slice_2 before slice_10, whether or not the numbers are padded
-    files.sort(key=lambda f: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", f.name)])
     slices = [_tiff_pages(file) for file in files]
     for file, pages in zip(files, slices):
         if pages.shape != slices[0].shape or pages.shape[0] != 1:
@@ -209,24 +200,7 @@ def _tiff_pages(file: Path) -> NDArray[Any]:
 
 
 def _read_raw(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -> vtkImageData:
-    name = file.name.lower()
-    found = re.search(r"(\d+)x(\d+)x(\d+)", name)
-    size = [int(d) for d in dims] if dims is not None else [int(d) for d in found.groups()] if found else []
-    if len(size) != 3:
-        raise BadInput(f"{file} is raw data: give its dimensions (nx, ny, nz), or name it foo_64x64x64_uint8.raw.")
-    kinds = "|".join(["u?int(?:8|16|32|64)", "float(?:16|32|64)", *RAW_TYPES])
-    named = re.search(rf"(?:^|[_.\-])({kinds})(?=[_.\-])", name)
-    if dtype is None and named is None:
-        raise BadInput(f"{file} is raw data: give its type (uint8, int16, float32 ...), or include it in the name.")
-    text = dtype if dtype is not None else RAW_TYPES.get(named.group(1), named.group(1))  # type: ignore[union-attr]
-    try:
-        kind = np.dtype(RAW_TYPES.get(text, text) if isinstance(text, str) else text)
-    except TypeError:
-        raise BadInput(f"'{dtype}' is not a numeric type; use uint8, int16, float32, >u2 ...") from None
-    expected, there = int(np.prod(size, dtype=object)) * kind.itemsize, file.stat().st_size
-    if min(size) < 1 or expected != there:
-        shape = " x ".join(str(d) for d in size)
-        raise BadInput(f"{file} has {there} bytes, but {shape} voxels of {kind.name} are {expected} bytes.")
+    size, kind = raw_layout(file, dims, dtype)
     return from_array(np.fromfile(file, dtype=kind).reshape(size[::-1]), name=file.stem)
 
 

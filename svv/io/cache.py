@@ -35,15 +35,15 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "svv"
 
 
-def bytes_in(text: str) -> int:
-    """Return a size such as '500M', '2G' or '1000000' in bytes.
+def bytes_in(text: str, name: str = "SVV_CACHE_SIZE") -> int:
+    """Return a size such as '500M', '2G' or '1000000' in bytes; ``name`` is that of the variable.
 
     Raises:
         BadInput: The text is not a size.
     """
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)B?", text.strip().upper())
     if found is None:
-        raise BadInput(f"SVV_CACHE_SIZE must be a number of bytes such as 500M or 2G (0 keeps nothing), not '{text}'.")
+        raise BadInput(f"{name} must be a number of bytes such as 500M or 2G (0 keeps nothing), not '{text}'.")
     return int(float(found[1]) * UNITS[found[2]])
 
 
@@ -145,7 +145,7 @@ class Cache:
             return f"It could not be kept for saved states: {said}"
         finally:
             _remove(unfinished)
-        self._trim(path)
+        self.trim(path)
         return ""
 
     def clear(self) -> int:
@@ -155,7 +155,8 @@ class Cache:
             _remove(path)
         return freed
 
-    def _trim(self, newest: Path) -> None:
+    def trim(self, newest: Path) -> None:
+        """Remove results, the least recently used first and never ``newest``, until the size is within the bound."""
         entries = self.entries()
         total = sum(entry.bytes for entry in entries)
         for entry in entries:

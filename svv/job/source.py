@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
-from svv.errors import BadInput, Progress, part
+from svv.errors import BadInput, Progress, part, silent
 from svv.io.cinema.table import read_table
 from svv.io.cinema.views import read_database
 from svv.io.transforms import transforms_file
@@ -36,8 +36,8 @@ class Drawn(ABC):
         """Identify the volume, the transfer function and their options, to detect changes (JSON)."""
 
     @abstractmethod
-    def image(self) -> Any:
-        """Return the volume, a ``vtkImageData``."""
+    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
+        """Return the volume, a ``vtkImageData``, or a large one to be drawn by bricks (:mod:`svv.dvr.large`)."""
 
     @abstractmethod
     def how(self) -> dict[str, Any]:
@@ -52,7 +52,9 @@ class Drawn(ABC):
         from svv.dvr.views import make_views
 
         drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
-        train, unseen = make_views(self.image(), **self.how(), options=options, name=self.name, progress=drawing)
+        reading, drawing = part(drawing, 0.0, 0.3), part(drawing, 0.3, 1.0)
+        volume = self.image(options.mapper, options.memory, reading)
+        train, unseen = make_views(volume, **self.how(), options=options, name=self.name, progress=drawing)
         train.write(folder, "train", part(writing, 0.0, 0.8))
         if unseen is not None:
             unseen.write(folder, "test", part(writing, 0.8, 1.0))
@@ -77,7 +79,7 @@ class Drawn(ABC):
 
         meta = read_meta(views)
         tf, mapper = TransferFunction.from_dict(known(meta.tf, "tf")), known(meta.mapper, "mapper")
-        return render_views(self.image(), tf, cameras, mapper, known(meta.shading, "shading"), progress=progress)
+        return render_views(self.image(mapper), tf, cameras, mapper, known(meta.shading, "shading"), progress=progress)
 
 
 @dataclass(frozen=True)
@@ -112,11 +114,11 @@ class VolumeSource(Drawn):
             "options": [self.dims, self.dtype, self.spacing, self.array],
         }
 
-    def image(self) -> Any:
-        """Read the volume."""
-        from svv.dvr.volumes import read_volume
+    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
+        """Read the volume, or open it to be drawn by bricks."""
+        from svv.dvr.large import open_volume
 
-        return read_volume(self.volume, self.dims, self.dtype, self.spacing, None, self.array)
+        return open_volume(self.volume, self.dims, self.dtype, self.spacing, self.array, mapper, memory, progress)
 
     def how(self) -> dict[str, Any]:
         """Return the file of the transfer function."""

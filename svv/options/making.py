@@ -15,7 +15,7 @@ PresetName = Literal["draft", "fast", "balanced", "paper"]
 EncodingName = Literal["lattice", "hash"]
 LightingName = Literal["network", "phong", "auto"]
 DeviceName = Literal["cpu", "cuda", "auto"]
-MapperName = Literal["auto", "gpu", "cpu"]
+MapperName = Literal["auto", "gpu", "cpu", "bricks"]
 NetworkName = Literal["base", "pcn", "styled"]
 PictureName = Literal["rgba", "depth", "region"]
 
@@ -56,7 +56,10 @@ class ViewOptions:
     size: Annotated[int, Setting(least=16, panel="ViewSize", advanced=True, slider=(64, 4096))] = 800
     """Width and height of the views in pixels."""
     mapper: Annotated[MapperName, Setting(panel="RayCaster", advanced=True)] = "auto"
-    """VTK's ray caster; auto picks the GPU if OpenGL runs on hardware."""
+    """Ray caster: gpu and cpu are VTK's; bricks is our own, for volumes of any size; auto picks bricks if VTK's would
+    need too much memory, otherwise the GPU if OpenGL runs on hardware."""
+    memory: Annotated[float | None, Setting(metavar="GB", least=0.25, panel="")] = None
+    """Gigabytes of memory that drawing may take; by default half of the computer's."""
     fov: Annotated[float, Setting(least=1, most=150, panel="")] = 30.0
     """Full angle of view in degrees."""
     step: Annotated[float | None, Setting(metavar="VOXELS", panel="")] = None

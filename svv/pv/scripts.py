@@ -15,7 +15,7 @@ from typing import Any
 
 from svv.core.cameras import Camera
 from svv.ending import end_with
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress, silent
 from svv.job.source import Drawn
 
 
@@ -46,8 +46,8 @@ class ShownVolume(Drawn):
         # Number and size of the views have their defaults here, because the job records them itself.
         return {"shown": views_key(volume_of(self.data), self.values)}
 
-    def image(self) -> Any:
-        """Return the volume after checking it."""
+    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
+        """Return the volume after checking it; it is in memory already."""
         from svv.dvr.grids import as_volume
         from svv.pv.work import volume_of
 

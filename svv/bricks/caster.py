@@ -1,0 +1,190 @@
+"""A ray caster for volumes that need not fit into memory.
+
+Rays fetch what they see: each is marched until it ends or reaches a brick that is not in memory; those bricks are read
+and the rays go on. Bricks behind something opaque, or outside the images, are never read. If the memory is full, the
+bricks that were used least recently make room.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.bricks import marching
+from svv.bricks.marching import BLOCKS, BRICK, EMPTY, UNKNOWN, VOXELS
+from svv.bricks.numbers import Numbers
+from svv.bricks.source import Box, Source
+from svv.core.cameras import Camera
+from svv.core.shading import Shading
+
+Array = NDArray[np.float64]
+
+RAYS_AT_A_TIME = 4096
+"""Number of rays in a piece of work for a thread."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """How values are shown: a transfer function in tables, and shading."""
+
+    low: float
+    """Value of the first entry of the table; smaller values look the same."""
+    high: float
+    """Value of its last entry."""
+    table: NDArray[np.float32]
+    """RGB, and opacity per unit distance, of evenly spaced values. (N, 4)"""
+    ranges: Array
+    """Intervals of values with an opacity above 0. (R, 2)"""
+    unit_distance: float
+    """Opacity unit distance, world units."""
+    shading: Shading
+    """Shading of the volume."""
+
+    def for_step(self, step: float) -> NDArray[np.float32]:
+        """Return the table with the opacity of a sample of this length: 1 - (1 - a) ** (step / unit). (N, 4)"""
+        table = self.table.astype(np.float64)
+        kept = np.log1p(-np.minimum(table[:, 3], 1.0 - 1e-9)) * (step / self.unit_distance)
+        table[:, 3] = np.where(table[:, 3] >= 1.0, 1.0, -np.expm1(kept))
+        return np.ascontiguousarray(table, np.float32)
+
+    def shades(self, view: Array) -> NDArray[np.float32]:
+        """Return the factor of the colour, and the highlight, of each code of a normal. (CODES ** 2 + 1, 2)
+
+        The light comes from the camera, along ``view`` everywhere in the image, and both sides of a surface are lit.
+        So is a place without a gradient, but by the ambient light only (as in ``vtkEncodedGradientShader``).
+        """
+        shading, normals = self.shading, marching.decoded()
+        cosine = np.abs(normals @ view)
+        if not shading.on:
+            return np.stack([np.ones_like(cosine), np.zeros_like(cosine)], axis=1).astype(np.float32)
+        shine = np.where(cosine > 1e-3, shading.specular * cosine**shading.specular_power, 0.0)
+        return np.stack([shading.ambient + shading.diffuse * cosine, shine], axis=1).astype(np.float32)
+
+
+class BrickCaster:
+    """Draws views of one level of a volume.
+
+    Args:
+        source: The volume.
+        level: Number of the level.
+        look: How its values are shown.
+        memory: Bytes that bricks may take; at least 64 bricks are kept.
+        threads: Number of threads.
+    """
+
+    def __init__(self, source: Source, level: int, look: Look, memory: int, threads: int) -> None:
+        self.source, self.number, self.look, self.threads = source, level, look, threads
+        self.level = source.levels[level]
+        self._numbers = Numbers.of(source.dtype, look.low, look.high)
+        self._ranges = self._numbers.mapped(look.ranges)
+        table = tuple(max(1, -(-(size - 1) // BRICK)) for size in self.level.shape)
+        self._slots = np.full(table, UNKNOWN, np.int32)
+        self._inverse = np.linalg.inv(self.level.axes)
+        bytes_each = VOXELS * (self._numbers.dtype.itemsize + 2)
+        count = min(max(64, memory // bytes_each), self._slots.size)
+        # Memory that is never written to takes no room: the pool grows as bricks are read.
+        self._values = np.empty((count, VOXELS), self._numbers.dtype)
+        self._codes = np.empty((count, VOXELS), np.uint16)
+        self._seen = np.zeros((count, BLOCKS, BLOCKS, BLOCKS), np.uint8)
+        self._stamps = np.zeros(count, np.int64)
+        self._owner = np.full(count, -1, np.int64)
+        self._free = list(range(count))[::-1]
+        self._now = 0
+        self.reads = 0
+        """Number of bricks that were read."""
+
+    def render(self, camera: Camera, step: float) -> NDArray[np.float32]:
+        """Draw a view.
+
+        Args:
+            camera: Camera in world units.
+            step: Sample distance, world units.
+
+        Returns:
+            Colours times opacity, and opacity. (height, width, 4)
+
+        Raises:
+            BadInput: A part of the volume cannot be read.
+        """
+        frame, corner, pixel = self._frame(camera)
+        count = camera.width * camera.height
+        state = np.zeros((count, 4), np.float32)
+        state[:, 3] = 1.0
+        samples = np.zeros(count, np.int32)
+        rays = np.arange(count, dtype=np.int32)
+        low = self._numbers.mapped(self.look.low)
+        gain = (len(self.look.table) - 1) / max(float(self._numbers.mapped(self.look.high) - low), 1e-300)
+        bounds = np.array([np.zeros(3), np.array(self.level.shape[::-1]) - 1.0])
+        table, shades = self.look.for_step(step), self.look.shades(-camera.camera_to_world[:3, 2])
+
+        def work(rays: NDArray[np.int32], wanted: NDArray[np.int32]) -> None:
+            marching.march(
+                rays, camera.width, frame, corner, pixel, bounds, step, self._slots, self._stamps, self._now,
+                self._seen, self._values, self._codes, table, np.float32(low), np.float32(gain), shades, state,
+                samples, wanted,
+            )  # fmt: skip
+
+        with ThreadPoolExecutor(self.threads) as pool:
+            while len(rays):
+                self._now += 1
+                wanted = np.empty(len(rays), np.int32)
+                cuts = range(RAYS_AT_A_TIME, len(rays), RAYS_AT_A_TIME)
+                list(pool.map(work, np.split(rays, cuts), np.split(wanted, cuts)))
+                waiting = wanted >= 0
+                rays = rays[waiting]
+                if len(rays):
+                    self._fetch(np.unique(wanted[waiting]), pool)
+        state[state[:, 3] < marching.SPENT, 3] = 0.0
+        state[:, 3] = 1.0 - state[:, 3]
+        return state.reshape(camera.height, camera.width, 4)
+
+    def _frame(self, camera: Camera) -> tuple[Array, Array, float]:
+        """Return the camera in voxels, the centre of its first pixel, and the side of a pixel at a distance of 1."""
+        turn = self._inverse @ camera.camera_to_world[:3, :3]
+        pixel = camera.pixel_at(1.0)
+        rows = [
+            self._inverse @ (camera.position - self.level.origin),
+            -turn[:, 2],
+            pixel * turn[:, 0],
+            -pixel * turn[:, 1],
+        ]
+        column, row = camera.principal_point
+        return np.array(rows), np.array([0.5 - column, 0.5 - row]), 0.0 if camera.is_orthographic else pixel
+
+    def _fetch(self, bricks: NDArray[np.int32], pool: ThreadPoolExecutor) -> None:
+        """Read bricks (flat indices), as many as there is room for; the others stay unknown and are asked for again."""
+        bricks = bricks[: len(self._owner)]
+        lacking = len(bricks) - len(self._free)
+        if lacking > 0:
+            held = np.flatnonzero(self._owner >= 0)
+            oldest = held[np.argpartition(self._stamps[held], lacking - 1)[:lacking]]
+            self._slots.ravel()[self._owner[oldest]] = UNKNOWN
+            self._owner[oldest] = -1
+            self._free += oldest.tolist()
+        slots = [self._free.pop() for _ in bricks]
+        for brick, slot, shown in zip(bricks.tolist(), slots, list(pool.map(self._read, bricks.tolist(), slots))):
+            self._slots.ravel()[brick] = slot if shown else EMPTY
+            if shown:
+                self._owner[slot], self._stamps[slot] = brick, self._now
+            else:
+                self._free.append(slot)
+        self.reads += len(bricks)
+
+    def _read(self, brick: int, slot: int) -> bool:
+        """Read a brick into a slot; returns whether anything in it is visible."""
+        index = np.array(np.unravel_index(brick, self._slots.shape)) * BRICK
+        start = np.maximum(index - 1, 0)
+        stop = np.minimum(index + BRICK + 2, self.level.shape)
+        box = self._numbers.converted(self.source.read(self.number, _box(start), _box(stop)))
+        first = index - start
+        if not marching.find_visible(box, first, self._ranges, self._seen[slot]):
+            return False
+        marching.fill(box, first, self._inverse.T.copy(), self._values[slot], self._codes[slot])
+        return True
+
+
+def _box(index: NDArray[np.int64]) -> Box:
+    return int(index[0]), int(index[1]), int(index[2])

@@ -1,0 +1,256 @@
+"""Pyramids on the side: coarser levels of a volume whose file has none.
+
+Each level halves the one before, by the means of 2 x 2 x 2 voxels. All levels are made in one pass over the file, box
+by box, and kept in the cache. A pass that is interrupted goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from svv.bricks.mapped import MappedSource, mapped
+from svv.bricks.source import Box, Level, Source
+from svv.errors import BadInput, Progress
+from svv.io.atomic import cannot_write, make_folder
+from svv.io.cache import Cache, bytes_in, cache_folder
+
+BOUND = 50_000_000_000
+"""Maximum size of all pyramids in bytes unless ``SVV_PYRAMIDS_SIZE`` is set; a pyramid has a seventh of its volume."""
+
+DEPTH = 6
+"""Maximum number of levels made in one pass: a box has 2 ** DEPTH voxels along z and y."""
+
+COARSEST = 64
+"""Longest side in voxels below which no further level is made."""
+
+BOX_BYTES = 32 << 20
+"""Approximate size of a box that is read at a time."""
+
+FORMAT = "1"
+"""Number at the end of pyramids' names; changes with their layout."""
+
+
+class PyramidSource:
+    """A volume together with a pyramid of coarser levels."""
+
+    def __init__(self, fine: Source, coarse: Sequence[MappedSource], low: float, high: float) -> None:
+        self.name, self.dtype, self._parts = fine.name, fine.dtype, (fine, *coarse)
+        self.levels: Sequence[Level] = (*fine.levels[:1], *(part.levels[0] for part in coarse))
+        self.range = low, high
+        """Smallest and largest value of the finest level."""
+
+    def read(self, level: int, start: Box, stop: Box) -> NDArray[Any]:
+        """Read a box; see :meth:`svv.bricks.source.Source.read`."""
+        return self._parts[level].read(0, start, stop)
+
+
+def pyramids() -> Cache:
+    """Return the cache of pyramids: ``SVV_PYRAMIDS``, or by default the folder ``pyramids`` of the user's cache.
+
+    Raises:
+        BadInput: ``SVV_PYRAMIDS_SIZE`` is not a size.
+    """
+    size = os.environ.get("SVV_PYRAMIDS_SIZE")
+    folder = Path(os.environ.get("SVV_PYRAMIDS") or cache_folder() / "pyramids").expanduser()
+    return Cache(folder, bytes_in(size, "SVV_PYRAMIDS_SIZE") if size else BOUND)
+
+
+def with_pyramid(source: Source, path: Path, progress: Progress) -> PyramidSource:
+    """Return a volume with coarser levels, which are made and kept in the cache if they are not there yet.
+
+    Args:
+        source: The volume; only its finest level is used.
+        path: Its file or folder: a pyramid is made again if that changes.
+        progress: Called often; the work stops when it raises, and goes on from there the next time.
+
+    Raises:
+        BadInput: A part of the volume cannot be read, a value is not finite, or the pyramid cannot be written.
+    """
+    cache, name = pyramids(), _name(source, path)
+    if not cache.holds(name):
+        unfinished = cache.folder / f".{name}"
+        try:
+            make_folder(unfinished)
+            with _alone(unfinished, progress):
+                if not cache.holds(name):  # another process may have made it in the meantime
+                    _build(source, unfinished, progress)
+                    os.replace(unfinished, cache.folder / name)
+        except OSError as error:
+            raise cannot_write(unfinished, error) from error
+        cache.trim(cache.folder / name)
+    folder = cache.folder / name
+    with suppress(OSError):  # belongs to another user: it will merely appear older than it is
+        os.utime(folder)
+    ranges = np.load(folder / "ranges.npy")
+    levels = _levels(source)
+    coarse = [
+        mapped(folder / f"level-{k}.raw", 0, source.dtype, level.shape, level.axes, level.origin.tolist())
+        for k, level in enumerate(levels, 1)
+    ]
+    return PyramidSource(source, coarse, float(ranges[..., 0].min()), float(ranges[..., 1].max()))
+
+
+def _name(source: Source, path: Path) -> str:
+    """Return the name of a pyramid in the cache: it depends on the file, its size and time, and how it is read."""
+    files = sorted(path.rglob("*")) if path.is_dir() else [path]
+    about = [(str(f.relative_to(path)), f.stat().st_size, f.stat().st_mtime_ns) for f in files if f.is_file()]
+    level = source.levels[0]
+    read = (source.dtype.str, level.shape, level.axes.tolist(), level.origin.tolist(), source.name)
+    hashes = [hashlib.sha256(repr(text).encode()).hexdigest()[:20] for text in ((str(path.resolve()), about), read)]
+    return f"pyramid-{hashes[0]}-{hashes[1]}-{FORMAT}"
+
+
+def _levels(source: Source) -> list[Level]:
+    """Return the levels of the pyramid, without the volume itself."""
+    levels = [source.levels[0]]
+    while len(levels) <= DEPTH and max(levels[-1].shape) > COARSEST:
+        levels.append(levels[-1].halved())
+    return levels[1:]
+
+
+def _build(source: Source, folder: Path, progress: Progress) -> None:
+    """Write all levels, and the range of values of each box; boxes that are already there are skipped."""
+    levels, whole = _levels(source), source.levels[0].shape
+    edge = 1 << DEPTH
+    rows = max(1, BOX_BYTES // (edge * whole[2] * source.dtype.itemsize * edge)) * edge
+    count = -(-whole[0] // edge), -(-whole[1] // rows)
+    size = sum(level.voxels for level in levels) * source.dtype.itemsize
+    where = f"Making a pyramid ({_readable(size)} in {folder.parent})"
+    for k, level in enumerate(levels, 1):
+        _claim(folder / f"level-{k}.raw", level.voxels * source.dtype.itemsize)
+    if not (folder / "ranges.npy").exists():
+        np.save(folder / "ranges.npy", np.full((*count, 2), np.nan))
+    ranges = np.lib.format.open_memmap(folder / "ranges.npy", "r+")
+    files = [os.open(folder / f"level-{k}.raw", os.O_WRONLY) for k in range(1, len(levels) + 1)]
+
+    def work(index: tuple[int, int]) -> None:
+        start = index[0] * edge, index[1] * rows, 0
+        stop = min(start[0] + edge, whole[0]), min(start[1] + rows, whole[1]), whole[2]
+        box = source.read(0, start, stop)
+        low, high = float(box.min()), float(box.max())
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise BadInput(f"{source.name} contains values that are NaN or infinite; replace them with numbers first.")
+        for k, (file, level) in enumerate(zip(files, levels), 1):
+            box = halved(box)
+            first = start[0] >> k, start[1] >> k
+            for z, layer in enumerate(box):
+                place = ((first[0] + z) * level.shape[1] + first[1]) * level.shape[2]
+                _write(file, layer, place * source.dtype.itemsize)
+        ranges[index] = low, high  # last: it marks the box as done
+
+    missing = [tuple(index) for index in np.argwhere(np.isnan(ranges[..., 0])).tolist()]
+    done = count[0] * count[1] - len(missing)
+    try:
+        with ThreadPoolExecutor(2) as pool:  # one reads while the other one computes
+            for number, _ in enumerate(_in_turn(pool, work, missing)):
+                progress((done + number + 1) / (count[0] * count[1]), where)
+    finally:
+        ranges.flush()
+        for file in files:
+            os.close(file)
+
+
+def _in_turn(pool: ThreadPoolExecutor, work: Any, items: Sequence[Any]) -> Iterator[None]:
+    """Do work on a few items at a time, so that little is left to do when a caller stops."""
+    waiting: list[Any] = []
+    for item in items:
+        waiting.append(pool.submit(work, item))
+        if len(waiting) > 2:
+            yield waiting.pop(0).result()
+    for future in waiting:
+        yield future.result()
+
+
+def _write(file: int, layer: NDArray[Any], place: int) -> None:
+    data = np.ascontiguousarray(layer).data.cast("B")
+    while data:
+        written = os.pwrite(file, data, place)
+        data, place = data[written:], place + written
+
+
+def _claim(path: Path, size: int) -> None:
+    """Create a file of this size if there is none, so that a full disk shows before the work."""
+    if path.exists() and path.stat().st_size == size:
+        return
+    with path.open("wb") as file:
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, size)
+        else:
+            file.truncate(size)
+
+
+@contextmanager
+def _alone(folder: Path, progress: Progress) -> Iterator[None]:
+    """Wait until no other process makes the same pyramid; the lock ends with the process, however that ends."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: two processes would make it twice, with the same result
+        yield
+        return
+    with (folder / "lock").open("w") as file:
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                progress(0.0, "Waiting for another process that makes the same pyramid")
+                time.sleep(0.2)
+        yield
+
+
+def _readable(size: float) -> str:
+    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB"
+
+
+def halved(values: NDArray[Any]) -> NDArray[Any]:
+    """Return the means of 2 x 2 x 2 voxels, of integers rounded; at the end of an odd side, of fewer. (z, y, x)"""
+    out = np.empty([-(-size // 2) for size in values.shape], values.dtype)
+    if values.dtype.kind == "f":
+        _mean_reals(values, out)
+    elif values.dtype.itemsize <= 4:
+        _mean_integers(values, out)
+    else:
+        wide = np.empty(out.shape)
+        _mean_reals(values, wide)
+        np.rint(wide, out=wide)
+        out[...] = wide
+    return out
+
+
+@njit(nogil=True, cache=True)
+def _mean_reals(values, out):  # type: ignore[no-untyped-def]
+    for z in range(out.shape[0]):
+        za, zb = values[2 * z], values[min(2 * z + 1, values.shape[0] - 1)]
+        for y in range(out.shape[1]):
+            ya, yb = 2 * y, min(2 * y + 1, values.shape[1] - 1)
+            for x in range(out.shape[2]):
+                a, b = 2 * x, min(2 * x + 1, values.shape[2] - 1)
+                near = float(za[ya, a]) + float(za[ya, b]) + float(za[yb, a]) + float(za[yb, b])
+                far = float(zb[ya, a]) + float(zb[ya, b]) + float(zb[yb, a]) + float(zb[yb, b])
+                out[z, y, x] = 0.125 * (near + far)
+
+
+@njit(nogil=True, cache=True)
+def _mean_integers(values, out):  # type: ignore[no-untyped-def]
+    half = values.shape[2] // 2
+    for z in range(out.shape[0]):
+        za, zb = values[2 * z], values[min(2 * z + 1, values.shape[0] - 1)]
+        for y in range(out.shape[1]):
+            ya, yb = 2 * y, min(2 * y + 1, values.shape[1] - 1)
+            a, b, c, d, row = za[ya], za[yb], zb[ya], zb[yb], out[z, y]
+            for x in range(half):
+                k = 2 * x
+                row[x] = (np.int64(a[k]) + a[k + 1] + b[k] + b[k + 1] + c[k] + c[k + 1] + d[k] + d[k + 1] + 4) >> 3
+            if half < len(row):
+                row[half] = (np.int64(a[-1]) + b[-1] + c[-1] + d[-1] + 2) >> 2

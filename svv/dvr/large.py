@@ -1,0 +1,250 @@
+"""Volumes that are drawn brick by brick, whether or not they fit into memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.bricks.caster import BrickCaster, Look
+from svv.bricks.opened import BRICKED, open_bricks
+from svv.bricks.pyramid import PyramidSource, with_pyramid
+from svv.bricks.source import ArraySource, Level, Source
+from svv.core.cameras import Camera
+from svv.core.shading import Shading
+from svv.dvr.grids import from_array, level_of_image, set_geometry, to_array
+from svv.dvr.mappers import Pixels, usable_cpus
+from svv.dvr.stage import Stage
+from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.volumes import read_volume
+from svv.errors import BadInput, Progress, silent
+
+VTK_BYTES = 5
+"""Bytes per voxel that VTK's ray casters need besides three copies of the values: normals, and tables of blocks."""
+
+OVERVIEW = 512
+"""Maximum number of voxels along the longest side of the level from which the visible part and the training's
+classified volume are found."""
+
+OVERVIEW_BYTES = 300_000_000
+"""Maximum size of the same level in bytes."""
+
+ENTRIES = 1 << 14
+"""Number of entries of the table of colours and opacities."""
+
+FINEST = 1.0
+"""Minimum side of a pixel, in voxels of the level that is drawn, except for the finest level."""
+
+
+class LargeVolume:
+    """A volume of which bricks are read when they are needed.
+
+    Args:
+        source: The volume with its levels.
+        memory: Bytes that its bricks may take in memory.
+        name: Name in messages.
+    """
+
+    def __init__(self, source: Source, memory: int, name: str = "The volume") -> None:
+        self.source, self.memory, self.name = source, memory, name
+
+    @property
+    def whole(self) -> Level:
+        """The finest level."""
+        return self.source.levels[0]
+
+    @cached_property
+    def overview(self) -> vtkImageData:
+        """The finest level that is small enough, as an image."""
+        sizes = [
+            (max(level.shape), int(np.prod(level.shape)) * self.source.dtype.itemsize) for level in self.source.levels
+        ]
+        small = [k for k, (side, size) in enumerate(sizes) if side <= OVERVIEW and size <= OVERVIEW_BYTES]
+        number = small[0] if small else len(sizes) - 1
+        level = self.source.levels[number]
+        values = np.empty(level.shape, self.source.dtype)
+        for z in range(0, level.shape[0], 32):
+            stop = min(z + 32, level.shape[0])
+            values[z:stop] = self.source.read(number, (z, 0, 0), (stop, *level.shape[1:]))
+        image = from_array(values, name=self.name)
+        set_geometry(image, level.axes, level.origin)
+        return image
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value; of the overview's if the file has its own levels and no record of the range."""
+        if isinstance(self.source, PyramidSource):
+            return self.source.range
+        values = to_array(self.overview)
+        return float(values.min()), float(values.max())
+
+    def level_for(self, camera: Camera, stage: Stage) -> int:
+        """Return the coarsest level whose voxels are not larger than the pixels, where the volume is nearest."""
+        half = 0.5 * float(np.linalg.norm(stage.visible_size))
+        away = float(np.linalg.norm(camera.position - stage.centre)) - half
+        pixel = float(camera.pixel_at(max(away, 0.05 * half)))
+        fine = [k for k, level in enumerate(self.source.levels) if level.voxel * FINEST <= pixel * (1.0 + 1e-9)]
+        return max(fine, default=0)
+
+
+class BrickMapper:
+    """Our own ray caster for large volumes, with the methods of VTK's.
+
+    Args:
+        volume: The volume.
+        tf: Transfer function for its values, with an opacity unit distance.
+        stage: Stage of its overview.
+        shading: Shading of the volume.
+        step: Sample distance in stage units; levels other than the overview are drawn with the same number of their
+            own voxels.
+    """
+
+    name = "bricks"
+
+    def __init__(self, volume: LargeVolume, tf: TransferFunction, stage: Stage, shading: Shading, step: float) -> None:
+        assert tf.unit_distance is not None
+        self._volume, self._stage = volume, stage
+        low, high = volume.range
+        values = np.linspace(low, high, ENTRIES)
+        table = np.concatenate([tf.colour_at(values), tf.opacity_at(values)[:, None]], axis=1).astype(np.float32)
+        ranges = np.array(tf.visible_ranges(low, high)).reshape(-1, 2)
+        self._look = Look(low, high, table, ranges, tf.unit_distance, shading)
+        self._caster: BrickCaster | None = None
+        self.set_step(step)
+
+    def render(self, camera: Camera) -> Pixels:
+        """Render a view with straight alpha; its colour is 0 where alpha is 0. (height, width, 4) uint8"""
+        number = self._volume.level_for(camera, self._stage)
+        if self._caster is None or self._caster.number != number:
+            self._caster = BrickCaster(self._volume.source, number, self._look, self._volume.memory, usable_cpus())
+        return straight(self._caster.render(camera, self._voxels * self._caster.level.voxel))
+
+    def set_step(self, step: float) -> None:
+        """Set the sample distance, stage units of the overview."""
+        self._voxels = step / self._stage.voxel
+
+    def close(self) -> None:
+        """Let go of the bricks."""
+        self._caster = None
+
+
+def straight(drawn: NDArray[np.float32]) -> Pixels:
+    """Convert colours times opacity and opacity (h, w, 4) to 8-bit levels with straight alpha."""
+    levels = 255.0 * drawn
+    levels[..., :3] /= np.maximum(drawn[..., 3:], 1e-6)
+    pixels: Pixels = np.rint(np.clip(levels, 0.0, 255.0)).astype(np.uint8)
+    pixels[pixels[..., 3] == 0] = 0
+    return pixels
+
+
+def open_volume(
+    path: str | Path,
+    dims: Sequence[int] | None = None,
+    dtype: DTypeLike | None = None,
+    spacing: Sequence[float] | None = None,
+    array: str | None = None,
+    mapper: str = "auto",
+    memory: float | None = None,
+    progress: Progress = silent,
+) -> vtkImageData | LargeVolume:
+    """Read a volume, or open it for drawing by bricks if the ray caster is ``bricks``, or ``auto`` and it is too large.
+
+    Args:
+        path: Its file or folder.
+        dims: See :func:`svv.dvr.volumes.read_volume`.
+        dtype: See there.
+        spacing: See there.
+        array: See there; also the path of a dataset in an HDF5 file, or of an array in a Zarr group.
+        mapper: Ray caster: ``auto``, ``bricks``, ``gpu`` or ``cpu``.
+        memory: Gigabytes that drawing may take; by default half of the computer's memory.
+        progress: Called often; the work stops when it raises.
+
+    Raises:
+        BadInput: The file does not exist, is damaged or has no supported format; bricks cannot be read of a file of
+            this format; or the volume does not fit into memory and ``mapper`` is one of VTK's.
+    """
+    file, allowed = Path(path), memory_allowed(memory)
+    progress(0.0, "Reading the volume")
+    source = open_bricks(file, dims, dtype, spacing, None, array) if mapper in ("auto", "bricks") else None
+    if source is None:
+        if mapper == "bricks":
+            raise BadInput(
+                f"Bricks cannot be read of {file}: that needs a file of the type {BRICKED}, stored uncompressed or in "
+                "chunks. Convert it, or choose another ray caster."
+            )
+        return read_volume(file, dims, dtype, spacing, None, array)
+    needed = vtk_bytes(source)
+    if mapper == "auto" and needed <= allowed and file.suffix.lower() not in READ_BY_BRICKS_ONLY:
+        return read_volume(file, dims, dtype, spacing, None, array)
+    if mapper == "auto" and needed > allowed:
+        progress(0.0, f"Drawing by bricks: VTK would need {needed / 1e9:.1f} GB, more than {allowed / 1e9:.1f} GB")
+    if len(source.levels) == 1:
+        source = with_pyramid(source, file, progress)
+    return LargeVolume(source, allowed // 2, file.name)
+
+
+READ_BY_BRICKS_ONLY = (".h5", ".hdf5", ".he5", ".zarr")
+"""Endings of volumes that VTK does not read."""
+
+
+def vtk_bytes(source: Source) -> int:
+    """Return the memory in bytes that drawing a volume with VTK takes."""
+    return source.levels[0].voxels * (3 * source.dtype.itemsize + VTK_BYTES)
+
+
+def memory_allowed(gigabytes: float | None) -> int:
+    """Return a limit in bytes; None stands for half of the computer's memory.
+
+    Raises:
+        BadInput: The limit is below a quarter of a gigabyte.
+    """
+    if gigabytes is None:
+        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 8 << 30
+        return there // 2
+    if not 0.25 <= gigabytes < np.inf:
+        raise BadInput(f"Drawing needs at least 0.25 GB of memory, not {gigabytes:g}.")
+    return int(gigabytes * 1e9)
+
+
+def in_memory(image: vtkImageData, memory: int) -> LargeVolume:
+    """Return an image in memory as a volume for our own ray caster; its values are shared, not copied."""
+    level = level_of_image(image)
+    values: NDArray[Any] = to_array(image)
+    source = ArraySource(values, level.axes, level.origin)
+    large = LargeVolume(source, memory)
+    large.__dict__["overview"] = image
+    return large
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A volume of which views are drawn, in memory or not."""
+
+    image: vtkImageData
+    """The volume, or an overview of it."""
+    whole: Level
+    """Grid of the whole volume."""
+    range: tuple[float, float]
+    """Smallest and largest value."""
+    type: str
+    """NumPy's name of the values' type."""
+    large: LargeVolume | None = None
+    """The volume, if it is drawn by bricks."""
+
+    @classmethod
+    def of(cls, volume: vtkImageData | LargeVolume, mapper: str, memory: float | None) -> Subject:
+        """Return an image (see ``as_volume``) or a large volume as a subject for a ray caster."""
+        if isinstance(volume, vtkImageData) and mapper == "bricks":
+            volume = in_memory(volume, memory_allowed(memory) // 2)
+        if isinstance(volume, LargeVolume):
+            return cls(volume.overview, volume.whole, volume.range, str(volume.source.dtype), volume)
+        values = to_array(volume)
+        low, high = float(values.min()), float(values.max())
+        return cls(volume, level_of_image(volume), (low, high), str(values.dtype))

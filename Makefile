@@ -96,5 +96,5 @@ $(DOCS): $(INSTALLED)
 # Packages that only the tests need, such as triton with 0.7 GB.
 $(TOOLS): $(INSTALLED)
 	@echo 'Installing the packages that the tests need.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,dev]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,large,dev]'
 	@touch "$@"

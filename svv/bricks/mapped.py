@@ -19,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 from svv.bricks.source import ArraySource, Box
 from svv.errors import BadInput
 
-KEPT = 64 << 20
+KEPT = 16 << 20
 """Bytes read from a map after which its pages are let go."""
 
 MOST_HEADER = 1 << 20

@@ -1,0 +1,140 @@
+"""Drawing by bricks: the same images as VTK's ray caster, and the choice between the two."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("vtkmodules")
+
+from svv.bricks.generated import GeneratedSource
+from svv.bricks.source import ArraySource
+from svv.core.cameras import CameraRig
+from svv.core.shading import Shading
+from svv.dvr.demo_volume import demo_transfer_function, demo_volume
+from svv.dvr.grids import from_array, index_to_world, level_of_image, set_geometry, to_array
+from svv.dvr.large import LargeVolume, memory_allowed, open_volume, straight
+from svv.dvr.stage import set_stage
+from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.views import make_views, render_views
+from svv.errors import BadInput
+from svv.io.viewset import ViewSet
+
+SHADINGS = {"ParaView's": Shading(), "glossy": Shading(ambient=0.2, diffuse=0.6, specular=0.5, specular_power=8.0)}
+AXES = {
+    "straight": np.diag([1.0, 1.0, 1.0]),
+    "turned and mirrored": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]) @ np.diag([1.0, 1.3, 0.8]),
+}
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SVV_PYRAMIDS", str(tmp_path / "pyramids"))
+
+
+def tf() -> TransferFunction:
+    return demo_transfer_function().mapped(255.0, 0.0)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("axes", AXES)
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_images_are_those_of_vtk(shading: str, axes: str, projection: str) -> None:
+    """Mean difference below one level; the rest is VTK's 15-bit arithmetic, which rounds up at each sample."""
+    image = demo_volume(64, levels=255)
+    set_geometry(image, AXES[axes], np.array([5.0, 6.0, 7.0]))
+    stage = set_stage(image, tf())
+    x, y, z = stage.centre.tolist()
+    rig = CameraRig((x, y, z), 3.0 * float(np.linalg.norm(stage.visible_size)), np.pi / 9)
+    if projection == "orthographic":
+        rig = CameraRig((x, y, z), rig.radius, rig.fov_x, span_x=rig.view_width)
+    cameras = rig.sphere(3, 120)
+    ours, theirs = (
+        render_views(image, tf(), cameras, mapper, SHADINGS[shading], step=0.5) for mapper in ("bricks", "cpu")
+    )
+    one, other = ours.astype(float), theirs.astype(float)
+    for picture in (one, other):
+        picture[..., :3] *= picture[..., 3:] / 255.0
+    assert other[..., 3].max() > 200
+    assert np.abs(one - other).mean() < 1.0
+    seen = other[..., 3] > 0
+    assert np.abs(one - other)[seen].mean() < 2.5
+
+
+def test_a_coarser_level_is_in_the_same_place(tmp_path: Path) -> None:
+    """Where a pixel covers several voxels, a coarser level is drawn; it is finer if it fits into memory."""
+    file = tmp_path / "v.npy"
+    np.save(file, GeneratedSource(160).read(0, (0, 0, 0), (160, 160, 160)))
+    function = TransferFunction.from_bumps([{"centre": 200, "width": 100, "opacity": 0.2}])
+    volume = open_volume(file, mapper="bricks")
+    assert isinstance(volume, LargeVolume)
+    assert len(volume.source.levels) == 3
+    image = from_array(np.load(file))
+    stage = set_stage(image, function)
+    x, y, z = stage.centre.tolist()
+    cameras = CameraRig((x, y, z), 2.3 * float(np.linalg.norm(stage.visible_size)), np.pi / 6).sphere(3, 30)
+    assert volume.level_for(cameras[0], stage) == 1
+    wanted = render_views(volume, function, cameras)[..., 3].astype(float)
+    volume.memory = 1_000_000
+    assert volume.level_for(cameras[0], stage) == 2
+    coarse = render_views(volume, function, cameras)[..., 3].astype(float)
+    theirs = render_views(image, function, cameras, "cpu")[..., 3].astype(float)
+    assert np.abs(wanted - theirs).mean() < 1.0
+    assert np.abs(wanted - theirs).mean() < np.abs(coarse - theirs).mean() < 2.0
+    for axis in (1, 2):  # half a voxel's shift would show
+        aside = 0.5 * (np.roll(theirs, 1, axis=axis) + theirs)
+        assert np.abs(coarse - theirs).mean() < 0.5 * np.abs(aside - theirs).mean()
+
+
+def test_views_by_bricks_train_like_others(tmp_path: Path) -> None:
+    file = tmp_path / "gen_40x40x40_uint8.raw"
+    GeneratedSource(40).read(0, (0, 0, 0), (40, 40, 40)).tofile(file)
+    function = TransferFunction.from_bumps([{"centre": 200, "width": 100, "opacity": 0.5}])
+    train, test = make_views(file, function, n=3, test=2, size=48, rescale=False, mapper="bricks")
+    other, _ = make_views(file, function, n=3, test=0, size=48, rescale=False, mapper="cpu")
+    assert isinstance(test, ViewSet)
+    assert train.meta.mapper == "bricks"
+    assert train.meta.grid == other.meta.grid
+    assert train.meta.rig == other.meta.rig
+    assert train.classified is not None and other.classified is not None
+    assert np.array_equal(train.classified.exponent, other.classified.exponent)
+    assert np.abs(train.images.astype(int) - other.images.astype(int))[..., 3].mean() < 2.0
+
+
+def test_auto_takes_bricks_if_vtk_needs_too_much_memory(tmp_path: Path) -> None:
+    file = tmp_path / "gen_400x320x320_uint8.raw"
+    np.tile(GeneratedSource(320).read(0, (120, 0, 0), (200, 320, 320)), (4, 1, 5)).reshape(-1)[
+        : 400 * 320 * 320
+    ].tofile(file)
+    said: list[str] = []
+    volume = open_volume(file, memory=0.25, progress=lambda fraction, label: said.append(label))
+    assert isinstance(volume, LargeVolume)
+    assert any("Drawing by bricks: VTK would need 0.3 GB, more than 0.2 GB" in label for label in said)
+    assert volume.memory == 125_000_000
+    assert not isinstance(open_volume(file, memory=1.0), LargeVolume)
+    assert not isinstance(open_volume(file, memory=0.25, mapper="cpu"), LargeVolume)
+    with pytest.raises(BadInput, match=r"at least 0\.25 GB"):
+        memory_allowed(0.1)
+
+
+def test_a_file_without_bricks_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "v.vtk").write_text("# vtk DataFile Version 3.0\n")
+    with pytest.raises(BadInput, match="Bricks cannot be read of"):
+        make_views(tmp_path / "v.vtk", tf(), mapper="bricks")
+
+
+def test_the_overview_and_the_range_are_those_of_the_volume() -> None:
+    image = demo_volume(24, levels=255)
+    matrix = index_to_world(image)
+    volume = LargeVolume(ArraySource(to_array(image), matrix[:3, :3], matrix[:3, 3]), 1 << 20)
+    assert np.array_equal(to_array(volume.overview), to_array(image))
+    assert np.allclose(index_to_world(volume.overview), matrix)
+    assert volume.range == (to_array(image).min(), to_array(image).max())
+    assert level_of_image(image).voxels == 24**3
+
+
+def test_straight_alpha_keeps_colours() -> None:
+    drawn = np.array([[[0.25, 0.125, 0.0, 0.5], [0.0, 0.0, 0.0, 0.0]]], np.float32)
+    assert straight(drawn).tolist() == [[[128, 64, 0, 128], [0, 0, 0, 0]]]

@@ -206,6 +206,28 @@ def _shade(codes, shades, which, a, b, c, d, wx, wy, wz):  # type: ignore[no-unt
     return near + wz * (far - near)
 
 
+@njit(nogil=True, fastmath=True, cache=True, inline="always")
+def _ray(u, v, frame, pixel):  # type: ignore[no-untyped-def]
+    """Return the start and direction of the ray through a place in the image; see :func:`march`."""
+    ox, oy, oz = frame[0, 0], frame[0, 1], frame[0, 2]
+    dx, dy, dz = frame[1, 0], frame[1, 1], frame[1, 2]
+    ax, ay = u * frame[2, 0] + v * frame[3, 0], u * frame[2, 1] + v * frame[3, 1]
+    az = u * frame[2, 2] + v * frame[3, 2]
+    if pixel == 0.0:
+        return ox + ax, oy + ay, oz + az, dx, dy, dz
+    length = math.sqrt(1.0 + (u * u + v * v) * pixel * pixel)
+    return ox, oy, oz, (dx + ax) / length, (dy + ay) / length, (dz + az) / length
+
+
+@njit(nogil=True, fastmath=True, cache=True, inline="always")
+def _clipped(o, d, low, high, near, far):  # type: ignore[no-untyped-def]
+    """Return the part of a ray from ``near`` to ``far`` that lies in a slab; the first is larger if none does."""
+    if abs(d) < 1e-12:
+        return (near, far) if low <= o <= high else (1.0, -1.0)
+    a, b = (low - o) / d, (high - o) / d
+    return max(near, min(a, b)), min(far, max(a, b))
+
+
 @njit(nogil=True, fastmath=True, cache=True)
 def march(  # type: ignore[no-untyped-def]
     rays, width, frame, corner, pixel, bounds, step, slots, stamps, now, seen, values, codes, table, low, gain, shades,
@@ -245,25 +267,10 @@ def march(  # type: ignore[no-untyped-def]
         number = rays[r]
         wanted[r] = -1
         u, v = corner[0] + number % width, corner[1] + number // width
-        ox, oy, oz = frame[0, 0], frame[0, 1], frame[0, 2]
-        dx, dy, dz = frame[1, 0], frame[1, 1], frame[1, 2]
-        ax, ay = u * frame[2, 0] + v * frame[3, 0], u * frame[2, 1] + v * frame[3, 1]
-        az = u * frame[2, 2] + v * frame[3, 2]
-        if pixel == 0.0:
-            ox, oy, oz = ox + ax, oy + ay, oz + az
-        else:
-            length = math.sqrt(1.0 + (u * u + v * v) * pixel * pixel)
-            dx, dy, dz = (dx + ax) / length, (dy + ay) / length, (dz + az) / length
+        ox, oy, oz, dx, dy, dz = _ray(u, v, frame, pixel)
         near, far = 0.0, 1e30
-        for axis in range(3):
-            o = ox if axis == 0 else oy if axis == 1 else oz
-            d = dx if axis == 0 else dy if axis == 1 else dz
-            if abs(d) < 1e-12:
-                if o < bounds[0, axis] or o > bounds[1, axis]:
-                    far = -1.0
-            else:
-                a, b = (bounds[0, axis] - o) / d, (bounds[1, axis] - o) / d
-                near, far = max(near, min(a, b)), min(far, max(a, b))
+        for axis, o, d in ((0, ox, dx), (1, oy, dy), (2, oz, dz)):
+            near, far = _clipped(o, d, bounds[0, axis], bounds[1, axis], near, far)
         k = max(samples[number], int(math.ceil(near / step - 0.5)))
         end = int(math.floor(far / step - 0.5))
         red, green, blue, through = state[number, 0], state[number, 1], state[number, 2], state[number, 3]

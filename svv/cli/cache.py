@@ -25,31 +25,37 @@ def cache(
     ] = False,
     json: Json = None,
 ) -> None:
-    """Show or clear the results that ParaView's filters keep so that saved states need not train or paint again.
+    """Show or clear what is kept so that it need not be computed again: results of ParaView's filters, and pyramids.
 
-    The folder is SVV_CACHE if it is set, otherwise svv/scenes in the user's cache. SVV_CACHE_SIZE limits its size,
-    by default to 2G; above the limit, the least recently used results are removed.
+    Results are trained and painted scenes of saved states; their folder is SVV_CACHE if it is set, otherwise svv/scenes
+    in the user's cache. Pyramids are coarser levels of large volumes; their folder is SVV_PYRAMIDS, otherwise
+    svv/pyramids. SVV_CACHE_SIZE and SVV_PYRAMIDS_SIZE limit the sizes, by default to 2G and 50G; above the limit, what
+    was used least recently is removed.
     """
+    from svv.bricks.pyramid import pyramids
     from svv.io.atomic import check_writable, write_json
     from svv.io.cache import Cache
 
     if json is not None:
         check_writable(json)
-    place = Cache.of_user()
-    entries = place.entries()
-    freed = place.clear() if clear else None
-    left = place.entries() if clear else entries
-    held = sum(entry.bytes for entry in left)
-    if json is not None:
+    about = []
+    for place, kind in ((Cache.of_user(), "result"), (pyramids(), "pyramid")):
+        entries = place.entries()
+        freed = place.clear() if clear else None
+        left = place.entries() if clear else entries
+        held = sum(entry.bytes for entry in left)
         listed = [{"name": e.path.name, "bytes": e.bytes, "used": e.used} for e in left]
-        write_json(json, {"folder": place.folder, "entries": listed, "bytes": held, "bound": place.bound})
-    if freed is not None:
-        print(f"{place.folder}: {_counted(len(entries) - len(left))} removed, {freed / 1e6:.1f} MB.")
-        return
-    for entry in entries:
-        print(f"{datetime.fromtimestamp(entry.used):%Y-%m-%d %H:%M}  {entry.bytes / 1e6:8.1f} MB  {entry.path.name}")
-    print(f"{place.folder}: {_counted(len(left))}, {held / 1e6:.1f} MB of {place.bound / 1e6:.0f} MB at most.")
+        about.append({"folder": place.folder, "entries": listed, "bytes": held, "bound": place.bound})
+        if freed is not None:
+            print(f"{place.folder}: {_counted(len(entries) - len(left), kind)} removed, {freed / 1e6:.1f} MB.")
+            continue
+        for e in entries:
+            print(f"{datetime.fromtimestamp(e.used):%Y-%m-%d %H:%M}  {e.bytes / 1e6:8.1f} MB  {e.path.name}")
+        most = f"{place.bound / 1e6:.0f} MB at most"
+        print(f"{place.folder}: {_counted(len(entries), kind)}, {held / 1e6:.1f} MB of {most}.")
+    if json is not None:
+        write_json(json, {**about[0], "pyramids": about[1]})
 
 
-def _counted(results: int) -> str:
-    return f"{results} result{'' if results == 1 else 's'}"
+def _counted(number: int, kind: str) -> str:
+    return f"{number} {kind}{'' if number == 1 else 's'}"

@@ -134,15 +134,15 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
     )  # fmt: skip
     rows = list(csv.DictReader((tmp_path / "compare.csv").read_text().splitlines()))
     assert [(r["side"], r["volume"], r["image"]) for r in rows] == [
-        (side, volume, image) for volume in ("24", "32") for side in ("DVR", "PCN") for image in ("48", "64")
+        (side, volume, image) for volume in ("24", "32") for side in ("DVR", "bricks", "PCN") for image in ("48", "64")
     ]
     for row in rows:
         assert 0 < float(row["seconds_least"]) <= float(row["seconds_median"]) <= float(row["seconds_most"])
         assert float(row["memory_bytes"]) > 1e7
-        assert (row["side"] == "PCN") == bool(row["psnr"]) and (row["side"] == "DVR") == bool(row["ray_caster"])
+        assert (row["side"] == "PCN") == bool(row["psnr"]) and (row["side"] != "PCN") == bool(row["ray_caster"])
     volumes = {int(r["volume"]): int(r["data_bytes"]) for r in rows if r["side"] == "DVR"}
     assert all(n**3 <= size < n**3 + 4096 for n, size in volumes.items())
-    assert done.stdout.count("|---") == 11 and "In memory" in done.stdout
+    assert done.stdout.count("|---") == 14 and "In memory" in done.stdout
     chart = read_png(tmp_path / "compare.png")[..., :3].reshape(-1, 3).astype(int)
     assert ((chart[:, 0] - chart[:, 2]) > 100).sum() > 100 and ((chart[:, 2] - chart[:, 0]) > 100).sum() > 100
     stamp = (tmp_path / "32" / "pcn.json").stat().st_mtime_ns

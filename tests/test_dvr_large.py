@@ -9,8 +9,12 @@ import pytest
 
 pytest.importorskip("vtkmodules")
 
+from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
 from svv.bricks.generated import GeneratedSource
+from svv.bricks.opened import open_bricks
 from svv.bricks.source import ArraySource
+from svv.bricks.written import write_meta
 from svv.core.cameras import CameraRig
 from svv.core.shading import Shading
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
@@ -19,7 +23,8 @@ from svv.dvr.large import LargeVolume, memory_allowed, open_volume, straight
 from svv.dvr.stage import set_stage
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views, render_views
-from svv.errors import BadInput
+from svv.dvr.volumes import read_volume
+from svv.errors import BadInput, silent
 from svv.io.viewset import ViewSet
 
 SHADINGS = {"ParaView's": Shading(), "glossy": Shading(ambient=0.2, diffuse=0.6, specular=0.5, specular_power=8.0)}
@@ -133,6 +138,36 @@ def test_the_overview_and_the_range_are_those_of_the_volume() -> None:
     assert np.allclose(index_to_world(volume.overview), matrix)
     assert volume.range == (to_array(image).min(), to_array(image).max())
     assert level_of_image(image).voxels == 24**3
+
+
+@pytest.mark.parametrize("kind", ["u1", "i2", "f4", "f8"])
+def test_what_vtk_writes_is_read_by_bricks_and_the_other_way_round(kind: str, tmp_path: Path) -> None:
+    values = np.random.default_rng(0).integers(0, 100, (7, 6, 5)).astype(kind)
+    image = from_array(values, name="heat")
+    set_geometry(image, AXES["turned and mirrored"], np.array([1.0, 2.0, 3.0]))
+    writer = vtkXMLImageDataWriter()
+    writer.SetInputData(image)
+    writer.SetFileName(str(tmp_path / "v.vti"))
+    writer.SetCompressorTypeToNone()
+    writer.EncodeAppendedDataOff()
+    writer.Write()
+    source = open_bricks(tmp_path / "v.vti", array="heat")
+    assert source is not None
+    write_meta(tmp_path / "v.mha", source, 0, silent)
+    again = open_bricks(tmp_path / "v.mha")
+    assert again is not None
+    for found in (source, again):
+        assert np.array_equal(found.read(0, (1, 2, 3), (7, 4, 5)), values[1:7, 2:4, 3:5])
+        assert np.allclose(found.levels[0].axes, index_to_world(image)[:3, :3])
+        assert np.allclose(found.levels[0].origin, index_to_world(image)[:3, 3])
+    read = read_volume(tmp_path / "v.mha")
+    assert np.array_equal(to_array(read), values)
+    assert np.allclose(index_to_world(read), index_to_world(image))
+    with pytest.raises(BadInput, match="has no array 'cold'; it has heat"):
+        open_bricks(tmp_path / "v.vti", array="cold")
+    writer.SetCompressorTypeToZLib()
+    writer.Write()
+    assert open_bricks(tmp_path / "v.vti") is None, "compressed values cannot be mapped"
 
 
 def test_straight_alpha_keeps_colours() -> None:

@@ -158,8 +158,7 @@ def open_meta(file: Path) -> MappedSource | None:
         origin = _numbers(fields, ("Offset", "Position", "Origin"), "0 0 0")
         msb = next((fields[k] for k in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB") if k in fields), "False")
         kind = np.dtype(META_TYPES[fields["ElementType"]]).newbyteorder(">" if msb.lower() == "true" else "<")
-        # MetaImage lists the axes one after the other, so each is a row here.
-        turned = axes.reshape(3, 3).T * spacing
+        turned = axes.reshape(3, 3) * spacing  # the rows of VTK's direction matrix; ITK takes them for the axes
         skipped = int(fields.get("HeaderSize", "0"))
     except (KeyError, ValueError) as error:
         raise BadInput(f"Cannot read {file}: its header is damaged ({error}).") from error

@@ -29,7 +29,7 @@ def write_meta(path: Path, source: Source, level: int, progress: Progress) -> No
     """
     grid, kind = source.levels[level], source.dtype.str[1:]
     depth, height, width = grid.shape
-    axes = (grid.axes / grid.spacing).T  # MetaImage lists the axes one after the other
+    axes = grid.axes / grid.spacing  # row by row, as VTK reads and writes the matrix
     header = {
         "ObjectType": "Image", "NDims": "3", "BinaryData": "True", "BinaryDataByteOrderMSB": "False",
         "CompressedData": "False", "TransformMatrix": _words(axes.ravel()), "Offset": _words(grid.origin),

@@ -333,6 +333,18 @@ def test_an_ome_zarr_brings_its_own_levels(tmp_path: Path) -> None:
     assert moved.levels[1].origin.tolist() == [5.0, 5.0, 14.0]
 
 
+def test_a_damaged_chunk_is_one_sentence(tmp_path: Path) -> None:
+    zarr = pytest.importorskip("zarr", minversion="3")
+    zarr.create_array(tmp_path / "v.zarr", data=np.ones((8, 8, 8), np.float32), chunks=(4, 4, 4), zarr_format=2)
+    (tmp_path / "v.zarr" / "1.0.1").write_bytes(b"damaged")
+    source = open_bricks(tmp_path / "v.zarr")
+    assert source is not None
+    assert source.read(0, (0, 0, 0), (4, 8, 8)).all()
+    with pytest.raises(BadInput, match=r"Cannot read voxels 0\.\.7 x 0\.\.7 x 4\.\.7 of v\.zarr: ") as caught:
+        source.read(0, (4, 0, 0), (8, 8, 8))
+    assert "\n" not in str(caught.value)
+
+
 BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "missing": ("none.raw", {}, "There is no volume"),
     "empty": ("empty.npy", {}, "is empty"),

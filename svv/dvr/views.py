@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from vtkmodules.vtkCommonCore import vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera, CameraRig, sphere_cameras
+from svv.core.classified import ClassifiedVolume
 from svv.core.shading import Shading
 from svv.dvr.classify import classified
 from svv.dvr.grids import as_volume, index_to_world, to_array
@@ -78,7 +79,8 @@ def render_views(
             it is ``gpu`` and OpenGL is not available.
     """
     tf.fitted(*_range(image), rescale=False)
-    return _render(set_stage(image, tf), cameras, mapper, shading or Shading(), step, progress)[0]
+    caster, _ = open_caster(set_stage(image, tf), mapper, shading or Shading(), step)
+    return drawn(caster, cameras, progress)
 
 
 def make_views(
@@ -115,7 +117,6 @@ def make_views(
     """
     asked = replace(options, **changes)
     _check_options(asked)
-    n, size, fov = asked.n, asked.size, float(np.radians(asked.fov))
     began = time.monotonic()
     progress(0.0, "Reading the volume")
     image = as_volume(volume) if isinstance(volume, vtkImageData) else read_volume(volume)
@@ -125,11 +126,40 @@ def make_views(
     fitted = given.fitted(*_range(image), rescale)
     rescaled = fitted is not given
     fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(image))
-    stage = set_stage(image, fitted)
+    title = name or (Path(volume).name if isinstance(volume, (str, Path)) else "volume")
+    grid = grid_of(image, str(to_array(image).dtype), _range(image))
+    subject = Subject(set_stage(image, fitted), grid, image, title, fitted, rescaled)
+    return views_of(subject, asked, shading or Shading(), began, progress)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A volume on its stage, and what the record of its views says about it."""
+
+    stage: Stage
+    grid: VolumeGrid
+    whole: vtkImageData
+    """An image with the volume's grid; its values are not used."""
+    name: str
+    tf: TransferFunction
+    """Transfer function for the volume's own values."""
+    tf_rescaled: bool = False
+    """Whether the function was stretched over the data's range."""
+    classify: Callable[[Stage], ClassifiedVolume] = classified
+    caster: type[CpuMapper] | None = None
+    """Ray caster that must draw this volume; None for the one that the options name."""
+
+
+def views_of(
+    subject: Subject, asked: ViewOptions, shading: Shading, began: float, progress: Progress
+) -> tuple[ViewSet, ViewSet | None]:
+    """Render the views of a volume that is on its stage, see :func:`make_views`; ``began`` is a monotonic time."""
+    _check_options(asked)
+    n, size, fov, stage = asked.n, asked.size, float(np.radians(asked.fov)), subject.stage
     centre, half = stage.centre, 0.5 * stage.visible_size
     if asked.frame == "whole":
-        matrix, last = index_to_world(image), np.array(image.GetDimensions()) - 1
-        centre, half = matrix[:3, 3] + 0.5 * matrix[:3, :3] @ last, 0.5 * last * image.GetSpacing()
+        matrix, last = index_to_world(subject.whole), np.array(subject.whole.GetDimensions()) - 1
+        centre, half = matrix[:3, 3] + 0.5 * matrix[:3, :3] @ last, 0.5 * last * subject.whole.GetSpacing()
     # With a narrower angle of view, cameras are farther away, so the volume fills the same part of the image.
     radius = float(FRAMING * np.linalg.norm(half) * np.tan(0.5 * FOV) / np.tan(0.5 * fov))
     x, y, z = (float(v) for v in centre)
@@ -137,22 +167,20 @@ def make_views(
     if asked.projection == "orthographic":
         rig = replace(rig, span_x=rig.view_width)
     cameras = rig.sphere(n, size) + rig.orbit(ORBIT, size, numbers)
-    shading = shading or Shading()
-    volume_classified = classified(stage)
-    images, mapper_name, distance = _render(
-        stage, cameras, asked.mapper, shading, asked.step, part(progress, 0.02, 1.0)
-    )
+    volume_classified = subject.classify(stage)
+    caster, distance = open_caster(stage, asked.mapper, shading, asked.step, subject.caster)
+    images = drawn(caster, cameras, part(progress, 0.02, 1.0))
     low, high = stage.bounds.tolist()
     meta = ViewMeta(
-        volume=name or (Path(volume).name if isinstance(volume, (str, Path)) else "volume"),
-        grid=_grid(image),
+        volume=subject.name,
+        grid=subject.grid,
         bounds=(tuple(low), tuple(high)),
         rig=rig,
-        tf=fitted.to_dict(),
-        tf_rescaled=rescaled,
+        tf=subject.tf.to_dict(),
+        tf_rescaled=subject.tf_rescaled,
         shading=shading,
         sample_distance=float(distance / stage.scale),
-        mapper=mapper_name,
+        mapper=caster.name,
         vtk=vtkVersion.GetVTKVersion(),
         seconds=round(time.monotonic() - began, 3),
     )
@@ -169,7 +197,11 @@ def unseen_numbers(test: int) -> list[int]:
 
 
 def open_caster(
-    stage: Stage, mapper: str, shading: Shading, step: float | None = None
+    stage: Stage,
+    mapper: str,
+    shading: Shading,
+    step: float | None = None,
+    only: type[CpuMapper] | None = None,
 ) -> tuple[CpuMapper | GpuMapper, float]:
     """Open a ray caster that renders one view after another; close it at the end.
 
@@ -178,6 +210,7 @@ def open_caster(
         mapper: ``auto``, ``gpu`` or ``cpu``.
         shading: Shading of the volume.
         step: Sample distance in voxels, by default ``default_step``.
+        only: Class of the caster if only one is suitable; ``mapper`` is then not used.
 
     Returns:
         The caster, and its sample distance in stage units.
@@ -186,7 +219,7 @@ def open_caster(
         BadInput: The mapper is unknown, the step is not a positive number, or the mapper is ``gpu`` and OpenGL is not
             available.
     """
-    make_caster = choose_mapper(mapper)
+    make_caster = only or choose_mapper(mapper)
     if not (step is None or (np.isfinite(step) and step > 0)):
         raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
@@ -237,14 +270,11 @@ def _check_options(asked: ViewOptions) -> None:
         raise BadInput(f"The frame of the views must be 'visible' or 'whole', not '{asked.frame}'.")
 
 
-def _render(
-    stage: Stage, cameras: Sequence[Camera], mapper: str, shading: Shading, step: float | None, progress: Progress
-) -> tuple[NDArray[np.uint8], str, float]:
-    """Return the images, the name of the mapper, and the sample distance in stage units."""
-    if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
-        raise BadInput("Rendering needs at least one camera, and one image size for all cameras.")
-    caster, distance = open_caster(stage, mapper, shading, step)
+def drawn(caster: CpuMapper | GpuMapper, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
+    """Return the images from the cameras, and close the caster."""
     try:
+        if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
+            raise BadInput("Rendering needs at least one camera, and one image size for all cameras.")
         first = cameras[0]
         images = np.empty((len(cameras), first.height, first.width, 4), np.uint8)
         for i, camera in enumerate(cameras):
@@ -252,7 +282,7 @@ def _render(
             progress((i + 1) / len(cameras), "Rendering views")
     finally:
         caster.close()
-    return images, caster.name, distance
+    return images
 
 
 def _range(image: vtkImageData) -> tuple[float, float]:
@@ -260,7 +290,8 @@ def _range(image: vtkImageData) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def _grid(image: vtkImageData) -> VolumeGrid:
+def grid_of(image: vtkImageData, kind: str, span: tuple[float, float]) -> VolumeGrid:
+    """Return the record of a grid whose values have a type and a range."""
     matrix = image.GetDirectionMatrix()
     first, second, third = (tuple(matrix.GetElement(i, j) for j in range(3)) for i in range(3))
     return VolumeGrid(
@@ -268,6 +299,6 @@ def _grid(image: vtkImageData) -> VolumeGrid:
         spacing=image.GetSpacing(),
         origin=image.GetOrigin(),
         direction=(first, second, third),
-        type=str(to_array(image).dtype),
-        range=_range(image),
+        type=kind,
+        range=span,
     )

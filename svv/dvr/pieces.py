@@ -94,8 +94,7 @@ def take_piece(ranks: Ranks, data: vtkImageData | None, array: str | None) -> Pi
 
 def _has_cells(extents: Indices) -> NDArray[np.bool_]:
     """Return which extents contain cells. (N, 6 or more) -> (N,)"""
-    result: NDArray[np.bool_] = (extents[:, 1:6:2] > extents[:, 0:6:2]).all(axis=1)
-    return result
+    return np.asarray((extents[:, 1:6:2] > extents[:, 0:6:2]).all(axis=1))
 
 
 def _own_part(data: vtkImageData | None, array: str | None) -> tuple[vtkImageData, bool] | None:

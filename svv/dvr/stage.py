@@ -61,7 +61,7 @@ class Stage:
         return float(min(np.cbrt(spacing.prod()), 2.0 * spacing.min()))
 
     def set_clipping_planes(self, renderer: Any) -> None:
-        """Place the clipping planes of a VTK renderer's camera around the volume; samples are counted from the near one."""
+        """Place a VTK camera's clipping planes around the volume; rays are sampled in whole steps from the near one."""
         renderer.ResetCameraClippingRange()
 
     @property

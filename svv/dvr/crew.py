@@ -4,8 +4,8 @@ Each rank casts rays through its piece alone (see :mod:`svv.dvr.pieces`). All us
 would take: those at whole steps from the near clipping plane, which is the same on all ranks. Each sample lies in one
 rank's own cells. The ranks' premultiplied images are composited front to back, each rank doing one band of rows.
 
-The leader calls the public methods, which send an order, and all ranks then do the same; the others are in
-:meth:`Crew.serve`.
+The leader calls the public methods in a ``with`` statement: each sends an order, and all ranks then do the same. The
+others are in :meth:`Crew.serve` until the statement ends.
 """
 
 from __future__ import annotations
@@ -192,8 +192,11 @@ class Crew:
         assert isinstance(volume, ClassifiedVolume)
         return volume
 
-    def dismiss(self) -> None:
-        """Let the other ranks return from :meth:`serve`."""
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let the other ranks return from :meth:`serve`, even after an error."""
         self.ranks.order(END)
 
     def _do(self, name: str, *arguments: Any) -> Any:
@@ -203,7 +206,7 @@ class Crew:
     # --- for the others -----------------------------------------------------------------------------------------------
 
     def serve(self) -> None:
-        """Do what the leader orders, until it dismisses this rank."""
+        """Do what the leader orders, until it has finished."""
         while True:
             name, arguments = self.ranks.next_order()
             if name == END:

@@ -9,6 +9,7 @@ import pickle
 import time
 import traceback
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,6 +18,9 @@ from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
 from svv.errors import BadInput
+
+if find_spec("vtkmodules.vtkParallelMPI") is not None:  # VTK with MPI
+    import vtkmodules.vtkParallelMPI  # noqa: F401  (lets Python know the class of the controller)
 
 Result = TypeVar("Result")
 
@@ -113,12 +117,12 @@ class Ranks:
 
     def next_order(self) -> tuple[str, tuple[Any, ...]]:
         """Wait for the leader's next order; return its name and its arguments."""
+        look = getattr(self.controller, "Iprobe", None)  # missing if Python met the controller before its class
         there, sender = [0], [0]
-        while True:
-            self.controller.Iprobe(0, ORDER, there, sender)
-            if there[0]:
-                break
-            time.sleep(NAP)
+        while look is not None and not there[0]:
+            look(0, ORDER, there, sender)
+            if not there[0]:
+                time.sleep(NAP)
         content = _to_vtk(np.zeros(1, np.uint8))
         self.controller.Receive(content, 0, ORDER)
         name, arguments = pickle.loads(vtk_to_numpy(content).tobytes())
@@ -127,10 +131,6 @@ class Ranks:
 
 def ranks_here() -> Ranks | None:
     """Return the ranks of this run; None if there is only one process."""
-    try:
-        import vtkmodules.vtkParallelMPI  # noqa: F401  (lets Python know the class of the controller)
-    except ImportError:  # VTK without MPI
-        return None
     controller = vtkMultiProcessController.GetGlobalController()
     return Ranks(controller) if controller is not None and controller.GetNumberOfProcesses() > 1 else None
 

@@ -65,12 +65,12 @@ class DividedInput(Filter):
         if ranks.number:
             crew.serve()
             return 1
-        _crews[data.__this__] = crew
-        try:
-            return super().RequestData(request, in_info, out_info)
-        finally:
-            del _crews[data.__this__]
-            crew.dismiss()
+        with crew:
+            _crews[data.__this__] = crew
+            try:
+                return super().RequestData(request, in_info, out_info)
+            finally:
+                del _crews[data.__this__]
 
     def _extent_of_volume(self, in_info: Any) -> list[int] | None:
         """Return the extent of the whole input if it is a volume; None for images and all that has no extent."""

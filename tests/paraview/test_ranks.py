@@ -203,7 +203,8 @@ TROUBLE = (
     VOLUME
     + """
 volume, display = shown()
-calculator = Calculator(Input=volume, Function="RTData / (coordsX < 11)", ResultArrayName="bad")
+calculator = Calculator(Input=volume, Function="RTData * sqrt(35 - coordsX - coordsY - coordsZ)", ResultArrayName="bad")
+calculator.ReplaceInvalidResults = 0
 views = small(StyleRFViews(Input=calculator, TransferFunction=GetColorTransferFunction("RTData")))
 views.Scalars = ["POINTS", "bad"]
 views.UpdatePipeline()

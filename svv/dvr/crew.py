@@ -152,14 +152,17 @@ class Crew:
         Raises:
             BadInput: Any reason of :func:`svv.dvr.pieces.take_piece`.
         """
-        if self._piece is None:
-            self._do("take")
+        self._need_piece()
         assert self._piece is not None
         return self._piece
 
+    def _need_piece(self) -> None:
+        if self._piece is None:
+            self._do("take")
+
     def digest(self) -> str:
         """Return a hash of the volume's values and of their division."""
-        assert self.piece is not None
+        self._need_piece()
         return str(self._do("digest"))
 
     def put_on_stage(self, tf: TransferFunction) -> PieceStage:
@@ -168,7 +171,7 @@ class Crew:
         Raises:
             BadInput: No cell contains a value with an opacity above 0.
         """
-        assert self.piece is not None
+        self._need_piece()
         stage = self._do("stage", tf)
         assert isinstance(stage, PieceStage)
         return stage

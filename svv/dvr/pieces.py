@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
-from vtkmodules.vtkCommonExecutionModel import vtkExtentTranslator
 
 from svv.dvr.grids import as_volume, index_to_world, pick_scalars, set_geometry, to_array
 from svv.dvr.ranks import Ranks
@@ -70,7 +69,7 @@ def take_piece(ranks: Ranks, data: vtkImageData | None, array: str | None) -> Pi
     if not there.any():
         raise BadInput("The input is empty; apply the filter or reader before this one first.")
     if there.all() and (extents == extents[0]).all():
-        image.Crop(_part_of(ranks, extents[0, :6]))
+        image.Crop(ranks.part_of(extents[0, :6].tolist()))
         extents = ranks.everyones(np.array([*image.GetExtent(), on_cells], np.float64)).astype(np.int64)
         there = _has_cells(extents)
     on_cells = bool(extents[there, 6].any())
@@ -116,15 +115,6 @@ def _own_part(data: vtkImageData | None, array: str | None) -> tuple[vtkImageDat
         low, high = corner + own.min(axis=0), corner + own.max(axis=0) + 1
         image.Crop([int(i) for pair in zip(low, high) for i in pair])
     return image, on_cells
-
-
-def _part_of(ranks: Ranks, extent: Indices) -> list[int]:
-    """Return this rank's part of an extent, as ParaView's readers divide it."""
-    part = [0] * 6
-    vtkExtentTranslator().PieceToExtentThreadSafe(
-        ranks.number, ranks.count, 0, extent.tolist(), part, vtkExtentTranslator.BLOCK_MODE, 0
-    )
-    return part
 
 
 def _with_ghosts(ranks: Ranks, image: vtkImageData, layers: int) -> vtkImageData:

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonExecutionModel import vtkExtentTranslator
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
 from svv.errors import BadInput
@@ -48,6 +49,13 @@ class Ranks:
         """Number of ranks."""
         self.sent = 0
         """Bytes of the arrays that this rank has sent."""
+
+    def part_of(self, extent: list[int]) -> list[int]:
+        """Return this rank's part of an extent (x, x, y, y, z, z), as ParaView divides it; it may be empty."""
+        part = [0] * 6
+        mode = vtkExtentTranslator.BLOCK_MODE
+        vtkExtentTranslator().PieceToExtentThreadSafe(self.number, self.count, 0, extent, part, mode, 0)
+        return part
 
     def gathered(self, values: NDArray[Any], goal: int) -> NDArray[Any] | None:
         """Return the arrays of all ranks (count, ...) on one rank, and None on the others; all have the same shape."""

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vtkmodules.vtkCommonDataModel import vtkDataObject
-from vtkmodules.vtkCommonExecutionModel import vtkExtentTranslator
 
 from svv.dvr.ranks import ranks_here
 from svv.errors import BadInput
@@ -43,12 +42,8 @@ class DividedInput(Filter):
         ranks, whole = ranks_here(), self._extent_of_volume(in_info)
         if ranks is None or whole is None:
             return super().RequestUpdateExtent(request, in_info, out_info)
-        part = [0] * 6
-        vtkExtentTranslator().PieceToExtentThreadSafe(
-            ranks.number, ranks.count, 0, whole, part, vtkExtentTranslator.BLOCK_MODE, 0
-        )
         info, executive = in_info[0].GetInformationObject(0), self.GetExecutive()
-        info.Set(executive.UPDATE_EXTENT(), part, 6)
+        info.Set(executive.UPDATE_EXTENT(), ranks.part_of(whole), 6)
         info.Set(executive.UPDATE_PIECE_NUMBER(), ranks.number)
         info.Set(executive.UPDATE_NUMBER_OF_PIECES(), ranks.count)
         return 1

@@ -104,6 +104,7 @@ for case in json.loads(sys.argv[2]):
         "seen": seen.mean(), "mean": np.abs(difference).mean(), "bias": abs(difference[seen].mean()),
         "more": (worst[seen] > FAINT).mean(), "most": worst[seen].max(), "beyond": (worst[~seen] > FAINT).mean(),
         "classified": np.abs(one.exponent.astype(float) - other.exponent.astype(float)).max(),
+        "ranges": np.allclose(*([[r.low, r.high, *r.colour] for r in volume.ranges] for volume in (one, other))),
         "owner": (one.owner != other.owner).mean(),
         "grid": ours.meta.grid == alone.meta.grid and ours.meta.bounds == alone.meta.bounds,
         "cameras": all(np.allclose(a.camera_to_world, b.camera_to_world) for a, b in zip(ours.cameras, alone.cameras)),
@@ -135,7 +136,7 @@ def test_ranks_draw_and_classify_as_one_process(
         assert found["mean"] < MEAN and found["most"] <= MOST and found["more"] < ONE_SAMPLE, (case, found)
         assert found["beyond"] < 2e-3, (case, found)  # one process leaves out the outermost pixels of the volume's box
         assert found["bias"] < 0.1, (case, found)  # a seam that is darker or brighter would show here
-        assert found["classified"] < 1e-2 and found["owner"] < 1e-3, (case, found)
+        assert found["ranges"] and found["classified"] < 1e-2 and found["owner"] < 1e-3, (case, found)
 
 
 SENT = (

@@ -136,10 +136,11 @@ def _decorated() -> list[Any]:
         return decorate
 
     def proxy(kind: str) -> Any:
-        def named(name: str = "", label: str = "", **_: Any) -> Any:
+        def named(name: str = "", label: str = "", group: str = "filters", **_: Any) -> Any:
             def decorate(cls: Any) -> Any:
                 cls.proxy = kind, label or name
-                found.append(cls)
+                if group == "filters":  # others are for scripts only
+                    found.append(cls)
                 return cls
 
             return decorate

@@ -227,7 +227,7 @@ def bricks(chosen) -> None:
 def cast(chosen, side: str, mapper: str) -> None:
     """Render the volume from unseen cameras with one ray caster."""
     from svv.core.shading import Shading
-    from svv.dvr.large import Subject, open_volume
+    from svv.dvr.large import Opened, open_volume
     from svv.dvr.stage import set_stage
     from svv.dvr.views import open_caster
     from svv.io.atomic import write_json
@@ -235,8 +235,8 @@ def cast(chosen, side: str, mapper: str) -> None:
 
     file, function = chosen.out / "volume.mha", function_of(chosen)
     with measured() as ready:
-        subject = Subject.of(open_volume(file, mapper=mapper), mapper, None)
-        caster, _ = open_caster(set_stage(subject.image, function), mapper, Shading(), 0.5, subject.large, function)
+        opened = Opened.of(open_volume(file, mapper=mapper), mapper, None)
+        caster, _ = open_caster(set_stage(opened.image, function), mapper, Shading(), 0.5, opened.caster(function))
         caster.render(unseen(chosen, 64)[0])  # the first image computes gradients and tables
     rows = []
     for size in chosen.images:

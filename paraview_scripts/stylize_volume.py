@@ -1,6 +1,7 @@
 """Make stylized images of a volume as ParaView shows it: views, a scene, paintings, an orbit, and a report page.
 
-Run it with `svv pvpython`. After Ctrl-C, the same command resumes.
+Run it with `svv pvpython`, or, for a volume that is divided among ranks, with `mpiexec -n 4 svv pvbatch`. After Ctrl-C,
+the same command resumes.
 """
 
 from pathlib import Path
@@ -44,7 +45,7 @@ def stylize(chosen) -> None:
     display, view = scripts.open_volume(chosen.volume, chosen.tf, chosen.array)
     drawing, training = options_of(ViewOptions, chosen), options_of(TrainOptions, chosen)
     settings = JobSettings(drawing, training, options_of(OrbitOptions, chosen), recolour=not chosen.style)
-    page = run_job(scripts.shown_volume(display), chosen.style, chosen.out, settings, shown)
+    page = scripts.with_volume(display, lambda volume: run_job(volume, chosen.style, chosen.out, settings, shown))
     scene = Scene.load(chosen.out / ("styled.svv" if chosen.style else "scene.svv"))
     camera = scripts.camera_of_view(view, chosen.size, chosen.size)
     for name in ("image.vti", "image.png"):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,12 +61,36 @@ def classified(stage: Stage) -> ClassifiedVolume:
         Extinction and ranges over the visible box in world space, with ``CELLS_A_VOXEL`` cells per voxel but no more
         than ``MOST_CELLS`` along the longest side.
     """
+    box, cells = grid_over(stage)
+    shape = grid_shape(box, cells) + 1
+    image = to_array(stage.image)
+    known, sigma = extinction(stage, box, float(image.min()), float(image.max()))
+    values = resampled(stage, box, cells, np.zeros(3, np.int64), shape)
+    return classified_grid(stage, box, cells, values, (known, sigma), frequencies(image, known))
+
+
+def grid_over(stage: Stage) -> tuple[Box, int]:
+    """Return the visible box in world space, and the number of cells of the grid over it per box unit."""
     box = Box.of_bounds(*stage.bounds)
     voxels = float((stage.visible_size / np.array(stage.image.GetSpacing()) * stage.scale).max())
     cells = MOST_CELLS
     while cells > 16 and cells // 2 >= CELLS_A_VOXEL * voxels:
         cells //= 2
-    shape = grid_shape(box, cells) + 1
+    return box, cells
+
+
+def resampled(
+    stage: Stage, box: Box, cells: int, first: NDArray[np.int64], shape: NDArray[np.int64]
+) -> NDArray[np.float32]:
+    """Return the stage's values at vertices of the grid, NaN outside of its image. (Z, Y, X)
+
+    Args:
+        stage: The stage.
+        box: The box over which the grid lies.
+        cells: Number of cells per box unit.
+        first: Index of the first vertex (x, y, z).
+        shape: Number of vertices along x, y, z.
+    """
     turn = stage.scale * stage.rotation.T
     to_stage = vtkMatrix4x4()  # from the indices of a vertex to the stage
     for i in range(3):
@@ -77,14 +102,31 @@ def classified(stage: Stage) -> ClassifiedVolume:
     reslice.SetResliceAxes(to_stage)
     reslice.SetOutputSpacing(1.0, 1.0, 1.0)
     reslice.SetOutputOrigin(0.0, 0.0, 0.0)
-    reslice.SetOutputExtent(0, int(shape[0]) - 1, 0, int(shape[1]) - 1, 0, int(shape[2]) - 1)
+    last = first + shape - 1
+    reslice.SetOutputExtent([int(i) for pair in zip(first, last) for i in pair])
     reslice.SetInterpolationModeToLinear()
     reslice.SetOutputScalarType(VTK_FLOAT)
     reslice.SetBackgroundLevel(float("nan"))
     reslice.Update()
-    values = vtk_to_numpy(reslice.GetOutput().GetPointData().GetScalars()).reshape(shape[::-1])
-    known, sigma = _extinction(stage, box)
-    colour, weight = stage.tf.colour_at(known), _weights(stage, known, sigma)
+    values: NDArray[np.float32] = vtk_to_numpy(reslice.GetOutput().GetPointData().GetScalars()).reshape(shape[::-1])
+    return values
+
+
+def classified_grid(
+    stage: Stage, box: Box, cells: int, values: NDArray[np.float32], function: tuple[Array, Array], counts: Array
+) -> ClassifiedVolume:
+    """Classify a grid of values.
+
+    Args:
+        stage: The stage of the volume, whose own values are not used.
+        box: The box over which the grid lies.
+        cells: Number of cells per box unit.
+        values: Values at the vertices, see :func:`resampled`. (Z, Y, X)
+        function: Known values and their extinction, see :func:`extinction`. (K,), (K,)
+        counts: Frequencies of the known values, see :func:`frequencies`. (K,)
+    """
+    known, sigma = function
+    colour, weight = stage.tf.colour_at(known), _weights(counts, sigma)
     starts = _ranges(known, sigma, colour, weight)
     ranges = []
     for a, b in pairwise([*starts, len(known)]):
@@ -96,10 +138,11 @@ def classified(stage: Stage) -> ClassifiedVolume:
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges))
 
 
-def _extinction(stage: Stage, box: Box) -> tuple[Array, Array]:
-    """Return ascending values that miss no extremum, and their extinction in 1 / box unit. (K,), (K,)"""
-    image = to_array(stage.image)
-    low, high = float(image.min()), float(image.max())
+def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, Array]:
+    """Return ascending values from ``low`` to ``high`` that miss no extremum, and their extinction in 1 / box unit.
+
+    (K,), (K,)
+    """
     known = np.unique(np.concatenate([stage.tf.samples(low, high), np.linspace(low, high, 4097)]))
     sigma = -np.log1p(-np.minimum(stage.tf.opacity_at(known), 1.0 - 1e-6)) / stage.unit_distance
     return known, sigma * stage.scale * box.size
@@ -139,12 +182,19 @@ def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[in
     return [0, *np.searchsorted(known, middles).tolist()]
 
 
-def _weights(stage: Stage, known: Array, sigma: Array) -> Array:
-    """Return the weights of the known values: their frequencies times their extinction. (K,)"""
-    values = to_array(stage.image).ravel()
-    values = values[:: max(1, len(values) // COUNTED_VOXELS)]
+def frequencies(image: NDArray[Any], known: Array, whole: int = 0) -> Array:
+    """Return how often each known value is the nearest to a voxel's, as a fraction of the voxels that are counted. (K,)
+
+    ``whole`` is the number of voxels of the volume of which the image is a part.
+    """
+    values = image.ravel()
+    values = values[:: max(1, max(whole, len(values)) // COUNTED_VOXELS)]
     nearest = np.searchsorted(0.5 * (known[1:] + known[:-1]), values)
-    counts = np.bincount(nearest, minlength=len(known)) / len(values)
+    return np.bincount(nearest, minlength=len(known)) / len(values)
+
+
+def _weights(counts: Array, sigma: Array) -> Array:
+    """Return the weights of the known values: their frequencies times their extinction. (K,)"""
     # Interpolation produces all values between those of voxels, so each gets a small minimum frequency. The weight of a
     # visible value must not be 0.
     return np.asarray((counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0), np.float64)

@@ -41,7 +41,7 @@ def as_volume(image: vtkImageData, array: str | None = None, name: str = "The vo
         BadInput: There are no scalars, or they have several components, NaN or infinities; there are fewer than two
             points along an axis; the spacing is not positive; or the axes are not perpendicular.
     """
-    scalars, on_cells = _pick(image, array, name)
+    scalars, on_cells = pick_scalars(image, array, name)
     dims = np.array(image.GetDimensions()) - (1 if on_cells else 0)
     if dims.min() < 2:
         size = " x ".join(str(max(d, 0)) for d in dims)
@@ -115,7 +115,7 @@ def set_geometry(image: vtkImageData, axes: NDArray[np.float64], origin: NDArray
     image.SetOrigin(*origin)
 
 
-def _pick(image: vtkImageData, array: str | None, name: str) -> tuple[vtkDataArray, bool]:
+def pick_scalars(image: vtkImageData, array: str | None, name: str) -> tuple[vtkDataArray, bool]:
     """Return the scalar array to show, and whether it belongs to the cells."""
     points, cells = image.GetPointData(), image.GetCellData()
     if array is not None:

@@ -232,7 +232,7 @@ def in_memory(image: vtkImageData, memory: int) -> LargeVolume:
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class Opened:
     """A volume of which views are drawn, in memory or not."""
 
     image: vtkImageData
@@ -247,7 +247,7 @@ class Subject:
     """The volume, if it is drawn by bricks."""
 
     @classmethod
-    def of(cls, volume: vtkImageData | LargeVolume, mapper: str, memory: float | None) -> Subject:
+    def of(cls, volume: vtkImageData | LargeVolume, mapper: str, memory: float | None) -> Opened:
         """Return an image (see ``as_volume``) or a large volume as a subject for a ray caster."""
         if isinstance(volume, vtkImageData) and mapper == "bricks":
             volume = in_memory(volume, memory_allowed(memory) // 2)
@@ -256,3 +256,20 @@ class Subject:
         values = to_array(volume)
         low, high = float(values.min()), float(values.max())
         return cls(volume, level_of_image(volume), (low, high), str(values.dtype))
+
+    def caster(self, tf: TransferFunction) -> BrickMaking | None:
+        """Return what makes the ray caster for a transfer function of the values; None for one of VTK's."""
+        return None if self.large is None else BrickMaking(self.large, tf)
+
+
+@dataclass(frozen=True)
+class BrickMaking:
+    """Makes ray casters for a large volume."""
+
+    volume: LargeVolume
+    tf: TransferFunction
+    name: str = BrickMapper.name
+
+    def __call__(self, stage: Stage, shading: Shading, step: float) -> BrickMapper:
+        """Return the ray caster for the stage of the overview, with a sample distance in its units."""
+        return BrickMapper(self.volume, self.tf, stage, shading, step)

@@ -89,9 +89,13 @@ class CpuMapper:
 
     def render(self, camera: Camera) -> Pixels:
         """Render a view with straight alpha; its colour is 0 where alpha is 0. (height, width, 4) uint8"""
+        return straight(self.cast(camera))
+
+    def cast(self, camera: Camera) -> NDArray[np.uint16]:
+        """Render a view with premultiplied colours, from 0 to ``FULL``. (height, width, 4)"""
         self._window.SetSize(camera.width, camera.height)
         _place(self._renderer, self._stage, camera)
-        pixels: Pixels = np.zeros((camera.height, camera.width, 4), np.uint8)
+        pixels = np.zeros((camera.height, camera.width, 4), np.uint16)
         # The steps of vtkFixedPointVolumeRayCastMapper::Render, except the last one, which draws with OpenGL.
         self._mapper.PerImageInitialization(self._renderer, self._volume, 0, [0.0] * 3, [0.0] * 3, [0] * 6)
         self._mapper.PerVolumeInitialization(self._renderer, self._volume)
@@ -106,7 +110,7 @@ class CpuMapper:
             self._mapper.RenderSubVolume()
         memory = _memory(cast.GetImage(), ctypes.c_uint16, rows * stride * 4).reshape(rows, stride, 4)
         top = camera.height - below - height
-        pixels[top : top + height, left : left + width] = _straight(memory[height - 1 :: -1, :width])
+        pixels[top : top + height, left : left + width] = memory[height - 1 :: -1, :width]
         return pixels
 
     def _skip_empty_rays(self, cast: Any, camera: Camera, used: tuple[slice, slice]) -> None:
@@ -312,7 +316,7 @@ def _visible_blocks(stage: Stage) -> tuple[NDArray[np.float64], float]:
     return (blocks + 0.5) * BLOCK * spacing + stage.image.GetOrigin(), float(0.5 * BLOCK * np.linalg.norm(spacing))
 
 
-def _straight(cast: NDArray[np.uint16]) -> Pixels:
+def straight(cast: NDArray[np.uint16]) -> Pixels:
     """Convert premultiplied 15-bit pixels to straight-alpha 8-bit pixels."""
     pixels: Pixels = np.zeros(cast.shape, np.uint8)
     shown = cast[..., 3] > 0
@@ -369,5 +373,5 @@ def _place(renderer: vtkRenderer, stage: Stage, camera: Camera) -> None:
         view.SetViewAngle(float(np.degrees(camera.fov_x)))
     column, row = camera.principal_point
     view.SetWindowCenter(1.0 - 2.0 * column / camera.width, 2.0 * row / camera.height - 1.0)
-    renderer.ResetCameraClippingRange()
+    stage.set_clipping_planes(renderer)
     renderer.UpdateLightsGeometryToFollowCamera()

@@ -60,6 +60,10 @@ class Stage:
         spacing = np.array(self.image.GetSpacing())
         return float(min(np.cbrt(spacing.prod()), 2.0 * spacing.min()))
 
+    def set_clipping_planes(self, renderer: Any) -> None:
+        """Place a VTK camera's clipping planes around the volume; rays are sampled in whole steps from the near one."""
+        renderer.ResetCameraClippingRange()
+
     @property
     def bounds(self) -> Array:
         """Axis-aligned world bounds of the visible box: lower and upper corner. (2, 3)"""
@@ -84,11 +88,33 @@ def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
         BadInput: No cell contains a value with an opacity above 0.
     """
     values = to_array(image)
-    matrix = index_to_world(image)
-    first, last = _visible_box(visible_cells(values, tf), tf)  # voxel indices (x, y, z)
-    size = np.array(image.GetDimensions())
-    start, stop = np.maximum(first - MARGIN, 0), np.minimum(last + MARGIN, size - 1)
-    cropped = values[start[2] : stop[2] + 1, start[1] : stop[1] + 1, start[0] : stop[0] + 1]
+    return place_part(values, np.zeros(3, np.intp), visible_box(visible_cells(values, tf), tf), image, tf)
+
+
+def place_part(
+    values: NDArray[Any],
+    at: NDArray[np.intp],
+    seen: tuple[NDArray[np.intp], NDArray[np.intp]],
+    whole: vtkImageData,
+    tf: TransferFunction,
+    span: tuple[float, float] | None = None,
+) -> Stage:
+    """Place a part of a volume on the stage of the whole volume, see :func:`set_stage`.
+
+    Args:
+        values: Voxels of the part. (z, y, x)
+        at: Index of its first voxel in the volume (x, y, z).
+        seen: The box of the volume's visible cells: first and last voxel index along x, y, z.
+        whole: Grid of the volume; its values are not used.
+        tf: Transfer function for the volume's values.
+        span: Smallest and largest value of the visible part of the volume; by default those of the values.
+    """
+    matrix, size = index_to_world(whole), np.array(whole.GetDimensions())
+    first, last = seen
+    start = np.maximum(first - MARGIN, at)
+    stop = np.minimum(np.minimum(last + MARGIN, size - 1), at + values.shape[::-1] - 1)
+    inside = tuple(slice(a, b + 1) for a, b in zip((start - at)[::-1], (stop - at)[::-1]))
+    cropped = values[inside]
     steps = matrix[:3, :3]
     corner = matrix[:3, 3] + steps @ start
     if np.linalg.det(steps) < 0:  # a mirrored grid: count x from the other end
@@ -99,18 +125,21 @@ def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
     visible = (last - first) * spacing
     centre = matrix[:3, 3] + matrix[:3, :3] @ (0.5 * (first + last))
     scale = 1.0 / visible.max()
-    numbers, gain, offset = _small_type(cropped)
-    unit_distance = tf.unit_distance or unit_distance_for(level_of_image(image))
+    numbers, gain, offset = _small_type(cropped, span)
+    unit_distance = tf.unit_distance or unit_distance_for(level_of_image(whole))
     staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
     return Stage(staged, tf.mapped(gain, offset), scale * unit_distance, rotation, centre, scale, visible, gain, offset)
 
 
-def visible_cells(values: NDArray[Any], tf: TransferFunction) -> NDArray[np.bool_]:
+def visible_cells(
+    values: NDArray[Any], tf: TransferFunction, span: tuple[float, float] | None = None
+) -> NDArray[np.bool_]:
     """Return which cells can show something (z, y, x; one fewer than voxels along each axis).
 
-    A cell is visible if its range of interpolated values includes a value with an opacity above 0.
+    A cell is visible if its range of interpolated values includes a value with an opacity above 0. ``span`` contains
+    all values, by default exactly.
     """
-    ranges = tf.visible_ranges(float(values.min()), float(values.max()))
+    ranges = tf.visible_ranges(*(span or (float(values.min()), float(values.max()))))
     seen = np.zeros([size - 1 for size in values.shape], dtype=bool)  # (cells z, y, x)
     for first in range(0, len(seen), SLAB):  # never the whole volume at once
         low = high = values[first : first + SLAB + 1]
@@ -124,7 +153,7 @@ def visible_cells(values: NDArray[Any], tf: TransferFunction) -> NDArray[np.bool
     return seen
 
 
-def _visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the smallest box of voxels that contains every visible cell: first and last index along x, y, z."""
     first, last = np.zeros(3, np.intp), np.zeros(3, np.intp)
     for axis in range(3):
@@ -135,7 +164,7 @@ def _visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray
     return first, last
 
 
-def _small_type(values: NDArray[Any]) -> tuple[NDArray[Any], float, float]:
+def _small_type(values: NDArray[Any], span: tuple[float, float] | None = None) -> tuple[NDArray[Any], float, float]:
     """Return the values in a type that both mappers accept, and the gain and offset of the mapping.
 
     8-bit and 16-bit values stay unchanged. Wider types are mapped to float32 in [0, 1], because the mappers overflow
@@ -143,7 +172,7 @@ def _small_type(values: NDArray[Any]) -> tuple[NDArray[Any], float, float]:
     """
     if values.dtype.itemsize <= 2:
         return values, 1.0, 0.0
-    low, high = float(values.min()), float(values.max())
+    low, high = span or (float(values.min()), float(values.max()))
     gain = 1.0 / (high - low) if high > low else 1.0
     mapped = np.empty(values.shape, np.float32)
     for slab, out in zip(values, mapped):  # in float64, but never the whole volume at once

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,12 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.bricks.source import Level
 from svv.core.cameras import Camera, CameraRig, sphere_cameras
+from svv.core.classified import ClassifiedVolume
 from svv.core.shading import Shading
 from svv.dvr.classify import classified
 from svv.dvr.grids import as_volume
 from svv.dvr.histogram import default_transfer_function
-from svv.dvr.large import BrickMapper, LargeVolume, Subject, open_volume
+from svv.dvr.large import BrickMapper, LargeVolume, Opened, open_volume
 from svv.dvr.mappers import CpuMapper, GpuMapper, choose_mapper
 from svv.dvr.stage import Stage, set_stage
 from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
@@ -30,6 +31,20 @@ from svv.options.making import ViewOptions
 
 Caster = CpuMapper | GpuMapper | BrickMapper
 """A ray caster."""
+
+
+class Making(Protocol):
+    """What makes a ray caster: its class, or an object that knows more about the volume."""
+
+    @property
+    def name(self) -> str:
+        """Name of the ray caster."""
+        ...
+
+    def __call__(self, stage: Stage, shading: Shading, step: float) -> Caster:
+        """Return the ray caster for a stage, with a sample distance in stage units."""
+        ...
+
 
 STEP = {"cpu": 0.5, "bricks": 0.5, "gpu": 0.25}
 """Finest default sample distance in voxels (VTK's own is half a voxel). It is finer on the GPU, where that costs
@@ -82,12 +97,12 @@ def render_views(
         BadInput: The transfer function shows nothing or only a box, cameras differ in size, the mapper is unknown, or
             it is ``gpu`` and OpenGL is not available.
     """
-    subject = Subject.of(image, mapper, None)
-    tf = tf.fitted(*subject.range, rescale=False)
-    tf = replace(tf, unit_distance=tf.unit_distance or unit_distance_for(subject.whole))
-    stage = set_stage(subject.image, tf)
-    caster, _ = open_caster(stage, mapper, shading or Shading(), step, subject.large, tf)
-    return _render(caster, cameras, progress)
+    opened = Opened.of(image, mapper, None)
+    tf = tf.fitted(*opened.range, rescale=False)
+    tf = replace(tf, unit_distance=tf.unit_distance or unit_distance_for(opened.whole))
+    stage = set_stage(opened.image, tf)
+    caster, _ = open_caster(stage, mapper, shading or Shading(), step, opened.caster(tf))
+    return drawn(caster, cameras, progress)
 
 
 def make_views(
@@ -124,7 +139,6 @@ def make_views(
     """
     asked = replace(options, **changes)
     _check_options(asked)
-    n, size = asked.n, asked.size
     began = time.monotonic()
     progress(0.0, "Reading the volume")
     named = Path(volume).name if isinstance(volume, (str, Path)) else "volume"
@@ -132,28 +146,56 @@ def make_views(
         volume = as_volume(volume)
     elif not isinstance(volume, LargeVolume):
         volume = open_volume(volume, mapper=asked.mapper, memory=asked.memory, progress=part(progress, 0.0, 0.3))
-    subject = Subject.of(volume, asked.mapper, asked.memory)
+    opened = Opened.of(volume, asked.mapper, asked.memory)
     if isinstance(tf, (str, Path)):
         tf = TransferFunction.read(tf)
-    given = tf or default_transfer_function(subject.image)
-    fitted = given.fitted(*subject.range, rescale)
+    given = tf or default_transfer_function(opened.image)
+    fitted = given.fitted(*opened.range, rescale)
     rescaled = fitted is not given
-    fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(subject.whole))
-    stage = set_stage(subject.image, fitted)
+    fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(opened.whole))
+    grid = grid_of(opened.whole, opened.type, opened.range)
+    stage, title = set_stage(opened.image, fitted), name or named
+    subject = Subject(stage, grid, opened.whole, title, fitted, rescaled, caster=opened.caster(fitted))
+    return views_of(subject, asked, shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A volume on its stage, and what the record of its views says about it."""
+
+    stage: Stage
+    grid: VolumeGrid
+    whole: Level
+    """Grid of the whole volume."""
+    name: str
+    tf: TransferFunction
+    """Transfer function for the volume's own values."""
+    tf_rescaled: bool = False
+    """Whether the function was stretched over the data's range."""
+    classify: Callable[[Stage], ClassifiedVolume] = classified
+    caster: Making | None = None
+    """Ray caster that must draw this volume; None for the one that the options name."""
+
+
+def views_of(
+    subject: Subject, asked: ViewOptions, shading: Shading, began: float, progress: Progress
+) -> tuple[ViewSet, ViewSet | None]:
+    """Render the views of a volume that is on its stage, see :func:`make_views`; ``began`` is a monotonic time."""
+    _check_options(asked)
+    n, size, stage = asked.n, asked.size, subject.stage
     rig, numbers = _rig(asked, stage, subject.whole), unseen_numbers(asked.test)
     cameras = rig.sphere(n, size) + rig.orbit(ORBIT, size, numbers)
-    shading = shading or Shading()
-    volume_classified = classified(stage)
-    caster, distance = open_caster(stage, asked.mapper, shading, asked.step, subject.large, fitted)
-    images = _render(caster, cameras, part(progress, 0.3 if subject.large else 0.02, 1.0))
+    volume_classified = subject.classify(stage)
+    caster, distance = open_caster(stage, asked.mapper, shading, asked.step, subject.caster)
+    images = drawn(caster, cameras, part(progress, 0.02, 1.0))
     low, high = stage.bounds.tolist()
     meta = ViewMeta(
-        volume=name or named,
-        grid=_grid(subject),
+        volume=subject.name,
+        grid=subject.grid,
         bounds=(tuple(low), tuple(high)),
         rig=rig,
-        tf=fitted.to_dict(),
-        tf_rescaled=rescaled,
+        tf=subject.tf.to_dict(),
+        tf_rescaled=subject.tf_rescaled,
         shading=shading,
         sample_distance=float(distance / stage.scale),
         mapper=caster.name,
@@ -177,8 +219,7 @@ def open_caster(
     mapper: str,
     shading: Shading,
     step: float | None = None,
-    large: LargeVolume | None = None,
-    tf: TransferFunction | None = None,
+    only: Making | None = None,
 ) -> tuple[Caster, float]:
     """Open a ray caster that renders one view after another; close it at the end.
 
@@ -187,8 +228,7 @@ def open_caster(
         mapper: ``auto``, ``gpu`` or ``cpu``; not used for a large volume.
         shading: Shading of the volume.
         step: Sample distance in voxels, by default ``default_step``.
-        large: A large volume, which is drawn by bricks.
-        tf: Transfer function for its values.
+        only: What makes the caster if only one is suitable; ``mapper`` is then not used.
 
     Returns:
         The caster, and its sample distance in stage units.
@@ -197,17 +237,12 @@ def open_caster(
         BadInput: The mapper is unknown, the step is not a positive number, or the mapper is ``gpu`` and OpenGL is not
             available.
     """
+    make_caster = only or choose_mapper(mapper)
     if not (step is None or (np.isfinite(step) and step > 0)):
         raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
-    name = "bricks" if large is not None else choose_mapper(mapper).name
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
-    distance = max((step or STEP[name]) * stage.voxel, least)
-    caster: Caster
-    if large is not None:
-        assert tf is not None
-        caster = BrickMapper(large, tf, stage, shading, distance)
-    else:
-        caster = choose_mapper(mapper)(stage, shading, distance)
+    distance = max((step or STEP[make_caster.name]) * stage.voxel, least)
+    caster = make_caster(stage, shading, distance)
     if step is None:
         distance = max(default_step(caster, stage) * stage.voxel, least)
         caster.set_step(distance)
@@ -253,8 +288,8 @@ def _check_options(asked: ViewOptions) -> None:
         raise BadInput(f"The frame of the views must be 'visible' or 'whole', not '{asked.frame}'.")
 
 
-def _render(caster: Caster, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
-    """Render a view from each camera, and close the caster."""
+def drawn(caster: Caster, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
+    """Return the images from the cameras, and close the caster."""
     try:
         if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
             raise BadInput("Rendering needs at least one camera, and one image size for all cameras.")
@@ -282,8 +317,8 @@ def _rig(asked: ViewOptions, stage: Stage, whole: Level) -> CameraRig:
     return replace(rig, span_x=rig.view_width) if asked.projection == "orthographic" else rig
 
 
-def _grid(subject: Subject) -> VolumeGrid:
-    level = subject.whole
+def grid_of(level: Level, kind: str, span: tuple[float, float]) -> VolumeGrid:
+    """Return the record of a grid whose values have a type and a range."""
     (a, b, c), (d, e, f), (g, h, i) = (level.axes / level.spacing).tolist()
     z, y, x = level.shape
     sx, sy, sz = level.spacing.tolist()
@@ -293,6 +328,6 @@ def _grid(subject: Subject) -> VolumeGrid:
         spacing=(sx, sy, sz),
         origin=(ox, oy, oz),
         direction=((a, b, c), (d, e, f), (g, h, i)),
-        type=subject.type,
-        range=subject.range,
+        type=kind,
+        range=span,
     )

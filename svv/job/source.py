@@ -18,7 +18,7 @@ from svv.io.cinema.table import read_table
 from svv.io.cinema.views import read_database
 from svv.io.transforms import transforms_file
 from svv.io.view_meta import ViewMeta, known
-from svv.io.viewset import CLASSIFIED, files_of, read_meta
+from svv.io.viewset import CLASSIFIED, ViewSet, files_of, read_meta
 from svv.job.stages import fingerprint
 from svv.options.making import ViewOptions
 
@@ -49,16 +49,20 @@ class Drawn(ABC):
         Returns:
             The metadata of the views.
         """
-        from svv.dvr.views import make_views
-
         drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
-        reading, drawing = part(drawing, 0.0, 0.3), part(drawing, 0.3, 1.0)
-        volume = self.image(options.mapper, options.memory, reading)
-        train, unseen = make_views(volume, **self.how(), options=options, name=self.name, progress=drawing)
+        train, unseen = self.draw(options, drawing)
         train.write(folder, "train", part(writing, 0.0, 0.8))
         if unseen is not None:
             unseen.write(folder, "test", part(writing, 0.8, 1.0))
         return train.meta
+
+    def draw(self, options: ViewOptions, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
+        """Draw the training and test views; see :func:`svv.dvr.views.make_views`."""
+        from svv.dvr.views import make_views
+
+        reading, drawing = part(progress, 0.0, 0.3), part(progress, 0.3, 1.0)
+        volume = self.image(options.mapper, options.memory, reading)
+        return make_views(volume, **self.how(), options=options, name=self.name, progress=drawing)
 
     def truth(self, views: Path, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
         """Render the volume directly from cameras other than those of ``views``.
@@ -74,10 +78,13 @@ class Drawn(ABC):
         Raises:
             BadInput: The metadata do not say how the views were drawn.
         """
+        return self.render(read_meta(views), cameras, progress)
+
+    def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
+        """Render the volume as views with these metadata were drawn; see :func:`svv.dvr.views.render_views`."""
         from svv.dvr.transfer_functions import TransferFunction
         from svv.dvr.views import render_views
 
-        meta = read_meta(views)
         tf, mapper = TransferFunction.from_dict(known(meta.tf, "tf")), known(meta.mapper, "mapper")
         return render_views(self.image(mapper), tf, cameras, mapper, known(meta.shading, "shading"), progress=progress)
 

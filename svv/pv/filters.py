@@ -31,6 +31,9 @@ NOT_INSTALLED = (
     "`svv pvserver`), which provides it."
 )
 
+WHOLE = ("vtkTable", "vtkImageData", "vtkPolyData")
+"""Types of the outputs of StyleRF filters."""
+
 _forgetters: list[Callable[[Any, str], None]] = []
 """Deletion observers, one per existing filter; if only the filters held them, Python would collect them too early."""
 
@@ -62,13 +65,18 @@ class Filter(VTKPythonAlgorithmBase):
         return 1
 
     def RequestUpdateExtent(self, request: Any, in_info: Any, out_info: Any) -> int:
-        """Request the whole input, because the output's extent is that of an image and unrelated to the input's."""
-        for port in in_info:
+        """Request the whole input, because the output's extent is that of an image and unrelated to the input's.
+
+        All ranks do, or the filters before this one would not be executed on the same ranks: those that draw a volume
+        together would wait for each other in vain. Only the first rank's scenes and images are not empty.
+        """
+        for number, port in enumerate(in_info):
             info = port.GetInformationObject(0)
             executive = self.GetExecutive()
             if info is not None and info.Has(executive.WHOLE_EXTENT()):
                 info.Set(executive.UPDATE_EXTENT(), info.Get(executive.WHOLE_EXTENT()), 6)
-            if info is not None and self.first_rank:
+            data = None if info is None else self.GetInputDataObject(number, 0)
+            if info is not None and (self.first_rank or (data is not None and any(map(data.IsA, WHOLE)))):
                 info.Set(executive.UPDATE_PIECE_NUMBER(), 0)
                 info.Set(executive.UPDATE_NUMBER_OF_PIECES(), 1)
         return 1
@@ -193,9 +201,13 @@ def _forgetter(*kept: MutableMapping[Any, Any]) -> Callable[[Any, str], None]:
 
 
 def set_image_information(filter: Filter, out_info: Any, width: int, height: int, port: int = 0) -> None:
-    """Announce the size of the output image to the pipeline."""
+    """Announce the size of the output image to the pipeline.
+
+    It is empty on all ranks but the first. Otherwise, those ranks would be executed at every update, without the first.
+    """
     info = out_info.GetInformationObject(port)
-    info.Set(filter.GetExecutive().WHOLE_EXTENT(), (0, width - 1, 0, height - 1, 0, 0), 6)
+    extent = (0, width - 1, 0, height - 1, 0, 0) if filter.first_rank else (0, -1, 0, -1, 0, -1)
+    info.Set(filter.GetExecutive().WHOLE_EXTENT(), extent, 6)
     info.Set(vtkDataObject.SPACING(), (1.0, 1.0, 1.0), 3)
     info.Set(vtkDataObject.ORIGIN(), (0.0, 0.0, 0.0), 3)
 

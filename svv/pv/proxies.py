@@ -31,11 +31,12 @@ from svv.pv.panels import (
     training_properties,
     volume_properties,
 )
-from svv.pv.properties import button, file, files, kept_as, panel, shown_view, status
+from svv.pv.parallel import DividedInput, do_next_job
+from svv.pv.properties import button, file, files, kept_as, panel, scalars, shown_view, status
 from svv.pv.steps import Moment, Steps
 
 __all__ = [
-    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender",
+    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPieces",
 ]  # fmt: skip
 
 
@@ -52,7 +53,7 @@ __all__ = [
     status(),
 )
 @takes_volume
-class StyleRFViews(ViewsOutput, Keeping):
+class StyleRFViews(DividedInput, ViewsOutput, Keeping):
     """Draw views of a volume from all directions, for training. The first output shows one view, the second holds the
     cameras. Connect StyleRF Train, or choose a folder in which to keep the views."""
 
@@ -115,7 +116,7 @@ class StyleRFViews(ViewsOutput, Keeping):
     status(),
 )  # fmt: skip
 @takes_volume
-class StyleRFTrain(Keeping):
+class StyleRFTrain(DividedInput, Keeping):
     """Train a scene on a volume as it is shown, or on the views from StyleRF Views or a folder. The result is a table
     with a row for each region found, and carries the scene. It is trained again only if something that it depends on
     has changed."""
@@ -189,7 +190,7 @@ class StyleRFRender(ImageOutput):
     status(),
 )
 @takes_volume
-class StyleRFStylizedView(ImageOutput, Keeping):
+class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
     """Make a painted image of a volume in one step: choose a picture and press Apply. The filter draws the volume as it
     is shown, trains a scene, paints it and renders it; a new camera needs no new training. The other StyleRF filters do
     this step by step, with edits in between."""
@@ -235,3 +236,16 @@ class StyleRFStylizedView(ImageOutput, Keeping):
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:
             outputs[0].ShallowCopy(self.last("image"))
+
+
+@smproxy.filter(group="internal_filters", label="StyleRF Pieces", support_reload=False)
+@panel(scalars())
+@takes_volume
+class StyleRFPieces(DividedInput):
+    """Lend a script the ranks among which a volume is divided (svv.pv.parallel.on_all_ranks); it is in no menu."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
+        do_next_job(inputs[0])

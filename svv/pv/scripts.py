@@ -8,15 +8,25 @@ from __future__ import annotations
 import argparse
 import atexit
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
+from svv.dvr.ranks import ranks_here
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, silent
+from svv.io.view_meta import ViewMeta, known
+from svv.io.viewset import ViewSet
 from svv.job.source import Drawn
+from svv.options.making import ViewOptions
+from svv.pv.parallel import crew_of, on_all_ranks
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,26 @@ class ShownVolume(Drawn):
 
         return {"tf": transfer_function_of(self.values), "shading": shading_of(self.values), "rescale": False}
 
+    def draw(self, options: ViewOptions, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
+        """Draw the training and test views, with all ranks that have a part of the volume."""
+        from svv.dvr.crew_views import make_crew_views
+
+        crew, how = crew_of(self.data), self.how()
+        if crew is None:
+            return super().draw(options, progress)
+        return make_crew_views(crew, how["tf"], options, how["shading"], self.name, progress)
+
+    def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
+        """Render the volume as views were drawn, with all ranks that have a part of it."""
+        from svv.dvr.crew_views import render_crew_views
+        from svv.dvr.transfer_functions import TransferFunction
+
+        crew = crew_of(self.data)
+        if crew is None:
+            return super().render(meta, cameras, progress)
+        tf, shading = TransferFunction.from_dict(known(meta.tf, "tf")), known(meta.shading, "shading")
+        return render_crew_views(crew, tf, cameras, shading, progress)
+
 
 def shown_volume(display: Any) -> ShownVolume:
     """Return the volume that a representation shows.
@@ -79,6 +109,21 @@ def shown_volume(display: Any) -> ShownVolume:
     values = {**values, "Scalars": array, "TransferFunction": table.SMProxy.GetClientSideObject()}
     data = source.SMProxy.GetClientSideObject().GetOutputDataObject(source.Port)
     return ShownVolume(data, values, array)
+
+
+def with_volume(display: Any, work: Callable[[ShownVolume], Result]) -> Result:
+    """Do work on the volume that a representation shows; with several ranks, all of them draw it.
+
+    Raises:
+        BadInput: Any reason of :func:`shown_volume` and :func:`svv.pv.parallel.on_all_ranks`.
+    """
+    from paraview import simple
+
+    volume = shown_volume(display)
+    if ranks_here() is None:
+        return work(volume)
+    time = simple.GetTimeKeeper().Time
+    return on_all_ranks(display.Input, volume.name, time, lambda data: work(replace(volume, data=data)))
 
 
 def open_volume(path: Path, tf: Path | None = None, array: str | None = None) -> tuple[Any, Any]:
@@ -153,13 +198,13 @@ def _display_of_file(path: Path, array: str | None) -> tuple[Any, Any]:
 
 def _show_with(display: Any, tf: Path) -> None:
     """Give a display a preset's transfer function, at the preset's own values if the data contains them."""
-    from svv.dvr.grids import as_volume, to_array
     from svv.dvr.transfer_functions import TransferFunction
-    from svv.pv.work import volume_of
 
-    shown = shown_volume(display)
-    values = to_array(as_volume(volume_of(shown.data), shown.values["Scalars"], "The volume"))
-    function = TransferFunction.read(tf).fitted(float(values.min()), float(values.max()))
+    kind, name = display.ColorArrayName
+    source = display.Input
+    arrays = source.CellData if kind == "CELLS" else source.PointData
+    low, high = arrays[name].GetRange()  # of all ranks
+    function = TransferFunction.read(tf).fitted(low, high)
     table = display.LookupTable
     table.RGBPoints = [number for point in function.colours for number in point]
     table.ScalarOpacityFunction.Points = [number for point in function.opacities for number in point]

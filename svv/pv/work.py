@@ -23,6 +23,7 @@ from svv.pv.filters import ORBIT
 from svv.pv.identity import digest_of_mask, key_of
 from svv.pv.option_panel import options_in
 from svv.pv.panels import COLOURS, IN_COLOUR, REGIONS, ROW
+from svv.pv.parallel import crew_of
 from svv.pv.steps import Moment
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def volume_of(data: vtkDataObject | None) -> vtkImageData:
         BadInput: It is of another type; the message names the filter that converts it to an image.
     """
     if isinstance(data, vtkImageData):
-        if data.GetNumberOfPoints() == 0:
+        if data.GetNumberOfPoints() == 0 and crew_of(data) is None:
             raise BadInput("The input is empty; apply the filter or reader before this one first.")
         return data
     kind = "nothing" if data is None else data.GetClassName()
@@ -57,13 +58,19 @@ def views_key(image: vtkImageData, values: Values) -> str:
 
 
 def _digest_of(image: vtkImageData, values: Values) -> str:
-    """Return a hash of the grid and of the displayed array."""
+    """Return a hash of the grid and of the displayed array; with several ranks, also of how these are divided."""
+    crew = crew_of(image)
+    if crew is not None:
+        image = crew.piece.whole
     direction = image.GetDirectionMatrix()
     turned = [direction.GetElement(i, j) for i in range(3) for j in range(3)]
+    place = [image.GetDimensions(), image.GetSpacing(), image.GetOrigin(), turned]
+    if crew is not None:
+        return digest(*place, crew.digest())
     array = image.GetPointData().GetArray(values["Scalars"]) or image.GetCellData().GetArray(values["Scalars"])
     array = array or image.GetPointData().GetScalars() or image.GetCellData().GetScalars()
     content = None if array is None else [digest_of(array), array.GetDataTypeAsString()]
-    return digest(image.GetDimensions(), image.GetSpacing(), image.GetOrigin(), turned, content)
+    return digest(*place, content)
 
 
 def _drawing(values: Values) -> list[Any]:
@@ -120,16 +127,21 @@ def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple
     Raises:
         BadInput: Any reason of :func:`svv.dvr.views.make_views`.
     """
+    from svv.dvr.crew_views import make_crew_views
     from svv.dvr.grids import as_volume
     from svv.dvr.views import make_views
 
+    crew, name = crew_of(image), values["Scalars"] or "volume"
+    if crew is not None:
+        tf, options = transfer_function_of(values), options_in(ViewOptions, values)
+        return make_crew_views(crew, tf, options, shading_of(values), name, progress)
     return make_views(
         as_volume(image, values["Scalars"] or None, "The input"),
         transfer_function_of(values),
         options_in(ViewOptions, values),
         shading=shading_of(values),
         rescale=False,  # in ParaView the user has already placed the function
-        name=values["Scalars"] or "volume",
+        name=name,
         progress=progress,
     )
 

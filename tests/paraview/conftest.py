@@ -4,7 +4,8 @@ If ParaView or a tool is missing, tests that use them fail with a sentence; they
 
 - ``pvpython(source, *args, timeout=300, check=True, environ=None, cwd=None)`` runs Python text or a script file;
 - ``mpiexec(source, *args, ranks=2, program=(), ...)`` does the same in pvbatch on several ranks (or another program);
-- ``pvserver`` is the port of a separate server, ``start_pvserver(environ=None)`` starts more and returns the port;
+- ``pvserver`` is the port of a separate server, ``start_pvserver(environ=None, ranks=1)`` starts more and returns the
+  port;
 - ``gui(source, *args, environ=None, timeout=300)`` starts ParaView's user interface, see :class:`Gui`.
 """
 
@@ -160,10 +161,8 @@ def mpiexec(
     def run(
         source: str | Path, *arguments: object, ranks: int = 2, program: Sequence[str | Path] = (), **options
     ) -> subprocess.CompletedProcess[str]:
-        _need("mpiexec", "openmpi-bin")
-        launch = ["mpiexec", "-n", ranks, "--oversubscribe", "--allow-run-as-root"]
         script = _script(source, tmp_path_factory)
-        command = [*launch, *(program or [paraview.program("pvbatch")]), script, *arguments]
+        command = [*_on_ranks(ranks), *(program or [paraview.program("pvbatch")]), script, *arguments]
         return _run(command, _alone(environ, tmp_path_factory), **options)
 
     return run
@@ -176,12 +175,13 @@ def start_pvserver(
     """Start a server that takes one client, on this machine only; returns its port."""
     servers = []
 
-    def launch(environ: Mapping[str, str] = environ) -> int:
+    def launch(environ: Mapping[str, str] = environ, ranks: int = 1) -> int:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
         log = tmp_path / f"pvserver-{port}.log"
         command = [str(paraview.program("pvserver")), f"--server-port={port}", "--hostname=127.0.0.1"]
+        command = [*(_on_ranks(ranks) if ranks > 1 else []), *command]
         server = _start(command, _alone(environ, tmp_path_factory), log)
         servers.append(server)
         until = time.monotonic() + LONG
@@ -314,6 +314,12 @@ def _run(
     if check and process.returncode:
         pytest.fail(f"{Path(str(command[0])).name} ended with {process.returncode}:\n{out}\n{err}", pytrace=False)
     return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+def _on_ranks(count: int) -> list[str]:
+    """The beginning of a command that starts a program on several ranks."""
+    _need("mpiexec", "openmpi-bin")
+    return ["mpiexec", "-n", str(count), "--oversubscribe", "--allow-run-as-root"]
 
 
 def _start(command: list[str], variables: Mapping[str, str], log: Path) -> subprocess.Popen[str]:

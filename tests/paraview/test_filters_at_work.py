@@ -1,4 +1,4 @@
-"""The filters in the real ParaView: when aborted, used together, without torch, on MPI ranks and on a server."""
+"""The filters in the real ParaView: when aborted, used together, without torch, and on a server."""
 
 from __future__ import annotations
 
@@ -77,26 +77,6 @@ print("SAID", status(train))
     )
     assert "SAID torch is missing in ParaView's Python" in result.stdout
     assert "Traceback" not in result.stderr
-
-
-def test_ranks_work_as_one_process_does(pvpython, mpiexec, tmp_path) -> None:
-    script = (
-        VOLUME
-        + """
-import numpy as np
-volume, display = shown()
-views = small(StyleRFViews(Input=volume))
-views.UpdatePipeline(2.0)
-data = sm.Fetch(views)
-from vtkmodules.util.numpy_support import vtk_to_numpy
-np.save(sys.argv[1], vtk_to_numpy(data.GetPointData().GetArray("RGBA")))
-"""
-    )
-    import numpy as np
-
-    pvpython(script, tmp_path / "one.npy")
-    mpiexec(script, tmp_path / "two.npy")
-    assert np.array_equal(np.load(tmp_path / "one.npy"), np.load(tmp_path / "two.npy"))
 
 
 def test_a_server_learns_what_the_client_shows(pvpython, pvserver) -> None:

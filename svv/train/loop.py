@@ -11,7 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from svv.errors import Progress, silent
+from svv.errors import Cancelled, Progress, silent
+from svv.train import ranks
 from svv.train.checkpoint import Checkpoint
 
 SAVE_EVERY = 30.0
@@ -65,7 +66,8 @@ class Loop:
     def run(self, step: Callable[[int, float], Tensor]) -> float:
         """Call ``step(number, fraction)`` until done; it returns the loss, which is shown next to the label.
 
-        The loss is read only when it is shown, because reading it waits for the GPU.
+        The loss is read only when it is shown, because reading it waits for the GPU. If several processes train, the
+        first one's time limit counts, and all stop at the same step.
 
         Returns:
             Seconds spent, including those before an interruption.
@@ -73,12 +75,14 @@ class Loop:
         begin = saved = told = time.monotonic()
         before = self.spent
         mean: Tensor | None = None
+        stop = False
         while self.done < self.iterations:
             fraction = self.done / self.iterations
             if self.limit is not None:
                 fraction = max(fraction, self.spent / self.limit)
-                if fraction >= 1.0:
-                    break
+            fraction = ranks.agreed(fraction, stop)
+            if fraction >= 1.0:
+                break
             loss = step(self.done, fraction)
             mean = loss if mean is None else mean + 0.05 * (loss - mean)
             self.course.setdefault(int(PARTS * fraction), []).append(loss)
@@ -87,7 +91,12 @@ class Loop:
             self.spent = before + now - begin
             if now - told > 0.2:
                 told = now
-                self.progress(fraction, f"{self.label} (loss {float(mean):.4f})")
+                try:
+                    self.progress(fraction, f"{self.label} (loss {float(mean):.4f})")
+                except Cancelled:
+                    if not ranks.many():
+                        raise
+                    stop = True
             if self.save is not None and now - saved > SAVE_EVERY:
                 self.save(self.done, self.spent)
                 saved = time.monotonic()

@@ -18,6 +18,9 @@ from svv.train.checkpoint import Checkpoint
 SAVE_EVERY = 30.0
 """Seconds between two checkpoints."""
 
+SHOW_EVERY = 0.2
+"""Seconds between two calls of the progress."""
+
 PARTS = 10
 """Number of parts of a run whose losses are recorded separately."""
 
@@ -89,7 +92,7 @@ class Loop:
             self.done += 1
             now = time.monotonic()
             self.spent = before + now - begin
-            if now - told > 0.2:
+            if now - told > SHOW_EVERY:
                 told = now
                 try:
                     self.progress(fraction, f"{self.label} (loss {float(mean):.4f})")

@@ -21,6 +21,9 @@ SAVE_EVERY = 30.0
 SHOW_EVERY = 0.2
 """Seconds between two calls of the progress."""
 
+AGREE_EVERY = 8
+"""Steps between two times at which several ranks agree on how much of the time limit is over, and whether to stop."""
+
 PARTS = 10
 """Number of parts of a run whose losses are recorded separately."""
 
@@ -78,12 +81,12 @@ class Loop:
         begin = saved = told = time.monotonic()
         before = self.spent
         mean: Tensor | None = None
+        elapsed: float | None = None  # as a fraction of the limit
         stop = False
         while self.done < self.iterations:
-            fraction = self.done / self.iterations
-            if self.limit is not None:
-                fraction = max(fraction, self.spent / self.limit)
-            fraction = ranks.agreed(fraction, stop)
+            if elapsed is None or not ranks.many() or self.done % AGREE_EVERY == 0:
+                elapsed = ranks.agreed(0.0 if self.limit is None else self.spent / self.limit, stop)
+            fraction = max(self.done / self.iterations, elapsed)
             if fraction >= 1.0:
                 break
             loss = step(self.done, fraction)

@@ -277,7 +277,7 @@ def _broadcast(thing: Any) -> Any:
 
 
 def agreed(fraction: float, stop: bool) -> float:
-    """Return the first rank's ``fraction`` of the work that is done.
+    """Return the first rank's ``fraction``.
 
     Raises:
         Cancelled: One of the ranks was told to ``stop``; all stop at the same step.

@@ -55,10 +55,7 @@ def svv(
     if here.count > 1 and context.invoked_subcommand not in TOGETHER:
         if here.rank:
             raise typer.Exit
-        print(
-            f"svv {context.invoked_subcommand} runs in one process: the other {here.count - 1} have nothing to do.",
-            file=sys.stderr,
-        )
+        print(f"svv {context.invoked_subcommand} runs in one process; the others have nothing to do.", file=sys.stderr)
 
 
 COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
@@ -81,7 +78,7 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
 }
 """Each command's name, its function and the examples in its help, in the order of the help."""
 
-TOGETHER = ("train",)
+TOGETHER = ("train", "render")
 """Commands that share their work among the processes that ``torchrun`` starts; for others, the first does all."""
 
 for _name, (_command, _examples) in COMMANDS.items():

@@ -146,20 +146,11 @@ def joined(device: str = "cpu") -> Iterator[None]:
 
 def _connected(where: Place, device: str) -> Any:
     """Form the group of all ranks and return its store."""
-    import torch
     import torch.distributed as dist
 
     if not dist.is_available():
         raise BadInput("This build of torch has no torch.distributed; train in one process, without torchrun.")
-    gpus = "gloo"
-    if device != "cpu":
-        known = [name for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name]
-        names = known or [str(k) for k in range(torch.cuda.device_count())]
-        if names:
-            os.environ["CUDA_VISIBLE_DEVICES"] = names[where.local % len(names)]
-        if where.local_count <= len(names) and dist.is_nccl_available():
-            gpus = "nccl"  # which refuses ranks that share a GPU
-    _share_cores()
+    gpus = take_share(where, device)
     from torch.distributed import distributed_c10d
     from torch.distributed.rendezvous import rendezvous
 
@@ -178,12 +169,25 @@ def _connected(where: Place, device: str) -> Any:
     return distributed_c10d.PrefixStore("svv-said", store)
 
 
-def _share_cores() -> None:
-    """Let numba use as many threads as torch, which has them from ``OMP_NUM_THREADS``; torchrun sets it to 1."""
+def take_share(where: Place, device: str) -> str:
+    """Take this process's share of its machine, and return what sums numbers on GPUs: ``nccl``, or ``gloo``.
+
+    numba gets as many threads as torch, which has them from ``OMP_NUM_THREADS``; torchrun sets it to 1. With a
+    ``device`` other than ``cpu``, the process sees only one of the GPUs from now on.
+    """
     import numba
     import torch
+    import torch.distributed as dist
 
     numba.set_num_threads(max(1, min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS)))
+    if device == "cpu":
+        return "gloo"
+    known = [name for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name]
+    names = known or [str(k) for k in range(torch.cuda.device_count())]
+    if names:
+        os.environ["CUDA_VISIBLE_DEVICES"] = names[where.local % len(names)]
+    own = where.local_count <= len(names)  # NCCL refuses ranks that share a GPU
+    return "nccl" if own and dist.is_available() and dist.is_nccl_available() else "gloo"
 
 
 @contextmanager

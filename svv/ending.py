@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from typing import NoReturn
 
-from svv.errors import BadInput, Cancelled
+from svv.errors import BadInput, Cancelled, Elsewhere
 
 
 def end_with(run: Callable[[], object], name: str) -> NoReturn:
@@ -25,6 +25,8 @@ def end_with(run: Callable[[], object], name: str) -> NoReturn:
         _fail(name, str(error))
     except (Cancelled, KeyboardInterrupt):
         _fail(name, "stopped; run the same command again to resume.", 130)
+    except Elsewhere as error:
+        sys.exit(error.code)
     except MemoryError:
         _fail(name, "There is not enough memory; choose a smaller size or the preset draft.")
     except BrokenPipeError:

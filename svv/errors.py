@@ -22,6 +22,14 @@ class Cancelled(Exception):
     """The user stopped the work; finished results are kept (exit code 130)."""
 
 
+class Elsewhere(Exception):
+    """Another process of the same run says why it ends; this one ends silently, with the exit code ``code``."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
 def silent(fraction: float, label: str) -> None:
     """Ignore the progress."""
 

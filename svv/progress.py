@@ -20,15 +20,17 @@ LINE_STEP = 0.1
 
 
 @contextmanager
-def shown(title: str) -> Iterator[Progress]:
-    """Show the progress of one piece of work on standard error.
+def shown(title: str, quiet: bool = False) -> Iterator[Progress]:
+    """Show the progress of one piece of work on standard error, or with ``quiet``, only listen to Ctrl-C.
 
     Yields the callable to pass down as ``progress``. On a terminal it draws a bar with the time left; elsewhere it
     prints a line from time to time. After the first Ctrl-C, its next call raises ``Cancelled``, so the work stops
     at a point where its files are consistent; a second Ctrl-C stops at once.
     """
     with _stop_on_interrupt() as stopped:
-        if sys.stderr.isatty():
+        if quiet:
+            yield _unseen(stopped)
+        elif sys.stderr.isatty():
             with _bar(title, stopped) as progress:
                 yield progress
         else:
@@ -81,6 +83,14 @@ def _bar(title: str, stopped: threading.Event) -> Iterator[Progress]:
 
         yield progress
         bars.update(task, completed=1.0, label="")
+
+
+def _unseen(stopped: threading.Event) -> Progress:
+    def progress(fraction: float, label: str) -> None:
+        if stopped.is_set():
+            raise Cancelled
+
+    return progress
 
 
 def _lines(title: str, stopped: threading.Event) -> Progress:

@@ -127,6 +127,9 @@ def run(words: Sequence[str]) -> None:
     program, *arguments = words
     if program in ("svv", ".venv/bin/svv"):
         _svv(arguments)
+    elif program == "torchrun":
+        assert arguments[(svv := arguments.index("svv")) - 1] == "-m", words
+        _svv(arguments[svv + 1 :])
     elif program == "make":
         targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
         assert {a for a in arguments if "=" not in a} <= set(targets), words

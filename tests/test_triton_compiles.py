@@ -17,7 +17,7 @@ TYPES = {
     "*u8": "used distance known nearest",
     "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
     "cuts",
-    "i32": "samples rows finer width height rays nx ny nz seed inputs outputs size stride length",
+    "i32": "samples rows finer width height rays nx ny nz seed first_ray inputs outputs size stride length",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}

@@ -8,6 +8,7 @@ Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any, NoReturn
 
@@ -17,8 +18,9 @@ from svv._version import __version__
 from svv.cli import bench, cache, cinema, edit, features, job, paraview, render, scene, style, stylize
 from svv.cli.options import examples
 from svv.ending import end_with
-from svv.errors import BadInput, Cancelled
+from svv.errors import BadInput, Cancelled, Elsewhere
 from svv.measure import share_cores
+from svv.train.ranks import place
 
 app = typer.Typer(
     name="svv",
@@ -49,6 +51,11 @@ def svv(
     if context.invoked_subcommand is None:
         context.get_help()  # prints it
         raise typer.Exit
+    here = place()
+    if here.count > 1 and context.invoked_subcommand not in TOGETHER:
+        if here.rank:
+            raise typer.Exit
+        print(f"svv {context.invoked_subcommand} runs in one process; the others have nothing to do.", file=sys.stderr)
 
 
 COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
@@ -71,6 +78,9 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
 }
 """Each command's name, its function and the examples in its help, in the order of the help."""
 
+TOGETHER = ("train", "render")
+"""Commands that share their work among the processes that ``torchrun`` starts; for others, the first does all."""
+
 for _name, (_command, _examples) in COMMANDS.items():
     app.command(_name, epilog=examples(*_examples))(_command)
 app.add_typer(bench.app, name="bench")
@@ -85,6 +95,8 @@ def main() -> NoReturn:
         try:
             return app(prog_name="svv", standalone_mode=False)
         except UsageError as error:
+            if place().rank:
+                raise Elsewhere(2) from None  # the first process was given the same arguments
             command = error.ctx.command_path if error.ctx else "svv"
             raise BadInput(f"{error.format_message()} Try: {command} --help") from None
         except typer.Abort:

@@ -19,6 +19,7 @@ RENDER = (
     "svv render scene.svv --orbit 60 --size 400 --background white --out frames",
     "svv render scene.svv --camera camera.json --size 1280x720 --out view.png",
     "svv render scene.svv --camera views/transforms_test.json --frame 3 --out view.vti",
+    "torchrun --nproc-per-node 4 -m svv render scene.svv --orbit 181 --out frames",
 )
 """Examples in the help."""
 
@@ -41,9 +42,13 @@ def render(
     frame: Annotated[int, typer.Option(min=0, help="Number of the view in a transforms file.")] = 0,
     options: RenderOptions = RenderOptions(),
 ) -> None:
-    """Render a scene: an orbit as a movie or frames, or a single view."""
+    """Render a scene: an orbit as a movie or frames, or a single view.
+
+    Processes that torchrun starts share the frames of a folder; anything else is rendered by the first one.
+    """
     from svv.io.camera_file import read_camera
     from svv.render import frames as views
+    from svv.train import ranks
 
     if orbit is not None and camera is not None:
         raise BadInput("Give --orbit or --camera, not both.")
@@ -53,6 +58,11 @@ def render(
         raise BadInput("An orbit has many views: give --out as a folder or an .mp4 file.")
     if out.suffix.lower() not in ("", ".png", ".vti", ".mp4") and out.suffix[1:].isalpha() and not out.is_dir():
         raise BadInput(f"Cannot tell what to write to {out}: give a .png or .vti (one view), an .mp4 or a folder.")
+    here, one_file = ranks.place(), out.suffix.lower() in (".png", ".vti", ".mp4")
+    if here.rank and one_file:
+        return
+    if here.count > 1:
+        ranks.take_share(here, options.device)
     loaded = load(scene, options.device)
     if options.variant is not None:
         if network not in (None, "styled"):
@@ -65,11 +75,13 @@ def render(
         cameras = [views.orbit(loaded, 181, width, height)[90]]  # the middle of the path: from the front
     else:
         cameras = views.orbit(loaded, orbit or 181, width, height)
-    with shown("Rendering") as progress:
+    with shown("Rendering", quiet=here.rank > 0) as progress:
         if one_view:
             views.write_view(out, loaded, cameras[0], network, behind, what, progress)
         elif out.suffix.lower() == ".mp4":
             views.write_movie(out, loaded, cameras, network, behind, what, options.fps, progress)
         else:
-            views.write_frames(out, loaded, cameras, network, behind, what, progress)
-    print(out)
+            mine = slice(here.rank, None, here.count)
+            views.write_frames(out, loaded, cameras, network, behind, what, progress, mine)
+    if not here.rank:
+        print(out)

@@ -19,6 +19,7 @@ from svv.progress import shown
 TRAIN = (
     "svv train views --out scene.svv",
     "svv train views -o scene.svv --preset fast --json f.json",
+    "torchrun --nproc-per-node 4 -m svv train views -o scene.svv",
 )
 """Examples in the help."""
 EVALUATE = ("svv evaluate scene.svv --views views --json scores.json",)
@@ -47,27 +48,35 @@ def train(
 
     Views made by `svv views` come with the volume's extinction, and by default, training starts from it. With
     --views-only, or if there is no volume, everything is learned from views only. After Ctrl-C, the same command
-    resumes.
+    resumes. torchrun trains with several processes on one machine or more.
     """
     from svv.io.cinema.views import read_views
     from svv.io.equal_views import equal_views
     from svv.io.scene_file import checkpoint_of
+    from svv.io.viewset import ViewSet
     from svv.kernels.dispatch import device_named
+    from svv.train import ranks
     from svv.train.config import settings_of
     from svv.train.pipeline import train_scene
 
-    check_targets(out, json)
-    settings_of(options)  # errors in the options are reported before the views are read
-    device_named(options.device)
-    with shown("Reading") as progress:
-        view_set = read_views(views, "train", progress)
-    for said in (view_set.meta.assumed, equal_views(view_set)):
-        if said is not None:
-            print(said, file=sys.stderr)
+    def read() -> ViewSet:
+        check_targets(out, json)
+        settings_of(options)  # errors in the options are reported before the views are read
+        device_named(options.device)
+        with shown("Reading") as progress:
+            view_set = read_views(views, "train", progress)
+        for said in (view_set.meta.assumed, equal_views(view_set)):
+            if said is not None:
+                print(said, file=sys.stderr)
+        return view_set
+
     checkpoint = checkpoint_of(out)
-    with shown("Training") as progress:
-        scene, report = train_scene(view_set, options, progress, checkpoint)
-    finish(scene, report, out, json, checkpoint)
+    with ranks.joined(options.device):
+        view_set = ranks.once(read)
+        with shown("Training", quiet=not ranks.is_first()) as progress:
+            scene, report = train_scene(view_set, options, progress, checkpoint)
+        if ranks.is_first():
+            finish(scene, report, out, json, checkpoint)
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def box_span(origins: Tensor, directions: Tensor, extent: Tensor) -> tuple[Tenso
 def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the same)
     origins: Tensor, directions: Tensor, occupied: Tensor, cells: int, extent: Sequence[float], step: float,
     extinction: Callable[[Tensor], Tensor], least_weight: float, keep: float, stop: float, fade: float, merge: bool,
-    seed: int = 0, first_ray: int = 0,
+    seed: int = 0, first_ray: int = 0, ahead: int = 0,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
     """Sample rays at a fixed step in occupied cells and keep the samples that matter.
 
@@ -67,7 +67,8 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
         fade: Smallest factor by which extinctions will be scaled later.
         merge: Whether samples of less weight are merged into the next one.
         seed: > 0 shifts each ray's samples by a random fraction of the step; 0 shifts them by half a step.
-        first_ray: Number of the first ray, for its random numbers.
+        first_ray: Number of the first ray, for ``ray`` and for its random numbers.
+        ahead: Number of rays before these in a batch of which these are a part; it changes only the random numbers.
 
     Returns:
         Position (S, 3), extinction (S,), optical depth skipped before each sample (S,), ray (S,) int32, number of
@@ -75,7 +76,8 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
     """
     ends = origins.new_tensor(extent)
     ray = torch.arange(first_ray, first_ray + len(origins), device=origins.device)
-    shift = uniform(seed, ray, torch.zeros_like(ray)) if seed > 0 else torch.full_like(origins[:, 0], 0.5)
+    drawn = ahead + ray
+    shift = uniform(seed, drawn, torch.zeros_like(ray)) if seed > 0 else torch.full_like(origins[:, 0], 0.5)
     near, far = box_span(origins, directions, ends)
     near, far = torch.where(near < far, near, 1.0), torch.where(near < far, far, 0.0)
     first, last = torch.ceil(near / step - shift).long(), torch.floor(far / step - shift).long()
@@ -98,7 +100,7 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
         weight = torch.where(weight >= least_weight, weight * torch.exp(fade * (before - tau)), weight)
         chosen = weight >= least_weight
         if keep > 0:
-            chosen |= uniform(seed, ray, number[:, k] + 1) < keep
+            chosen |= uniform(seed, drawn, number[:, k] + 1) < keep
         kept[:, k] = chosen & here
         skipped[:, k] = left_out - before
         sigma[:, k] += before / step

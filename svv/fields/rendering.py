@@ -105,7 +105,14 @@ class Marching:
     """Whether samples of low weight are joined to the next (for images) or left out (for training)."""
 
 
-def march(rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: Marching, seed: int = 0) -> Samples:
+def march(
+    rays: Rays,
+    occupancy: Occupancy,
+    density: SparseLattice | None,
+    how: Marching,
+    seed: int = 0,
+    first_ray: int = 0,
+) -> Samples:
     """Sample rays in occupied cells, leaving out samples that cannot be seen.
 
     Args:
@@ -115,6 +122,7 @@ def march(rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: 
             sample is kept and ``sigma`` is 1.
         how: Sample distance and thresholds.
         seed: > 0 shifts each ray's samples at random; 0 puts them in the middle of their steps.
+        first_ray: Number of the first ray in its batch: a ray's random numbers depend on its number.
 
     Returns:
         The samples of all rays.
@@ -124,7 +132,7 @@ def march(rays: Rays, occupancy: Occupancy, density: SparseLattice | None, how: 
     samples, occupancy.samples_a_ray = kernels_for(rays.origins).march(
         rays.origins, rays.directions, occupancy.distance_on(rays.origins.device), occupancy.cells,
         occupancy.box.extent, lattice.layout, lattice.table, MOST_LOG_EXTINCTION, Limits(how.step, *limits, how.merge),
-        seed, occupancy.samples_a_ray,
+        seed, occupancy.samples_a_ray, first_ray,
     )  # fmt: skip
     return samples
 
@@ -157,7 +165,7 @@ def not_hidden(samples: Samples, sigma: Tensor, how: Marching) -> tuple[Samples,
 
 
 @torch.no_grad()
-def representatives(samples: Samples, every: float, seed: int) -> tuple[Tensor, Tensor]:
+def representatives(samples: Samples, every: float, seed: int, first_ray: int = 0) -> tuple[Tensor, Tensor]:
     """Choose samples whose colour can stand for that of the samples around them on their ray.
 
     The cumulative weight along a ray is cut at k * ``every``, shifted by a random fraction of ``every`` (systematic
@@ -168,11 +176,13 @@ def representatives(samples: Samples, every: float, seed: int) -> tuple[Tensor, 
         samples: S samples with their extinction.
         every: Fraction of a pixel for which one colour is enough, > 0.
         seed: Seed of the shifts.
+        first_ray: Number of the first ray in its batch, as in :func:`march`.
 
     Returns:
         Rows of the chosen samples (K,), ascending, and for each sample the index in them of its representative (S,).
     """
-    shift = torch.rand(len(samples.count), generator=torch.Generator().manual_seed(seed)).to(samples.sigma.device)
+    drawn = torch.rand(first_ray + len(samples.count), generator=torch.Generator().manual_seed(seed))
+    shift = drawn[first_ray:].to(samples.sigma.device)
     return kernels_for(shift).representatives(samples, every, shift)
 
 

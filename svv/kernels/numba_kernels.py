@@ -94,6 +94,7 @@ def pixels_in_sight(
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+    first_ray: int = 0,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March blocks of rays, each into a separate part of the buffers, and pack the parts afterwards."""
     count, blocks = len(origins), -(-len(origins) // numba_marching.RAYS_A_BLOCK)
@@ -105,7 +106,8 @@ def march(
         full = np.zeros(blocks, np.uint8)
         numba_marching.march(
             origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
-            np.float32(limits.step), seed, *_layout(where), table.detach().numpy()[:, 0], np.float32(ceiling),
+            np.float32(limits.step), seed, first_ray, *_layout(where), table.detach().numpy()[:, 0],
+            np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
             *buffers, start, number, tail, full,
         )  # fmt: skip

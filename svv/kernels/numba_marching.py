@@ -84,6 +84,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     extent,
     step,
     jitter_seed,
+    first_ray,
     shapes,
     scales,
     bases,
@@ -108,7 +109,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
 
     ``distance`` (X, Y, Z) holds 0 for occupied cells, otherwise the chessboard distance to the nearest occupied one.
     Every ray is sampled with a fixed step (shifted by a random fraction of it if ``jitter_seed`` > 0, by half a step
-    otherwise). A sample whose weight is below ``least_weight`` is kept only with probability ``keep``; the optical
+    otherwise; ``first_ray`` is the number of the first ray in its batch, for its random numbers). A sample whose weight
+    is below ``least_weight`` is kept only with probability ``keep``; the optical
     depth of samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so that
     transmittance stays exact. With ``merge``, it becomes part of the next sample instead, as soon as both together
     weigh enough: there are few samples, and no part of the pixel is lost. Optical depth is multiplied by ``fade`` when
@@ -138,7 +140,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                 ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)
                 shift = np.float32(0.5)
                 if jitter_seed > 0:
-                    shift = uniform(jitter_seed, r, 0)
+                    shift = uniform(jitter_seed, first_ray + r, 0)
                 i = int(math.ceil(near / step - shift))
                 last = int(math.floor(far / step - shift))
                 while i <= last:
@@ -169,7 +171,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     if n == end:
                         full[block] = 1
                         break
-                    if weight >= least_weight or (keep > 0 and uniform(jitter_seed, r, i + 1) < keep):
+                    if weight >= least_weight or (keep > 0 and uniform(jitter_seed, first_ray + r, i + 1) < keep):
                         position[n, 0], position[n, 1], position[n, 2] = x, y, z
                         skipped[n] = left_out - before
                         sigma[n] = s + before * rate

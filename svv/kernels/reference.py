@@ -93,6 +93,7 @@ def pixels_in_sight(
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+    first_ray: int = 0,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March without leaps: every step of every ray is evaluated."""
     occupied = distance == 0
@@ -105,7 +106,7 @@ def march(
     parts = [
         marching.march(
             origins[k : k + chunk], directions[k : k + chunk], occupied, cells, extent, limits.step, extinction,
-            limits.least_weight, limits.keep, limits.stop, limits.fade, limits.merge, seed, k,
+            limits.least_weight, limits.keep, limits.stop, limits.fade, limits.merge, seed, k, first_ray,
         )
         for k in range(0, len(origins), chunk)
     ]  # fmt: skip

@@ -98,6 +98,7 @@ def pixels_in_sight(
 def march(
     origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
     where: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+    first_ray: int = 0,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March twice: count the samples, find the start of each ray from their sums, and write them."""
     device, rays = origins.device, len(origins)
@@ -107,7 +108,7 @@ def march(
 
     def pass_over(writes: bool) -> None:
         triton_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
-            origins, directions, distance, *distance.shape, float(cells), *extent, limits.step, seed,
+            origins, directions, distance, *distance.shape, float(cells), *extent, limits.step, seed, first_ray,
             where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
             limits.least_weight, limits.keep, limits.stop, limits.fade, rays,
             start, count, tail, position, skipped, sigma, ray,

@@ -134,9 +134,9 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
     return total
 
 
-@triton.jit(do_not_specialize=["seed"])
+@triton.jit(do_not_specialize=["seed", "first_ray"])
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
-    origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed,
+    origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed, first_ray,
     shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, fade, rays,
     start, count, tail, position, skipped, sigma, ray,
     LEVELS: tl.constexpr, KEEPS: tl.constexpr, MERGE: tl.constexpr, JITTERS: tl.constexpr,
@@ -158,7 +158,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     hit = there & (near < far)
     shift = tl.full((BLOCK,), 0.5, tl.float32)
     if JITTERS:
-        shift = uniform(seed, r, tl.zeros_like(r))
+        shift = uniform(seed, first_ray + r, tl.zeros_like(r))
     i = tl.ceil(tl.where(hit, near, 0.0) / step - shift).to(tl.int32)
     last = tl.floor(tl.where(hit, far, 0.0) / step - shift).to(tl.int32)
     going = hit & (i <= last)
@@ -195,7 +195,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         weight = tl.where(weight >= least_weight, weight * tl.exp(fade * (before - tau)), weight)
         kept = weight >= least_weight
         if KEEPS:
-            kept = kept | (uniform(seed, r, i + 1) < keep)
+            kept = kept | (uniform(seed, first_ray + r, i + 1) < keep)
         kept = kept & inside
         if WRITES:
             tl.store(position + 3 * n, x, mask=kept)

@@ -183,12 +183,13 @@ class Kernels(Protocol):
 
     def march(
         self, origins: Tensor, directions: Tensor, distance: Tensor, cells: int, extent: Sequence[float],
-        lattice: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int,
+        lattice: Lattice, table: Tensor, ceiling: float, limits: Limits, seed: int, room: int, first_ray: int = 0,
     ) -> tuple[Samples, int]:  # fmt: skip
         """March rays through the occupied cells and keep the samples that matter (:mod:`svv.kernels.numba_marching`).
 
         ``distance`` (X, Y, Z) uint8: how far a ray may leap; ``extent``: sides of the box; ``table`` (V, 1): log
-        extinction; ``room``: initial buffer size in samples per ray. The number returned is the size that sufficed.
+        extinction; ``room``: initial buffer size in samples per ray; ``first_ray``: number of the first ray in its
+        batch, for its random numbers. The number returned is the size that sufficed.
         """
 
     def representatives(self, samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:

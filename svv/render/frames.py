@@ -100,18 +100,22 @@ def write_frames(
     background: Sequence[float] | None = None,
     what: str = "rgba",
     progress: Progress = silent,
+    those: slice = slice(None),
 ) -> list[Path]:
     """Render views into ``folder/0000.png`` and so on; see :func:`write_view`.
+
+    With ``those``, only these of the views are rendered, and others may render the rest.
 
     Returns:
         The files, in the order of the cameras.
     """
     make_folder(folder)
     paths = [folder / f"{index:04d}.png" for index in range(len(cameras))]
-    for index, (path, camera) in enumerate(zip(paths, cameras, strict=True)):
-        each = part(progress, index / len(cameras), (index + 1) / len(cameras))
+    chosen = list(zip(paths, cameras, strict=True))[those]
+    for index, (path, camera) in enumerate(chosen):
+        each = part(progress, index / len(chosen), (index + 1) / len(chosen))
         write_view(path, scene, camera, network, background, what, each)
-        progress((index + 1) / len(cameras), f"view {index + 1} of {len(cameras)}")
+        progress((index + 1) / len(chosen), f"view {index + 1} of {len(chosen)}")
     return paths
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 from svv.core.box import Box
 from svv.fields.rendering import RayCaster, Rays
 from svv.io.viewset import ViewSet
+from svv.train import ranks
 
 MARGIN = 9
 """Side in pixels of the square by which the visible part of an image is dilated: its outline must be learned, too."""
@@ -30,6 +31,10 @@ class Batch:
     """Alpha in [0, 1]. (R,)"""
     pixels: Tensor
     """Flat indices of the pixels among all views. (R,) int64"""
+    first: int = 0
+    """Number of the first ray, if these are a part of a batch."""
+    share: float = 1.0
+    """The fraction of the whole batch that these are."""
 
     @property
     def premultiplied(self) -> Tensor:
@@ -44,10 +49,10 @@ class RayBudget:
         """Allow at most ``most`` rays, and at least a quarter of that, for about ``samples`` samples."""
         self.rays, self._most, self._samples = most, most, samples
 
-    def adjust(self, number: int, rays: int, samples: int) -> None:
-        """Adapt to the ``samples`` samples that ``rays`` rays gave in step ``number``; every 16th step counts."""
+    def adjust(self, number: int, samples: float) -> None:
+        """Adapt to the samples that this rank's part of the rays gave in step ``number``; every 16th step counts."""
         if number % 16 == 0:
-            ideal = self._samples * rays / max(samples, 1)
+            ideal = self._samples * self.rays / max(int(ranks.total(samples)), 1)
             self.rays = int(np.clip(ideal, self._most // 4, self._most))
 
 
@@ -64,13 +69,15 @@ class RayPool:
         self._pool: NDArray[np.integer] = np.concatenate([(p + k * size).astype(kind) for k, p in enumerate(near)])
         self._seed = seed
 
-    def batch(self, number: int, rays: int) -> Batch:
-        """Return batch ``number`` (>= 0) of ``rays`` rays."""
+    def batch(self, number: int, rays: int, part: slice | None = None) -> Batch:
+        """Return batch ``number`` (>= 0) of ``rays`` rays, or a part of it."""
         generator = np.random.default_rng((self._seed, number))
-        pixels = self._pool[generator.integers(0, len(self._pool), rays)].astype(np.int64)
+        part = part or slice(0, rays)
+        pixels = self._pool[generator.integers(0, len(self._pool), rays)[part]].astype(np.int64)
         rgba = torch.from_numpy(self._pixels[pixels].astype(np.float32) / np.float32(255.0)).to(self._caster.device)
         which = torch.from_numpy(pixels)
-        return Batch(self._caster.rays(which), rgba[:, :3], rgba[:, 3], which)
+        share = len(pixels) / rays
+        return Batch(self._caster.rays(which), rgba[:, :3], rgba[:, 3], which, part.start, share)
 
     def axes(self, batch: Batch) -> Tensor:
         """Return unit vectors along the axis of each ray's camera, pointing backwards. (R, 3)"""

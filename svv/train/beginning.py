@@ -18,6 +18,7 @@ from svv.fields.networks import BaseField, FieldSettings
 from svv.fields.occupancy import Occupancy, carve
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
+from svv.train import ranks
 from svv.train.checkpoint import Arrays
 from svv.train.config import ReconstructSettings
 from svv.train.tomography import extinction_from
@@ -143,15 +144,28 @@ def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSett
 
 
 @torch.no_grad()
-def largest_extinction(exponent: Callable[[Tensor], Tensor], occupancy: Occupancy, device: torch.device) -> Tensor:
+def largest_extinction(
+    exponent: Callable[[Tensor], Tensor], occupancy: Occupancy, device: torch.device, shared: bool = False
+) -> Tensor:
     """Return the largest extinction at 27 points of each occupied cell, in raster order.
 
     Args:
         exponent: Log extinction (S,) at points (S, 3) of the box.
         occupancy: Occupied cells.
         device: Device of the points.
+        shared: Whether all ranks call this together: each looks at a part of the cells.
     """
     corner = occupancy.occupied_on(device).nonzero()
+    if shared and ranks.many():
+        part, whole = ranks.part(len(corner)), torch.zeros(len(corner), device=device)
+        whole[part] = _largest(exponent, corner[part], occupancy)
+        return ranks.summed(whole)
+    return _largest(exponent, corner, occupancy)
+
+
+def _largest(exponent: Callable[[Tensor], Tensor], corner: Tensor, occupancy: Occupancy) -> Tensor:
+    """Return the largest extinction in the cells with these indices. (C, 3) -> (C,)"""
+    device = corner.device
     end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
     largest = torch.full((len(corner),), -torch.inf, device=device)
     for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):

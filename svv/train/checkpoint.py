@@ -17,6 +17,7 @@ from svv.errors import BadInput
 from svv.fields.encodings import LatticeAdam
 from svv.io.made import key_of
 from svv.io.scene_file import read_scene_file, write_scene_file
+from svv.train import ranks
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -70,6 +71,8 @@ class Checkpoint:
         return {k[6:]: v for k, v in self._state.items() if k.startswith("extra.")}
 
     def _write(self) -> None:
+        if not ranks.is_first():
+            return
         header = {"key": self.key, "finished": self.finished, "progress": self._progress}
         arrays = {f"done.{k}": v for k, v in self.arrays.items()} | {f"state.{k}": v for k, v in self._state.items()}
         write_scene_file(self.path, header, arrays)
@@ -108,7 +111,9 @@ class StageState:
         self.optimiser.load_state_dict(saved)
 
     def save(self, done: int, spent: float, extra: Arrays) -> None:
-        """Write the state after ``done`` steps."""
+        """Write the state after ``done`` steps; it is the same on all ranks, and the first one writes it."""
+        if not ranks.is_first():
+            return
         state: Arrays = {f"network.{k}": v.cpu().numpy() for k, v in self.network.state_dict().items()}
         state |= {f"tables.{k}": v for k, v in self.tables.state().items()}
         state |= {f"extra.{k}": v for k, v in extra.items()}

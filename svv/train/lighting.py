@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ from svv.fields.phong import Beams
 from svv.fields.rendering import RayCaster, composite, march
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
+from svv.train import ranks
 from svv.train.batches import RayPool
 from svv.train.config import RecolourSettings
 from svv.train.loop import Running
@@ -109,7 +111,7 @@ def light_by_trial(
         limit = None if running.limit is None else 0.5 * running.limit
         network, shares, _ = recolour(seen, lit, palette, short, Running(running.seed, limit, half), owners, given)
         lit = replace(lit, palette_network=network, regions=regions_for(network, shares))
-        found[lighting] = accuracy(lit, unseen, running.seed)
+        found[lighting] = ranks.once(partial(accuracy, lit, unseen, running.seed))
     taken = "phong" if found["phong"] >= found["network"] - MARGIN else "network"
     reason = (
         f"an explicit light (Blinn-Phong) renders {len(held)} held-out views with {found['phong']:.2f} dB after "

@@ -11,11 +11,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from svv.errors import Progress, silent
+from svv.errors import Cancelled, Progress, silent
+from svv.train import ranks
 from svv.train.checkpoint import Checkpoint
 
 SAVE_EVERY = 30.0
 """Seconds between two checkpoints."""
+
+SHOW_EVERY = 0.2
+"""Seconds between two calls of the progress."""
+
+AGREE_EVERY = 8
+"""Steps between two times at which several ranks agree on how much of the time limit is over, and whether to stop."""
 
 PARTS = 10
 """Number of parts of a run whose losses are recorded separately."""
@@ -65,7 +72,8 @@ class Loop:
     def run(self, step: Callable[[int, float], Tensor]) -> float:
         """Call ``step(number, fraction)`` until done; it returns the loss, which is shown next to the label.
 
-        The loss is read only when it is shown, because reading it waits for the GPU.
+        The loss is read only when it is shown, because reading it waits for the GPU. If several processes train, the
+        first one's time limit counts, and all stop at the same step.
 
         Returns:
             Seconds spent, including those before an interruption.
@@ -73,21 +81,28 @@ class Loop:
         begin = saved = told = time.monotonic()
         before = self.spent
         mean: Tensor | None = None
+        elapsed: float | None = None  # as a fraction of the limit
+        stop = False
         while self.done < self.iterations:
-            fraction = self.done / self.iterations
-            if self.limit is not None:
-                fraction = max(fraction, self.spent / self.limit)
-                if fraction >= 1.0:
-                    break
+            if elapsed is None or not ranks.many() or self.done % AGREE_EVERY == 0:
+                elapsed = ranks.agreed(0.0 if self.limit is None else self.spent / self.limit, stop)
+            fraction = max(self.done / self.iterations, elapsed)
+            if fraction >= 1.0:
+                break
             loss = step(self.done, fraction)
             mean = loss if mean is None else mean + 0.05 * (loss - mean)
             self.course.setdefault(int(PARTS * fraction), []).append(loss)
             self.done += 1
             now = time.monotonic()
             self.spent = before + now - begin
-            if now - told > 0.2:
+            if now - told > SHOW_EVERY:
                 told = now
-                self.progress(fraction, f"{self.label} (loss {float(mean):.4f})")
+                try:
+                    self.progress(fraction, f"{self.label} (loss {float(mean):.4f})")
+                except Cancelled:
+                    if not ranks.many():
+                        raise
+                    stop = True
             if self.save is not None and now - saved > SAVE_EVERY:
                 self.save(self.done, self.spent)
                 saved = time.monotonic()

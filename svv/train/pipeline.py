@@ -18,6 +18,7 @@ from svv.kernels.dispatch import device_named, forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaintOptions, TrainOptions
 from svv.styles.features import load_features
+from svv.train import ranks
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, given
 from svv.train.evaluate import evaluate_scene as evaluate_scene
@@ -70,7 +71,9 @@ def train_scene(
         raise BadInput(f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (usually 92).")
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
-    saved = None if checkpoint is None else Checkpoint(checkpoint, key_of(views, chosen, time_limit, seed))
+    saved = None
+    if checkpoint is not None:
+        saved = ranks.once(lambda: Checkpoint(checkpoint, key_of(views, chosen, time_limit, seed)))
     forget_gpu_peak(device)
     with measured() as cost:
         training = Training(views, chosen, time_limit, seed, progress, saved, device)
@@ -81,13 +84,15 @@ def train_scene(
         encoding=chosen.field.encoding, lighting=scene.settings.lighting, notes=training.notes,
         learned_from=training.learned_from, warnings=training.warnings,
     )  # fmt: skip
-    made = {
-        **report,
-        "svv": __version__,
-        "torch": torch.__version__,
-        "views": len(views.cameras),
-        "source": views.meta.to_json(),
-    }
+    made = ranks.once(
+        lambda: {
+            **report,
+            "svv": __version__,
+            "torch": torch.__version__,
+            "views": len(views.cameras),
+            "source": views.meta.to_json(),
+        }
+    )
     return replace(scene, made=made), report
 
 

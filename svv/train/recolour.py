@@ -18,6 +18,7 @@ from svv.fields.rendering import Marching, composite, march, not_hidden
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
+from svv.train import ranks
 from svv.train.batches import Batch, RayBudget, RayPool
 from svv.train.config import RecolourSettings
 from svv.train.loop import Loop, Running, falling, network_adam
@@ -73,9 +74,9 @@ class Recolouring:
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
-        batch = self.pool.batch(number, self.budget.rays)
-        samples = march(batch.rays, self.occupancy, self.base.density, self.marching, seed=number + 1)
-        self.budget.adjust(number, len(batch.rays), len(samples))
+        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays))
+        samples = march(batch.rays, self.occupancy, self.base.density, self.marching, number + 1, batch.first)
+        self.budget.adjust(number, len(samples))
         with torch.no_grad():
             lit = self.field.lighting_mlp is not None
             # Without a lighting network the geometry features are unused; only the number of samples matters.
@@ -101,19 +102,16 @@ class Recolouring:
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
         penalties = out.new_tensor([s.offset_weight * early, self.shade_weight, s.mixing_weight])
         loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
-        if self.owners is not None and len(samples):
-            owner, own = self.owners.told(parts.weights, samples.position)
-            # A thin shell counts as much as the fog in which it lies.
-            each = 1.0 / torch.bincount(owner, minlength=parts.weights.shape[1]).clamp(min=1)[owner]
-            loss = loss - s.owner_weight * (each * own.log()).sum() / parts.weights.shape[1]
+        if ranks.many():  # means over the whole batch are sums of the ranks' means, by their shares
+            loss, error = batch.share * loss, batch.share * error
+        if self.owners is not None:
+            loss = loss + self._foreign(self.owners, parts.weights, samples.position)
         if self.given is not None:
-            shares = self.given.shares(batch.premultiplied) * batch.premultiplied.amax(dim=1, keepdim=True)
-            shown = mixtures / mixtures.sum(dim=1, keepdim=True).clamp_min(1e-6)
-            total = shares.sum(dim=0)  # here, too, a thin layer counts as much as a thick one
-            told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-6)
-            loss = loss - s.owner_weight * told.sum() / (total > 0).sum().clamp_min(1)
+            loss = loss + self._not_as_given(self.given, mixtures, batch)
         self.networks.zero_grad(set_to_none=True)
         loss.backward()
+        trained = [p for group in self.networks.param_groups for p in group["params"]]
+        error = ranks.sum_gradients(error, trained, self.tables.encodings)
         rate = falling(fraction, s.decay)
         for group in self.networks.param_groups:
             group["lr"] = group["full"] * rate
@@ -121,7 +119,29 @@ class Recolouring:
         self.tables.step([s.feature_rate * rate] * len(self.tables.encodings))
         with torch.no_grad():
             self.field.colours.clamp_(0.0, 1.0)
-        return error.detach()
+        return error
+
+    def _foreign(self, owners: Labelled, weights: Tensor, position: Tensor) -> Tensor:
+        """Return the penalty of palette weights (S, P) at positions (S, 3) in regions other than their own, a scalar.
+
+        A thin shell counts as much as the fog in which it lies: it is a mean over the regions, and over the samples of
+        each, counted on all ranks.
+        """
+        count = weights.shape[1]
+        if not len(position):
+            ranks.summed(torch.zeros(count, dtype=torch.int64, device=weights.device))
+            return weights.sum()
+        owner, own = owners.told(weights, position)
+        each = 1.0 / ranks.summed(torch.bincount(owner, minlength=count)).clamp(min=1)[owner]
+        return -self.settings.owner_weight * (each * own.log()).sum() / count
+
+    def _not_as_given(self, given: Unmixing, mixtures: Tensor, batch: Batch) -> Tensor:
+        """Return the penalty of palette shares in pixels, ``mixtures`` (R, P), other than those given, a scalar."""
+        shares = given.shares(batch.premultiplied) * batch.premultiplied.amax(dim=1, keepdim=True)
+        shown = mixtures / mixtures.sum(dim=1, keepdim=True).clamp_min(1e-6)
+        total = ranks.summed(shares.sum(dim=0))  # here, too, a thin layer counts as much as a thick one
+        told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-6)
+        return -self.settings.owner_weight * told.sum() / (total > 0).sum().clamp_min(1)
 
     def _headlight(self, batch: Batch) -> Beams:
         """Return the headlight under which the views were rendered."""
@@ -176,6 +196,7 @@ def recolour(
     network.to(device).light_like(base)
     if network.phong is not None and base.density is not None:
         network.phong.start(base.density, occupancy, views.meta.shading, seed)
+    ranks.alike(network)
     pool = RayPool(views, occupancy.box, seed, device)
     headlight = scene.settings.headlight
     work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given, headlight)
@@ -190,4 +211,4 @@ def recolour(
     if network.phong is not None:
         network.phong.settle(occupancy)
     network.requires_grad_(False)
-    return network, work.shares(), seconds
+    return network, ranks.once(work.shares), seconds

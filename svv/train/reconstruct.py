@@ -15,11 +15,12 @@ from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.fields.encodings import LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.occupancy import Occupancy
-from svv.fields.rendering import Extinction, Marching, Rays, composite, march, not_hidden, representatives
+from svv.fields.rendering import Extinction, Marching, composite, march, not_hidden, representatives
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.kernels.types import Samples
-from svv.train.batches import RayBudget, RayPool
+from svv.train import ranks
+from svv.train.batches import Batch, RayBudget, RayPool
 from svv.train.beginning import Beginning, largest_extinction, log_extinction
 from svv.train.config import ReconstructSettings
 from svv.train.loop import Loop, Running, falling, network_adam
@@ -76,8 +77,9 @@ class Reconstruction:
         self.marching = Marching(1.0 / finest, keep=settings.keep)
         self.pool = RayPool(views, occupancy.box, seed, device)
         self.budget = RayBudget(settings.rays, settings.samples)
-        networks = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
-        self.networks = network_adam(networks, settings.network_rate)
+        ranks.alike(self.field)
+        self.trained = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
+        self.networks = network_adam(self.trained, settings.network_rate)
         self.tables = LatticeAdam(self.field.encodings)
 
     def step(self, number: int, fraction: float) -> Tensor:
@@ -85,36 +87,40 @@ class Reconstruction:
         s = self.settings
         if fraction >= s.refine_at and self.refined is None and self.field.density is not None:
             self.refine()
-        batch = self.pool.batch(number, self.budget.rays)
-        samples = march(batch.rays, self.occupancy, self.field.density, self.marching, seed=number + 1)
-        samples, sigma, colour, cost = self._look(samples, batch.rays, number)
-        self.budget.adjust(number, len(batch.rays), cost)
+        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays))
+        samples = march(batch.rays, self.occupancy, self.field.density, self.marching, number + 1, batch.first)
+        samples, sigma, colour, cost = self._look(samples, batch, number)
+        self.budget.adjust(number, cost)
         out, transmittance, _ = composite(samples, sigma, colour)
         error = (out - batch.premultiplied).square().mean()
         loss = error + s.alpha_weight * (1.0 - transmittance - batch.alpha).square().mean()
+        if ranks.many():  # means over the whole batch are sums of the ranks' means, by their shares
+            loss, error = batch.share * loss, batch.share * error
         self.networks.zero_grad(set_to_none=True)
         loss.backward()
+        error = ranks.sum_gradients(error, self.trained, self.field.encodings)
         self._update(falling(fraction, s.decay))
         if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
             self.prune(grow=fraction < 0.25 and not self.known)
-        return error.detach()
+        return error
 
-    def _look(self, samples: Samples, rays: Rays, number: int) -> tuple[Samples, Tensor, Tensor, int]:
+    def _look(self, samples: Samples, batch: Batch, number: int) -> tuple[Samples, Tensor, Tensor, float]:
         """Return the samples that can be seen, their extinction (S,) and colour (S, 3), and the cost in colours.
 
         If the density has its own lattice, it learns from all samples, but colours are only computed for representative
         samples and shared with those around them: a ray through fog has dozens of samples but needs few colours.
         """
+        rays = batch.rays
         if self.field.density is None or not len(samples):
-            cost, (sigma, geometry) = len(samples), self.field.geometry(samples)
+            cost, (sigma, geometry) = float(len(samples)), self.field.geometry(samples)
             samples, seen = not_hidden(samples, sigma, self.marching)
             colour = self.field(geometry[seen], encode_directions(rays.directions, samples.ray))
             return samples, sigma[seen], colour, cost
-        rows, place = representatives(samples, self.settings.colour_every, number)
+        rows, place = representatives(samples, self.settings.colour_every, number, batch.first)
         sigma = Extinction.apply(samples, self.field.density.table, self.field.density)
         geometry = self.field.encoding(samples.position[rows])
         colour = self.field(geometry, encode_directions(rays.directions, samples.ray[rows]))
-        cost = len(rows) + int(DENSITY_COST * len(samples))
+        cost = len(rows) + DENSITY_COST * len(samples)
         return samples, sigma, colour.index_select(0, place), cost
 
     def _update(self, rate: float) -> None:
@@ -144,10 +150,9 @@ class Reconstruction:
 
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
-        depth = (
-            largest_extinction(partial(log_extinction, self.field), self.occupancy, self.device) * self.marching.step
-        )
-        pruned = self.occupancy.pruned(depth, self.prune_least, grow)
+        exponent = partial(log_extinction, self.field)
+        largest = largest_extinction(exponent, self.occupancy, self.device, shared=True)
+        pruned = self.occupancy.pruned(largest * self.marching.step, self.prune_least, grow)
         if pruned.occupied.any():
             self.occupancy = pruned
 

@@ -19,6 +19,7 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
 from svv.io.equal_views import equal_views
 from svv.io.viewset import ViewSet
+from svv.train import ranks
 from svv.train.beginning import Beginning, begin, first_occupancy
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field
@@ -65,7 +66,7 @@ class Training:
         self.progress, self.saved, self.device = progress, saved, device
         self.seconds: dict[str, float] = {}
         self.notes: list[str] = []
-        self.warnings = [said for said in (equal_views(views),) if said is not None]
+        self.warnings = [said for said in (ranks.once(lambda: equal_views(views)),) if said is not None]
 
     @property
     def learned_from(self) -> str:
@@ -81,7 +82,7 @@ class Training:
         """Return the trained scene; stages that the checkpoint holds are not repeated."""
         scene = self._restored_base() if self.saved and "base" in self.saved.finished else self._base()
         with self._timed("palette"):
-            scene, palette, known = self._palette(scene)
+            scene, palette, known = ranks.once(lambda: self._palette(scene))
         owners = None if known is None else known.owners
         given = None
         if owners is None and self.chosen.fitted and len(palette.colours) > INDEPENDENT:
@@ -89,9 +90,14 @@ class Training:
         scene = self._lit(scene, palette, owners, given)
         scene = self._recoloured(scene, palette, known, given)
         with self._timed("sampling"):
-            scene, reason = with_fewest_samples(scene, self.views.cameras)
+            stride, joined, reason = ranks.once(lambda: self._samples(scene))
         self.notes.append(reason)
-        return scene
+        return replace(scene, stride=stride, joined=joined)
+
+    def _samples(self, scene: Scene) -> tuple[float, float, str]:
+        """Return with which samples images of the scene are good enough, and why."""
+        found, reason = with_fewest_samples(scene, self.views.cameras)
+        return found.stride, found.joined, reason
 
     def _restored_base(self) -> Scene:
         assert self.saved is not None
@@ -102,14 +108,7 @@ class Training:
     def _base(self) -> Scene:
         """Train extinction and base colours (stage 1)."""
         views, chosen, progress = self.views, self.chosen, self.progress
-        with self._timed("hull"):
-            occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(progress, 0.0, 0.02))
-        self.notes += [f"learned from {self.learned_from}: {reason}", *self.warnings]
-        field = chosen.field
-        if chosen.fitted:
-            field, reason = fitted_field(field, views.cameras, occupancy.box)
-            self.notes.append(reason)
-        beginning = self._beginning(occupancy, field)
+        field, beginning = ranks.once(self._begun)
         left = self._left()
         first = None if left is None else max(0.1, left * BASE_PART)
         base, occupancy, marching, self.seconds["base"], reason = reconstruct(
@@ -123,6 +122,18 @@ class Training:
             header, arrays = scene.to_arrays(packed=False)
             self.saved.finish("base", {"header": header, "seconds": self.seconds, "notes": self.notes}, arrays)
         return scene
+
+    def _begun(self) -> tuple[FieldSettings, Beginning]:
+        """Return the shape of the networks and where training starts."""
+        views, chosen = self.views, self.chosen
+        with self._timed("hull"):
+            occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(self.progress, 0.0, 0.02))
+        self.notes += [f"learned from {self.learned_from}: {reason}", *self.warnings]
+        field = chosen.field
+        if chosen.fitted:
+            field, reason = fitted_field(field, views.cameras, occupancy.box)
+            self.notes.append(reason)
+        return field, self._beginning(occupancy, field)
 
     def _beginning(self, occupancy: Occupancy, field: FieldSettings) -> Beginning:
         """Return the extinction with which training starts; one that the views told is kept in the checkpoint."""

@@ -1,0 +1,65 @@
+"""Median CPU time, and bytes, of a training step, in one process or several.
+
+``python docs/measurements/ranks.py`` measures one process, and
+``torchrun --nproc-per-node 2 docs/measurements/ranks.py`` two, both with ``OMP_NUM_THREADS=1``.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from typing import Any
+
+import numba
+import numpy as np
+import torch
+import torch.distributed as dist
+
+from svv.core.cameras import sphere_cameras
+from svv.io.viewset import ViewSet
+from svv.train import ranks
+from svv.train.pipeline import train_scene
+from svv.train.recolour import Recolouring
+from svv.train.reconstruct import Reconstruction
+from tests.ranked import fog
+
+STEPS = 120
+cpu: dict[str, list[float]] = {"base": [], "palette": []}
+sent = {"base": 0, "palette": 0}
+
+
+def measure(kind: type[Any], stage: str) -> None:
+    """Record the CPU time of the steps of a stage, of all threads, and the bytes that the rank gives to be summed."""
+    take, add = kind.step, dist.all_reduce
+
+    def counted(tensor: torch.Tensor, *rest: Any) -> Any:
+        sent[stage] += tensor.numel() * tensor.element_size()
+        return add(tensor, *rest)
+
+    def step(self: Any, number: int, fraction: float) -> Any:
+        begin, dist.all_reduce = time.process_time(), counted
+        loss = take(self, number, fraction)
+        dist.all_reduce = add
+        cpu[stage].append(time.process_time() - begin)
+        return loss
+
+    kind.step = step
+
+
+def main() -> None:
+    numba.set_num_threads(torch.get_num_threads())
+    measure(Reconstruction, "base")
+    measure(Recolouring, "palette")
+    cameras = sphere_cameras(24, (0.0, 0.0, 0.0), 4.0, np.radians(24), 128)
+    views = ViewSet(tuple(cameras), np.stack([fog(c) for c in cameras]), tuple(map(str, range(24))))
+    with ranks.joined():
+        train_scene(views, "fast", change=(f"reconstruct.iterations={STEPS}", f"recolour.iterations={STEPS}"))
+        milliseconds = {stage: round(1e3 * statistics.median(found), 1) for stage, found in cpu.items()}
+        print(
+            f"rank {ranks.place().rank}: CPU ms a step {milliseconds}; bytes a step",
+            {k: v // STEPS for k, v in sent.items()},
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""Training on several processes gives what one gives, and ends like one; what the processes do is in ``ranked.py``."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from svv.errors import BadInput, Cancelled, Elsewhere
+from svv.fields.scene import Scene
+from svv.train import ranks
+from tests import ranked
+
+ROOT = Path(__file__).resolve().parents[1]
+SAME = 1e-5
+"""Largest difference of parameters between one rank and several after as many steps."""
+
+
+def together(arguments: Sequence[object], count: int = 2) -> list[tuple[int, str, str]]:
+    """Run the same command in several processes, as torchrun does; returns exit codes, output and errors."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    shared = {
+        **os.environ, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": str(count),
+        "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
+    }  # fmt: skip
+    command = [sys.executable, "-m", *map(str, arguments)]
+    started = [
+        subprocess.Popen(
+            command, env={**shared, "RANK": str(rank)}, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        for rank in range(count)
+    ]
+    said = [process.communicate() for process in started]
+    return [(process.returncode, *its) for process, its in zip(started, said, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[int, str, str]]]:
+    """Folder of what two ranks have learned, and how they ended: the second one was killed at last."""
+    folder = tmp_path_factory.mktemp("two")
+    for name in ("stopped", "died"):
+        (folder / name).mkdir()
+    return folder, together(["tests.ranked", folder])
+
+
+def results(folder: Path, rank: int) -> dict[str, Any]:
+    found = torch.load(folder / f"{rank}.pt", weights_only=True)
+    assert isinstance(found, dict)
+    return found
+
+
+def test_two_ranks_learn_what_one_learns(two: tuple[Path, list[tuple[int, str, str]]]) -> None:
+    """Parameters, moments of Adam, ages of rows, losses, numbers of rays and occupied cells."""
+    expected, found = ranked.law(), results(two[0], 0)["law"]
+    assert expected.keys() == found.keys()
+    assert expected["base.age.0"].float().mean() > 20
+    for name, right in expected.items():
+        right, got = right.double(), found[name].double()
+        tolerance = SAME
+        if ".first." in name or ".second." in name:
+            tolerance = 1e-3 * float(right.abs().max())
+        torch.testing.assert_close(got, right, atol=tolerance, rtol=0.0, msg=name)
+
+
+def test_ranks_are_the_same_and_write_the_same(two: tuple[Path, list[tuple[int, str, str]]]) -> None:
+    folder, _ = two
+    first, second = (results(folder, rank) for rank in (0, 1))
+    for part in ("law", "base"):
+        assert all(torch.equal(first[part][name], second[part][name]) for name in first[part])
+    assert (folder / "0.svv").read_bytes() == (folder / "1.svv").read_bytes()
+
+
+def test_all_ranks_stop_when_one_is_stopped(two: tuple[Path, list[tuple[int, str, str]]]) -> None:
+    assert all((two[0] / "stopped" / str(rank)).exists() for rank in (0, 1))
+
+
+def test_a_rank_that_dies_ends_the_run_which_another_number_of_ranks_resumes(
+    two: tuple[Path, list[tuple[int, str, str]]],
+) -> None:
+    folder, ((first, _, said), (second, _, _)) = two
+    assert (first, second) == (2, -signal.SIGKILL)
+    assert said == f"svv: {ranks.LOST}\n"
+    shown: list[str] = []
+    scene = ranked.train(folder / "died", lambda fraction, label: shown.append(label))
+    assert not any(label.startswith("base") for label in shown), "stage 1 was done"
+    expected = results(folder, 0)["base"]
+    assert all(torch.equal(value, expected[name]) for name, value in scene.base.state_dict().items())
+    camera = ranked.fog_views().cameras[0]
+    whole = Scene.load(folder / "0.svv")  # in bytes, so the other must be, too
+    np.testing.assert_allclose(
+        Scene.from_bytes(scene.to_bytes()).render(camera).rgba, whole.render(camera).rgba, atol=2e-3
+    )
+
+
+def test_bad_input_is_said_once(tmp_path: Path) -> None:
+    (first, _, said), (second, _, silent) = together(["svv", "train", tmp_path, "--out", tmp_path / "scene.svv"])
+    assert (first, second) == (2, 2)
+    assert said.startswith("svv: ") and said.count("\n") == 1
+    assert silent == ""
+
+
+def test_alone_nothing_is_shared() -> None:
+    assert (ranks.many(), ranks.count(), ranks.is_first()) == (False, 1, True)
+    assert ranks.part(7) == slice(0, 7)
+    assert ranks.once(lambda: 3) == 3
+    assert ranks.agreed(0.25, stop=False) == 0.25
+    assert ranks.total(2.5) == 2.5
+    numbers = torch.arange(3)
+    assert ranks.summed(numbers) is numbers
+
+
+@pytest.mark.parametrize("number", [0, 1, 5, 4096])
+def test_parts_of_ranks_are_the_whole(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[int] = []
+    for rank in range(3):
+        monkeypatch.setattr(ranks, "_group", ranks._Group(ranks.Place(rank, 3), None))
+        found += range(number)[ranks.part(number)]
+    assert found == list(range(number))
+
+
+@pytest.mark.parametrize(("rank", "count"), [("2", "2"), ("-1", "2"), ("one", "2")])
+def test_numbers_that_no_launcher_gives(rank: str, count: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"RANK": rank, "WORLD_SIZE": count, "MASTER_ADDR": "localhost", "MASTER_PORT": "1"}.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(BadInput, match="torchrun"):
+        ranks.place()
+
+
+class Board:
+    """A store as ranks share it, in one process."""
+
+    def __init__(self) -> None:
+        self.counts: dict[str, int] = {}
+
+    def add(self, name: str, more: int) -> int:
+        self.counts[name] = self.counts.get(name, 0) + more
+        return self.counts[name]
+
+
+def ended(rank: int, board: Board, error: Exception, monkeypatch: pytest.MonkeyPatch) -> Exception:
+    """Return the error with which a rank ends if it meets one."""
+    monkeypatch.setattr(ranks, "place", lambda: ranks.Place(rank, 2))
+    monkeypatch.setattr(ranks, "_connected", lambda where, device: board)
+    with pytest.raises(Exception) as raised, ranks.joined():  # noqa: PT011 (which one is the question)
+        raise error
+    assert not ranks.many()
+    return raised.value
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_one_rank_says_why_the_run_ends(first: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    board, wrong, lost = Board(), BadInput("It is full."), BadInput(ranks.LOST)
+    assert ended(first, board, wrong, monkeypatch) is wrong
+    other = ended(1 - first, board, lost, monkeypatch)
+    assert isinstance(other, Elsewhere) and other.code == 2
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_the_first_rank_says_that_the_run_was_stopped(first: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other one may notice only that a rank has gone."""
+    board = Board()
+    found = {first: ended(first, board, Cancelled(), monkeypatch)}
+    found[1 - first] = ended(1 - first, board, BadInput(ranks.LOST), monkeypatch)
+    assert isinstance(found[0], Cancelled)
+    assert isinstance(found[1], Elsewhere) and found[1].code == 130

@@ -128,7 +128,8 @@ def run(words: Sequence[str]) -> None:
     if program in ("svv", ".venv/bin/svv"):
         _svv(arguments)
     elif program == "torchrun":
-        assert arguments[(svv := arguments.index("svv")) - 1] == "-m", words
+        svv = arguments.index("svv")
+        assert arguments[svv - 1] == "-m", words
         _svv(arguments[svv + 1 :])
     elif program == "make":
         targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)

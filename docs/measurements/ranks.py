@@ -1,4 +1,4 @@
-"""Median CPU time, and bytes, of a training step, in one process or several.
+"""Median CPU and wall-clock time, and bytes, of a training step, in one process or several.
 
 ``python docs/measurements/ranks.py`` measures one process, and
 ``torchrun --nproc-per-node 2 docs/measurements/ranks.py`` two, both with ``OMP_NUM_THREADS=1``.
@@ -25,6 +25,7 @@ from tests.ranked import fog
 
 STEPS = 120
 cpu: dict[str, list[float]] = {"base": [], "palette": []}
+wall: dict[str, list[float]] = {"base": [], "palette": []}
 sent = {"base": 0, "palette": 0}
 
 
@@ -37,10 +38,11 @@ def measure(kind: type[Any], stage: str) -> None:
         return add(tensor, *rest)
 
     def step(self: Any, number: int, fraction: float) -> Any:
-        begin, dist.all_reduce = time.process_time(), counted
+        begin, began, dist.all_reduce = time.process_time(), time.monotonic(), counted
         loss = take(self, number, fraction)
         dist.all_reduce = add
         cpu[stage].append(time.process_time() - begin)
+        wall[stage].append(time.monotonic() - began)
         return loss
 
     kind.step = step
@@ -54,9 +56,9 @@ def main() -> None:
     views = ViewSet(tuple(cameras), np.stack([fog(c) for c in cameras]), tuple(map(str, range(24))))
     with ranks.joined():
         train_scene(views, "fast", change=(f"reconstruct.iterations={STEPS}", f"recolour.iterations={STEPS}"))
-        milliseconds = {stage: round(1e3 * statistics.median(found), 1) for stage, found in cpu.items()}
+        spent, passed = ({k: round(1e3 * statistics.median(v), 1) for k, v in x.items()} for x in (cpu, wall))
         print(
-            f"rank {ranks.place().rank}: CPU ms a step {milliseconds}; bytes a step",
+            f"rank {ranks.place().rank}: CPU ms a step {spent}; ms a step {passed}; bytes a step",
             {k: v // STEPS for k, v in sent.items()},
         )
 

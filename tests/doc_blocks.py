@@ -128,9 +128,9 @@ def run(words: Sequence[str]) -> None:
     if program in ("svv", ".venv/bin/svv"):
         _svv(arguments)
     elif program == "torchrun":
-        svv = arguments.index("svv")
-        assert arguments[svv - 1] == "-m", words
-        _svv(arguments[svv + 1 :])
+        command = arguments.index("svv")
+        assert arguments[command - 1] == "-m", words
+        _svv(arguments[command + 1 :])
     elif program == "make":
         targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
         assert {a for a in arguments if "=" not in a} <= set(targets), words

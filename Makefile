@@ -2,6 +2,7 @@
 #   make demo       the whole job on generated data; the result is demo/report.html. OPTIONS are those of svv demo:
 #                   make demo OPTIONS=--views-only learns without the volume, as the paper does
 #   make test       style, types and tests, including those in ParaView
+#   make test-slow  the tests of whole flows that take half a minute or more each; make test leaves them out
 #   make test-processors   the tests outside ParaView with the arithmetic of other CPUs
 #   make coverage   all tests, and a report of the lines and branches that they miss, as pages in build/coverage
 #   make docs       the documentation, as pages in build/docs
@@ -27,13 +28,16 @@ PIP       := "$(BIN)/python" -m pip install -qq --disable-pip-version-check --no
 PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-processors coverage check docs tools install paraview clean
+.PHONY: demo test test-slow test-processors coverage check docs tools install paraview clean
 
 demo: $(INSTALLED)
 	"$(BIN)/svv" demo --out "$(OUT)" $(OPTIONS)
 
 test: check paraview
-	$(PYTEST)
+	$(PYTEST) -m "not slow"
+
+test-slow: paraview
+	$(PYTEST) -m slow
 
 # Every CPU rounds sums in a different order, and some have half precision. These runs imitate a CPU without AVX on one
 # thread, one with AVX2 on two threads, and one with AMX.

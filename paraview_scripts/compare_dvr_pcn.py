@@ -38,8 +38,8 @@ FIELD = (
 )
 """What is visible of the generated field: a faint sphere, and two shells of a torus."""
 
-READING = ("tf", "array", "dims", "dtype", "spacing")
-"""Names of the arguments that say how the volume is read and shown."""
+READING = {"tf": "--tf", "array": "--array", "dims": "--dims", "dtype": "--dtype", "spacing": "--spacing"}
+"""Arguments that say how the volume is read and shown."""
 
 LEAST = 64
 """Minimum number of voxels along the longest side of the levels of a volume that are compared."""
@@ -60,7 +60,7 @@ def main() -> None:
     many = {"type": int, "nargs": "+", "metavar": "N"}
     parser.add_argument("--volumes", **many, default=[128, 256, 512, 1024], help="voxels of the field along each side")
     parser.add_argument("--volume", type=Path, metavar="FILE", help="a volume of your own, at its levels' sizes")
-    add_arguments(parser, VolumeOptions(), {name: f"--{name}" for name in READING})
+    add_arguments(parser, VolumeOptions(), READING)
     parser.add_argument("--images", **many, default=[400, 800, 1200], help="pixels along each side")
     training = {"preset": "--preset", "time_limit": "--time-limit", "seed": "--seed", "views_only": "--views-only"}
     add_arguments(parser, TrainOptions(preset="fast"), training)

@@ -354,6 +354,7 @@ class Sources(HTMLParser):
         self.kinds += [str(value).split(";")[0] for name, value in attrs if name in ("src", "href")]
 
 
+@pytest.mark.slow
 def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from svv.dvr.demo_volume import demo_transfer_function, demo_volume
     from svv.io.atomic import write_json

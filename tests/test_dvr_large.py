@@ -124,10 +124,18 @@ def test_auto_takes_bricks_if_vtk_needs_too_much_memory(tmp_path: Path) -> None:
         memory_allowed(0.1)
 
 
-def test_a_file_without_bricks_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "v.vtk").write_text("# vtk DataFile Version 3.0\n")
-    with pytest.raises(BadInput, match="Bricks cannot be read of"):
-        make_views(tmp_path / "v.vtk", tf(), mapper="bricks")
+def test_a_file_without_bricks_is_read_as_a_whole(tmp_path: Path) -> None:
+    values = GeneratedSource(24).read(0, (0, 0, 0), (24, 24, 24))
+    np.save(tmp_path / "v.npy", values)
+    head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 24 24 24\nencoding: raw\n\n"
+    (tmp_path / "v.nrrd").write_bytes(head.encode() + values.tobytes())
+    function = TransferFunction.from_bumps([{"centre": 200, "width": 100, "opacity": 0.5}])
+    one, other = (
+        make_views(tmp_path / name, function, n=3, test=0, size=24, rescale=False, mapper="bricks")[0]
+        for name in ("v.npy", "v.nrrd")
+    )
+    assert one.meta.mapper == other.meta.mapper == "bricks"
+    assert np.array_equal(one.images, other.images)
 
 
 def test_the_overview_and_the_range_are_those_of_the_volume() -> None:

@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.bricks.caster import BrickCaster, Look
-from svv.bricks.opened import BRICKED, open_bricks
+from svv.bricks.opened import open_bricks
 from svv.bricks.pyramid import PyramidSource, with_pyramid
 from svv.bricks.source import ArraySource, Level, Source
 from svv.core.cameras import Camera
@@ -55,10 +55,15 @@ class LargeVolume:
         source: The volume with its levels.
         memory: Bytes that its bricks may take in memory.
         name: Name in messages.
+        overview: The volume itself, if it is small and in memory anyway.
     """
 
-    def __init__(self, source: Source, memory: int, name: str = "The volume") -> None:
+    def __init__(
+        self, source: Source, memory: int, name: str = "The volume", overview: vtkImageData | None = None
+    ) -> None:
         self.source, self.memory, self.name = source, memory, name
+        if overview is not None:
+            self.overview = overview
 
     @property
     def whole(self) -> Level:
@@ -164,6 +169,8 @@ def open_volume(
 ) -> vtkImageData | LargeVolume:
     """Read a volume, or open it for drawing by bricks if the ray caster is ``bricks``, or ``auto`` and it is too large.
 
+    A format of which bricks cannot be read (see :data:`svv.bricks.opened.BRICKED`) is always read as a whole.
+
     Args:
         path: Its file or folder.
         dims: See :func:`svv.dvr.volumes.read_volume`.
@@ -175,18 +182,14 @@ def open_volume(
         progress: Called often; the work stops when it raises.
 
     Raises:
-        BadInput: The file does not exist, is damaged or has no supported format; bricks cannot be read of a file of
-            this format; or the volume does not fit into memory and ``mapper`` is one of VTK's.
+        BadInput: The file does not exist, is damaged or has no supported format.
     """
     file, allowed = Path(path), memory_allowed(memory)
+    if not file.exists():
+        raise BadInput(f"There is no volume {file}; check the path.")
     progress(0.0, "Reading the volume")
     source = open_bricks(file, dims, dtype, spacing, None, array) if mapper in ("auto", "bricks") else None
     if source is None:
-        if mapper == "bricks":
-            raise BadInput(
-                f"Bricks cannot be read of {file}: that needs a file of the type {BRICKED}, stored uncompressed or in "
-                "chunks. Convert it, or choose another ray caster."
-            )
         return read_volume(file, dims, dtype, spacing, None, array)
     needed = vtk_bytes(source)
     if mapper == "auto" and needed <= allowed and file.suffix.lower() not in READ_BY_BRICKS_ONLY:
@@ -226,9 +229,7 @@ def in_memory(image: vtkImageData, memory: int) -> LargeVolume:
     level = level_of_image(image)
     values: NDArray[Any] = to_array(image)
     source = ArraySource(values, level.axes, level.origin)
-    large = LargeVolume(source, memory)
-    large.__dict__["overview"] = image
-    return large
+    return LargeVolume(source, memory, overview=image)
 
 
 @dataclass(frozen=True, eq=False)

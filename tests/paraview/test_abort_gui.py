@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from svv.pv import start
@@ -56,6 +57,7 @@ def abort_button(picture: Path) -> tuple[int, int] | None:
     return (200 + int(columns.mean()), 990 + int(rows.mean())) if len(rows) > 10 else None
 
 
+@pytest.mark.slow
 def test_abort_stops_a_training_where_the_version_can(gui: Callable, tmp_path: Path) -> None:
     # 6.1 is the first that handles events while a filter of its own process works.
     alive = start.find().version >= (6, 1)

@@ -112,6 +112,7 @@ def test_edits_go_through_the_filters(made: Path, pvpython, tmp_path: Path) -> N
     assert "StyleRFEdit" in (tmp_path / "session.pvsm").read_text()
 
 
+@pytest.mark.slow
 def test_many_styles_over_one_scene(made: Path, pvpython, tmp_path: Path) -> None:
     (tmp_path / "styles").mkdir()
     for name in ("brush", "dots"):
@@ -127,8 +128,9 @@ def test_many_styles_over_one_scene(made: Path, pvpython, tmp_path: Path) -> Non
     assert read_png(tmp_path / "out" / "contact.png").shape[1] > 4 * 64
 
 
+@pytest.mark.slow
 def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> None:
-    """On a volume of one's own, at its own size, and on the generated field."""
+    """On a volume of one's own, at its own size; the same command measures nothing twice."""
     ball = np.linalg.norm(np.indices((26, 26, 26)) - 12.5, axis=0).astype(np.float32)
     np.save(tmp_path / "ball.npy", ball)
     (tmp_path / "tf.json").write_text('{"bumps": [{"centre": 8, "width": 6, "opacity": 0.5}]}')
@@ -151,11 +153,9 @@ def test_dvr_and_the_palette_network_are_compared(pvpython, tmp_path: Path) -> N
     for one, other in ((0, 2), (2, 0), (1, 0)):  # red, blue and green marks
         assert ((chart[:, one] - chart[:, other]) > 100).sum() > 40
     assert Scene.load(tmp_path / "own" / "26" / "scene.svv").made["learned_from"] == "views only"
-    pvpython(SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, *quick, "--out", tmp_path / "field")
-    stamp = (tmp_path / "field" / "24" / "pcn.json").stat().st_mtime_ns
-    pvpython(SCRIPTS / "compare_dvr_pcn.py", "--volumes", 24, *quick, "--out", tmp_path / "field")
-    assert (tmp_path / "field" / "24" / "pcn.json").stat().st_mtime_ns == stamp
-    assert Scene.load(tmp_path / "field" / "24" / "scene.svv").made["learned_from"] == "volume and views"
+    stamp = (tmp_path / "own" / "26" / "pcn.json").stat().st_mtime_ns
+    pvpython(SCRIPTS / "compare_dvr_pcn.py", *own, *quick, "--out", tmp_path / "own")
+    assert (tmp_path / "own" / "26" / "pcn.json").stat().st_mtime_ns == stamp
 
 
 BAD = {

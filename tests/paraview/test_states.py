@@ -116,7 +116,9 @@ def clear(cache: Path) -> None:
         path.rmdir() if path.is_dir() else path.unlink()
 
 
-@pytest.mark.parametrize("pipeline", [STEPS, ONE_STEP], ids=["steps", "one step"])
+@pytest.mark.parametrize(
+    "pipeline", [pytest.param(STEPS, id="steps", marks=pytest.mark.slow), pytest.param(ONE_STEP, id="one step")]
+)
 def test_a_state_shows_its_picture_in_another_process(run: Run, tmp_path: Path, pipeline: str) -> None:
     first = run(pipeline + SAVE, "first")
     assert first["worked"] == ["make_views", "train_scene", "stylize_scene"], first["status"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
 TIMES = "[0.0, 0.5, 1.0, 1.5, 2.0]"
@@ -104,6 +105,7 @@ assert steps(animation) == times
 )
 
 
+@pytest.mark.slow
 def test_time_passes_and_the_scene_stays_until_it_is_asked_for(pvpython, tmp_path) -> None:
     pvpython(
         SOURCE

@@ -235,6 +235,7 @@ def test_trouble_on_any_rank_is_one_sentence_and_the_ranks_work_on(mpiexec: Call
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_the_whole_job_runs_on_ranks(mpiexec: Callable, tmp_path: Path) -> None:
     write_demo(tmp_path)
     arguments = [tmp_path / "volume.vti", "--tf", tmp_path / "tf.json", "--preset", "draft", "--views", 8, "--test", 2]

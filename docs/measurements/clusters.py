@@ -25,7 +25,7 @@ TRAIN_CPU = 600.0
 STEPS = 3000
 """Steps of both stages together."""
 SERIAL = 0.15
-"""Part of a step that does not become less with more ranks (two ranks need 17 to 27 % more CPU than one)."""
+"""Part of a step that does not become less with more ranks (two ranks need up to 32 % more CPU than one)."""
 
 
 STEP_BYTES = 2e6

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 pytest.importorskip("vtkmodules")
@@ -33,3 +37,10 @@ def test_a_volume_that_does_not_fit_says_so() -> None:
     assert "| 500 ms (500 to 500) | 2.00 GB | 100 ms" in lines[2]
     assert "does not fit" in lines[3] and "does not fit" not in lines[2]
     assert lines[3].endswith("| 30.00 dB | 20.00 dB | 0.9000 | 0.0100 |")
+
+
+def test_the_comparison_needs_no_paraview() -> None:
+    script = Path(__file__).parents[1] / "paraview_scripts" / "compare_dvr_pcn.py"
+    done = subprocess.run([sys.executable, script, "--help"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "--volume FILE" in done.stdout

@@ -24,7 +24,6 @@ from svv.io.view_meta import ViewMeta, known
 from svv.io.viewset import ViewSet
 from svv.job.source import Drawn
 from svv.options.making import ViewOptions
-from svv.pv.parallel import crew_of, on_all_ranks
 
 Result = TypeVar("Result")
 
@@ -72,6 +71,7 @@ class ShownVolume(Drawn):
     def draw(self, options: ViewOptions, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
         """Draw the training and test views, with all ranks that have a part of the volume."""
         from svv.dvr.crew_views import make_crew_views
+        from svv.pv.parallel import crew_of
 
         crew, how = crew_of(self.data), self.how()
         if crew is None:
@@ -82,6 +82,7 @@ class ShownVolume(Drawn):
         """Render the volume as views were drawn, with all ranks that have a part of it."""
         from svv.dvr.crew_views import render_crew_views
         from svv.dvr.transfer_functions import TransferFunction
+        from svv.pv.parallel import crew_of
 
         crew = crew_of(self.data)
         if crew is None:
@@ -118,6 +119,8 @@ def with_volume(display: Any, work: Callable[[ShownVolume], Result]) -> Result:
         BadInput: Any reason of :func:`shown_volume` and :func:`svv.pv.parallel.on_all_ranks`.
     """
     from paraview import simple
+
+    from svv.pv.parallel import on_all_ranks
 
     volume = shown_volume(display)
     if ranks_here() is None:

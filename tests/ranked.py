@@ -1,4 +1,4 @@
-"""What each of several processes does in ``test_ranks.py``: ``python -m tests.ranked FOLDER``.
+"""What each of several processes does in ``test_ranks.py``: ``python -m tests.ranked FOLDER ["first dies"]``.
 
 The scene is a fog, of which every ray sees all: rounding is not amplified in it. Where something opaque hides what lies
 behind it, gradients are nothing but rounding, and Adam makes whole steps of them, on one rank as on several.
@@ -123,11 +123,11 @@ def train(folder: Path, progress: Progress = silent) -> Scene:
     return train_scene(fog_views(), SMALL, progress, folder / "checkpoint")[0]
 
 
-def until_palette(act: object) -> Progress:
-    """Progress that, on the second rank, does something in the middle of the palette stage."""
+def until_palette(act: object, rank: int = 1) -> Progress:
+    """Progress that, on one rank, does something in the middle of the palette stage."""
 
     def progress(fraction: float, label: str) -> None:
-        if ranks.place().rank == 1 and label.startswith("palette") and fraction > 0.8:
+        if ranks.place().rank == rank and label.startswith("palette") and fraction > 0.8:
             assert callable(act)
             act()
 
@@ -147,6 +147,8 @@ def main() -> None:
     torch.set_num_threads(1)
     loop.SAVE_EVERY = loop.SHOW_EVERY = 0.0
     with ranks.joined():
+        if sys.argv[2:] == ["first dies"]:
+            train(folder, until_palette(die, 0))
         rank, found, scene = ranks.place().rank, law(), train(folder)
         torch.save({"law": found, "base": scene.base.state_dict()}, folder / f"{rank}.pt")
         scene.save(folder / f"{rank}.svv")

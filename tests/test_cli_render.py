@@ -38,12 +38,17 @@ class Ball:
     centre = np.array([5.0, 0.0, 0.0])
     regions = (Region((1.0, 0.0, 0.0)), Region((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
     rig: ClassVar = CameraRig((5.0, 0.0, 0.0), 4.0, np.pi / 4)
+    rendered: ClassVar[list[Camera]] = []
+
+    def to_bytes(self) -> bytes:
+        return b"a ball"
 
     def render(
         self, camera: Camera, network: str | None = None, background: None = None, progress: Progress = silent
     ) -> Rendering:
         if network == "styled":
             raise BadInput("This scene has no styled network.")
+        self.rendered.append(camera)
         origins, directions = camera.rays()
         offset = origins - self.centre
         along = (offset * directions).sum(-1)
@@ -96,6 +101,22 @@ def test_an_orbit_is_the_path_around_the_scene(svv: Callable[..., None]) -> None
     assert [file.name for file in files] == [f"{i:04d}.png" for i in range(5)]
     for file, camera in zip(files, cameras, strict=True):
         np.testing.assert_array_equal(picture(str(file)), to_bytes(Ball().render(camera.resized(40, 30)).rgba))
+
+
+@pytest.mark.parametrize("what", ["rgba", "depth", "region"])
+def test_frames_that_are_there_are_not_rendered_again(what: str, svv: Callable[..., None]) -> None:
+    arguments = ("--orbit", "5", "--size", "40x30", "--what", what, "--out", "frames")
+    svv(*arguments)
+    whole = {file.name: file.read_bytes() for file in Path("frames").iterdir()}
+    Path("frames/0001.png").unlink()
+    Path("frames/0002.png").write_bytes(b"not a picture")
+    Image.new("RGBA", (40, 30)).save("frames/0003.png")  # a picture of something else
+    Ball.rendered.clear()
+    svv(*arguments)
+    assert len(Ball.rendered) == 3
+    assert {file.name: file.read_bytes() for file in Path("frames").iterdir()} == whole
+    svv(*arguments, "--background", "white")
+    assert len(Ball.rendered) == 8
 
 
 def test_depth_and_regions_as_pictures(svv: Callable[..., None]) -> None:

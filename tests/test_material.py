@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from svv.bench.stability.measures import palette_error
@@ -54,6 +54,7 @@ def test_where_nothing_changes_there_is_no_normal() -> None:
 # --- groups of values --------------------------------------------------------------------------------------------
 
 
+@example(4678, 0.15625, 2.0, 0.0, 1.0)
 @given(st.integers(0, 2**31), st.floats(0.1, 0.9), st.floats(2.0, 4.0), st.floats(-100.0, 100.0), st.floats(0.01, 10.0))
 def test_two_groups_far_apart_have_a_gap_between_them(
     seed: int, share: float, apart: float, shift: float, least: float

@@ -19,6 +19,7 @@ from svv.errors import BadInput, Cancelled, Elsewhere
 from svv.fields.scene import Scene
 from svv.train import ranks
 from tests import ranked
+from tests.cube import cube_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 SAME = 1e-5
@@ -101,6 +102,40 @@ def test_a_rank_that_dies_ends_the_run_which_another_number_of_ranks_resumes(
     np.testing.assert_allclose(
         Scene.from_bytes(scene.to_bytes()).render(camera).rgba, whole.render(camera).rgba, atol=2e-3
     )
+
+
+def test_the_first_rank_may_die_too(tmp_path: Path) -> None:
+    """It has the store by which the ranks meet, and it writes the checkpoint."""
+    (first, _, _), (second, _, said) = together(["tests.ranked", tmp_path, "first dies"])
+    assert (first, second) == (-signal.SIGKILL, 2)
+    assert said == f"svv: {ranks.LOST}\n"
+    shown: list[str] = []
+    ranked.train(tmp_path, lambda fraction, label: shown.append(label))
+    assert not any(label.startswith("base") for label in shown), "stage 1 was done"
+
+
+def test_ranks_share_views_and_databases(tmp_path: Path) -> None:
+    """The files are those of one process, and none is drawn twice."""
+    pytest.importorskip("vtkmodules")
+    from tests.volume_files import write_function, write_volume
+
+    write_volume(tmp_path / "ball.vti")
+    write_function(tmp_path / "tf.json")
+    cube_scene().save(tmp_path / "cube.svv")
+    drawing = ["svv", "views", tmp_path / "ball.vti", "--tf", tmp_path / "tf.json", "--n", "4", "--test", "2"]
+    drawing += ["--size", "24", "--mapper", "cpu", "--out"]
+    export = ["svv", "export", tmp_path / "cube.svv", "--phi", "3", "--theta", "2", "--size", "16", "--out"]
+    for number in (1, 2):
+        for arguments, name in ((drawing, f"views{number}"), (export, f"{number}.cdb")):
+            ended = together([*arguments, tmp_path / name], number)
+            assert [code for code, _, _ in ended] == [0] * number, ended
+            assert [out.count("\n") for _, out, _ in ended] == [1, *[0] * (number - 1)]
+    for one, two in (("views1", "views2"), ("1.cdb", "2.cdb")):
+        files = {path.relative_to(tmp_path / one): path for path in (tmp_path / one).rglob("*") if path.is_file()}
+        assert len(files) > 6
+        for name, path in files.items():
+            if not name.name.startswith("transforms"):  # has the seconds that drawing took
+                assert path.read_bytes() == (tmp_path / two / name).read_bytes(), name
 
 
 def test_bad_input_is_said_once(tmp_path: Path) -> None:

@@ -1,13 +1,16 @@
 """Median CPU and wall-clock time, and bytes, of a training step, in one process or several.
 
-``python docs/measurements/ranks.py`` measures one process, and
-``torchrun --nproc-per-node 2 docs/measurements/ranks.py`` two, both with ``OMP_NUM_THREADS=1``.
+``python docs/measurements/ranks.py [VIEWS]`` measures one process, and
+``torchrun --nproc-per-node 2 docs/measurements/ranks.py [VIEWS]`` two, both with ``OMP_NUM_THREADS=1``. Without a folder
+of views, the scene is a ball of fog.
 """
 
 from __future__ import annotations
 
 import statistics
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -52,9 +55,12 @@ def main() -> None:
     numba.set_num_threads(torch.get_num_threads())
     measure(Reconstruction, "base")
     measure(Recolouring, "palette")
-    cameras = sphere_cameras(24, (0.0, 0.0, 0.0), 4.0, np.radians(24), 128)
-    views = ViewSet(tuple(cameras), np.stack([fog(c) for c in cameras]), tuple(map(str, range(24))))
     with ranks.joined():
+        if len(sys.argv) > 1:
+            views = ranks.once(lambda: ViewSet.read(Path(sys.argv[1])))
+        else:
+            cameras = sphere_cameras(24, (0.0, 0.0, 0.0), 4.0, np.radians(24), 128)
+            views = ViewSet(tuple(cameras), np.stack([fog(c) for c in cameras]), tuple(map(str, range(24))))
         train_scene(views, "fast", change=(f"reconstruct.iterations={STEPS}", f"recolour.iterations={STEPS}"))
         spent, passed = ({k: round(1e3 * statistics.median(v), 1) for k, v in x.items()} for x in (cpu, wall))
         print(

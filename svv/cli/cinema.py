@@ -24,6 +24,7 @@ IMPORT = (
 EXPORT = (
     "svv export scene.svv --out scene.cdb",
     "svv export scene.svv --out scene.cdb --phi 24 --theta 12 --size 400 --no-layers",
+    "torchrun --nproc-per-node 4 -m svv export scene.svv --out scene.cdb",
 )
 """Examples in the help."""
 
@@ -59,13 +60,17 @@ def export(
 ) -> None:
     """Write a scene as a Cinema database: images by phi and theta, with depth and a layer for each region.
 
-    Cinema's viewers show it, and `svv train` learns from it. After Ctrl-C, the same command resumes.
+    Cinema's viewers show it, and `svv train` learns from it. After Ctrl-C, the same command resumes. Processes that
+    torchrun starts share the views.
     """
     from svv.render.cinema import write_database
+    from svv.train import ranks
 
     if out.suffix.lower() != ".cdb":
         raise BadInput(f"Cannot tell what to write to {out}: name a Cinema database NAME.cdb.")
-    loaded = load(scene, options.device)
-    with shown("Rendering") as progress:
-        count = write_database(out, loaded, options, progress)
-    print(f"{out}: {count} views")
+    with ranks.joined(options.device):
+        loaded = load(scene, options.device)
+        with shown("Rendering", quiet=not ranks.is_first()) as progress:
+            count = write_database(out, loaded, options, progress, ranks.sharing())
+        if ranks.is_first():
+            print(f"{out}: {count} views")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,6 +31,7 @@ RUN = (
 VIEWS = (
     "svv views foot.vti --tf bones.json --out views",
     "svv views head.raw --dims 256,256,128 --dtype uint16 --spacing 1,1,1.5 --tf skin.json --out views",
+    "torchrun --nproc-per-node 4 -m svv views large.mhd --tf skin.json --out views",
 )
 """Examples in the help."""
 
@@ -96,12 +98,23 @@ def views(
     reading: VolumeOptions = VolumeOptions(),
     drawing: ViewOptions = ViewOptions(),
 ) -> None:
-    """Render views of a volume: training views on a sphere around it, test views on the orbit."""
+    """Render views of a volume: training views on a sphere around it, test views on the orbit.
+
+    After Ctrl-C, the same command resumes. Processes that torchrun starts share the views; OUT must be in a folder that
+    all of them see.
+    """
+    from svv.dvr.large import memory_allowed
     from svv.io.view_meta import known
     from svv.job.source import VolumeSource
+    from svv.train import ranks
 
-    source = VolumeSource(volume, **vars(reading))
-    with shown("Drawing") as progress:
-        made = source.make_views(out, drawing, progress)
+    source, local = VolumeSource(volume, **vars(reading)), ranks.place().local_count
+    with ranks.joined():
+        if ranks.many() and drawing.memory is None:  # the level that is drawn depends on it: the same for all
+            drawing = replace(drawing, memory=ranks.once(lambda: memory_allowed(None) / 1e9 / local))
+        with shown("Drawing", quiet=not ranks.is_first()) as progress:
+            made = source.make_views(out, drawing, progress, ranks.sharing())
+        if not ranks.is_first():
+            return
     took = duration(known(made.seconds, "seconds"))
     print(f"{out}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")

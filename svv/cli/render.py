@@ -44,7 +44,8 @@ def render(
 ) -> None:
     """Render a scene: an orbit as a movie or frames, or a single view.
 
-    Processes that torchrun starts share the frames of a folder; anything else is rendered by the first one.
+    After Ctrl-C, the same command goes on with the frames of a folder. Processes that torchrun starts share them;
+    anything else is rendered by the first one.
     """
     from svv.io.camera_file import read_camera
     from svv.render import frames as views

@@ -50,7 +50,8 @@ def gap_of(values: NDArray[np.floating], weights: NDArray[np.floating], least: f
     if not LEAST_SHARE <= share <= 1.0 - LEAST_SHARE:
         return None
     smooth = gaussian_filter1d(held.astype(np.float64), BLUR, mode="constant")
-    low, high = int(smooth[:cut].argmax()), cut + int(smooth[cut:].argmax())
+    # Not of the smooth one: beside the cut, what is smeared from a large group may be higher than a small one.
+    low, high = int(held[:cut].argmax()), cut + int(held[cut:].argmax())
     bottom = low + int(smooth[low : high + 1].argmin())
     if middles[high] - middles[low] < least or smooth[bottom] > DEPTH * min(smooth[low], smooth[high]):
         return None

@@ -17,14 +17,16 @@ from svv.bricks.source import Level
 from svv.core.cameras import Camera, CameraRig, sphere_cameras
 from svv.core.classified import ClassifiedVolume
 from svv.core.shading import Shading
+from svv.core.sharing import ALONE
 from svv.dvr.classify import classified
 from svv.dvr.grids import as_volume
 from svv.dvr.histogram import default_transfer_function
 from svv.dvr.large import BrickMapper, LargeVolume, Opened, open_volume
-from svv.dvr.mappers import CpuMapper, GpuMapper, choose_mapper
+from svv.dvr.mappers import CpuMapper, GpuMapper, Pixels, choose_mapper
 from svv.dvr.stage import Stage, set_stage
 from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
 from svv.errors import BadInput, Progress, part, silent
+from svv.io.drawn_views import DrawnViews
 from svv.io.view_meta import ViewMeta, VolumeGrid
 from svv.io.viewset import ViewSet
 from svv.options.making import ViewOptions
@@ -113,6 +115,7 @@ def make_views(
     shading: Shading | None = None,
     rescale: bool | None = None,
     name: str | None = None,
+    kept: DrawnViews | None = None,
     progress: Progress = silent,
     **changes: Any,
 ) -> tuple[ViewSet, ViewSet | None]:
@@ -126,6 +129,8 @@ def make_views(
         shading: Shading of the volume; by default a headlight with ParaView's coefficients.
         rescale: Whether to stretch the function over the data's range (see ``TransferFunction.fitted``).
         name: Name of the volume, for the record; by default its file name.
+        kept: Where views are kept while they are drawn, and taken from if they are there. If several processes draw,
+            only the first one returns all views; the others' lack those that they did not draw.
         progress: Called often; the work stops when it raises.
         changes: Fields of the options by name, such as ``size=400``.
 
@@ -155,7 +160,7 @@ def make_views(
     fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(opened.whole))
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named
-    subject = Subject(stage, grid, opened.whole, title, fitted, rescaled, caster=opened.caster(fitted))
+    subject = Subject(stage, grid, opened.whole, title, fitted, rescaled, caster=opened.caster(fitted), kept=kept)
     return views_of(subject, asked, shading or Shading(), began, part(progress, 0.3 if opened.large else 0.0, 1.0))
 
 
@@ -175,6 +180,8 @@ class Subject:
     classify: Callable[[Stage], ClassifiedVolume] = classified
     caster: Making | None = None
     """Ray caster that must draw this volume; None for the one that the options name."""
+    kept: DrawnViews | None = None
+    """Where views are kept while they are drawn."""
 
 
 def views_of(
@@ -186,8 +193,8 @@ def views_of(
     rig, numbers = _rig(asked, stage, subject.whole), unseen_numbers(asked.test)
     cameras = rig.sphere(n, size) + rig.orbit(ORBIT, size, numbers)
     volume_classified = subject.classify(stage)
-    caster, distance = open_caster(stage, asked.mapper, shading, asked.step, subject.caster)
-    images = drawn(caster, cameras, part(progress, 0.02, 1.0))
+    caster, distance = open_caster(stage, asked.mapper, shading, asked.step, subject.caster, subject.kept)
+    images = drawn(caster, cameras, part(progress, 0.02, 1.0), subject.kept)
     low, high = stage.bounds.tolist()
     meta = ViewMeta(
         volume=subject.name,
@@ -220,6 +227,7 @@ def open_caster(
     shading: Shading,
     step: float | None = None,
     only: Making | None = None,
+    kept: DrawnViews | None = None,
 ) -> tuple[Caster, float]:
     """Open a ray caster that renders one view after another; close it at the end.
 
@@ -229,6 +237,7 @@ def open_caster(
         shading: Shading of the volume.
         step: Sample distance in voxels, by default ``default_step``.
         only: What makes the caster if only one is suitable; ``mapper`` is then not used.
+        kept: Views that have been drawn, whose sample distance is used.
 
     Returns:
         The caster, and its sample distance in stage units.
@@ -243,9 +252,12 @@ def open_caster(
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
     distance = max((step or STEP[make_caster.name]) * stage.voxel, least)
     caster = make_caster(stage, shading, distance)
-    if step is None:
-        distance = max(default_step(caster, stage) * stage.voxel, least)
-        caster.set_step(distance)
+
+    def measure() -> float:
+        return default_step(caster, stage) if step is None else step
+
+    distance = max((measure() if kept is None else kept.step(measure)) * stage.voxel, least)
+    caster.set_step(distance)
     return caster, distance
 
 
@@ -288,19 +300,38 @@ def _check_options(asked: ViewOptions) -> None:
         raise BadInput(f"The frame of the views must be 'visible' or 'whole', not '{asked.frame}'.")
 
 
-def drawn(caster: Caster, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
-    """Return the images from the cameras, and close the caster."""
+def drawn(
+    caster: Caster, cameras: Sequence[Camera], progress: Progress, kept: DrawnViews | None = None
+) -> NDArray[np.uint8]:
+    """Return the images from the cameras, those that are kept without drawing them, and close the caster."""
     try:
         if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
             raise BadInput("Rendering needs at least one camera, and one image size for all cameras.")
         first = cameras[0]
         images = np.empty((len(cameras), first.height, first.width, 4), np.uint8)
-        for i, camera in enumerate(cameras):
-            images[i] = caster.render(camera)
-            progress((i + 1) / len(cameras), "Rendering views")
+        sharing = ALONE if kept is None else kept.sharing
+        mine = sharing.mine(len(cameras))
+        for done, i in enumerate(mine):
+            images[i] = _image(caster, cameras[i], i, kept)
+            progress((done + 1) / len(mine), "Rendering views")
+        sharing.wait()
+        if sharing.is_first:
+            for i in sorted({*range(len(cameras))} - {*mine}):
+                images[i] = _image(caster, cameras[i], i, kept)
     finally:
         caster.close()
     return images
+
+
+def _image(caster: Caster, camera: Camera, number: int, kept: DrawnViews | None) -> Pixels:
+    """Return a view that has been drawn, or draw it and keep it."""
+    if kept is None:
+        return caster.render(camera)
+    image = kept.get(number, (camera.height, camera.width, 4))
+    if image is None:
+        image = caster.render(camera)
+        kept.put(number, image)
+    return image
 
 
 def _rig(asked: ViewOptions, stage: Stage, whole: Level) -> CameraRig:

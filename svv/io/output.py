@@ -32,8 +32,13 @@ def to_bytes(image: ArrayLike) -> NDArray[np.uint8]:
     return np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
-def write_png(path: str | Path, image: ArrayLike) -> None:
+def write_png(path: str | Path, image: ArrayLike, made: str = "") -> None:
     """Write a picture (h, w, 3 or 4) with straight alpha, 8-bit levels or values in [0, 1], as 8-bit PNG.
+
+    Args:
+        path: The file.
+        image: The picture.
+        made: What it was made from, for :func:`made_of`.
 
     Raises:
         BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
@@ -41,7 +46,27 @@ def write_png(path: str | Path, image: ArrayLike) -> None:
     values = np.asarray(image)
     levels = values if values.dtype == np.uint8 else to_bytes(values)
     with atomic_path(path) as temporary:
-        Image.fromarray(levels).save(temporary, format="PNG", compress_level=4)
+        Image.fromarray(levels).save(temporary, format="PNG", compress_level=4, pnginfo=_text(made))
+
+
+MADE = "svv:made"
+"""Name of the text of a PNG that says what it was made from."""
+
+
+def made_of(path: Path) -> str:
+    """Return what a PNG says that it was made from; empty if there is no such file, or it does not say."""
+    try:
+        with Image.open(path) as picture:
+            return str(picture.info.get(MADE, ""))
+    except (OSError, ValueError, SyntaxError):
+        return ""
+
+
+def _text(made: str) -> PngInfo:
+    text = PngInfo()
+    if made:
+        text.add_text(MADE, made)
+    return text
 
 
 def write_small_png(path: str | Path, levels: NDArray[np.uint8], bright: bool = False) -> None:
@@ -61,11 +86,11 @@ def write_small_png(path: str | Path, levels: NDArray[np.uint8], bright: bool = 
         few.save(temporary, format="PNG", optimize=True)
 
 
-def write_depth_png(path: str | Path, depth: ArrayLike) -> tuple[float, float]:
+def write_depth_png(path: str | Path, depth: ArrayLike, made: str = "") -> tuple[float, float]:
     """Write depth (h, w) in world units, NaN where empty, as 16-bit greyscale PNG.
 
     Level 0 means empty; levels 1 ... 65535 are linear from the nearest to the farthest depth, which are stored in the
-    text of the file under ``svv:near`` and ``svv:far``.
+    text of the file under ``svv:near`` and ``svv:far``; for ``made``, see :func:`write_png`.
 
     Returns:
         The nearest and the farthest depth; NaN, NaN if the picture is empty.
@@ -75,7 +100,7 @@ def write_depth_png(path: str | Path, depth: ArrayLike) -> tuple[float, float]:
     near, far = (float(values[seen].min()), float(values[seen].max())) if seen.any() else (np.nan, np.nan)
     levels = np.zeros(values.shape, np.uint16)
     levels[seen] = 1 + np.rint(65534.0 * (values[seen] - near) / max(far - near, np.finfo(float).tiny))
-    text = PngInfo()
+    text = _text(made)
     text.add_text("svv:near", repr(near))
     text.add_text("svv:far", repr(far))
     with atomic_path(path) as temporary:
@@ -83,13 +108,14 @@ def write_depth_png(path: str | Path, depth: ArrayLike) -> tuple[float, float]:
     return near, far
 
 
-def write_region_png(path: str | Path, region: ArrayLike, colours: ArrayLike) -> None:
+def write_region_png(path: str | Path, region: ArrayLike, colours: ArrayLike, made: str = "") -> None:
     """Write a region map as indexed PNG whose indices are the regions.
 
     Args:
         path: The file.
         region: Integers in -1 ... 254, -1 where empty. (h, w)
         colours: Colour in which each region is shown, in [0, 1]. (regions, 3)
+        made: See :func:`write_png`.
     """
     indices = np.asarray(region, dtype=np.int64)
     table = np.full((256, 3), 255, np.uint8)
@@ -98,7 +124,7 @@ def write_region_png(path: str | Path, region: ArrayLike, colours: ArrayLike) ->
     picture = Image.fromarray(np.where(indices < 0, EMPTY_REGION, indices).astype(np.uint8))
     picture.putpalette(table.tobytes())
     with atomic_path(path) as temporary:
-        picture.save(temporary, format="PNG", transparency=EMPTY_REGION)
+        picture.save(temporary, format="PNG", transparency=EMPTY_REGION, pnginfo=_text(made))
 
 
 def region_picture(region: ArrayLike, colours: ArrayLike) -> NDArray[np.float32]:

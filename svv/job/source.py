@@ -13,13 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.cameras import Camera
+from svv.core.sharing import ALONE, Sharing
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.cinema.table import read_table
 from svv.io.cinema.views import read_database
+from svv.io.drawn_views import DrawnViews
+from svv.io.made import key_of
 from svv.io.transforms import transforms_file
 from svv.io.view_meta import ViewMeta, known
 from svv.io.viewset import CLASSIFIED, ViewSet, files_of, read_meta
 from svv.job.stages import fingerprint
+from svv.options.described import chosen
 from svv.options.making import ViewOptions
 
 
@@ -43,26 +47,37 @@ class Drawn(ABC):
     def how(self) -> dict[str, Any]:
         """Return arguments of :func:`svv.dvr.views.make_views`: ``tf``, and any others that the source requires."""
 
-    def make_views(self, folder: Path, options: ViewOptions, progress: Progress) -> ViewMeta:
+    def make_views(
+        self, folder: Path, options: ViewOptions, progress: Progress, sharing: Sharing = ALONE
+    ) -> ViewMeta:
         """Draw the views into a folder; see :func:`svv.dvr.views.make_views`.
+
+        Views are kept in the folder while they are drawn, so an interrupted drawing goes on, and several processes can
+        share it.
 
         Returns:
             The metadata of the views.
         """
         drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
-        train, unseen = self.draw(options, drawing)
-        train.write(folder, "train", part(writing, 0.0, 0.8))
-        if unseen is not None:
-            unseen.write(folder, "test", part(writing, 0.8, 1.0))
+        kept = DrawnViews(folder / ".drawing", key_of("views", self.identity(), chosen(options)), sharing)
+        train, unseen = self.draw(options, drawing, kept)
+        if sharing.is_first:
+            train.write(folder, "train", part(writing, 0.0, 0.8))
+            if unseen is not None:
+                unseen.write(folder, "test", part(writing, 0.8, 1.0))
+            kept.clear()
         return train.meta
 
-    def draw(self, options: ViewOptions, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
+    def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
         """Draw the training and test views; see :func:`svv.dvr.views.make_views`."""
         from svv.dvr.views import make_views
 
         reading, drawing = part(progress, 0.0, 0.3), part(progress, 0.3, 1.0)
-        volume = self.image(options.mapper, options.memory, reading)
-        return make_views(volume, **self.how(), options=options, name=self.name, progress=drawing)
+        found: list[Any] = []
+        # One process first, because it may have to make a pyramid.
+        kept.sharing.once(lambda: found.append(self.image(options.mapper, options.memory, reading)))
+        volume = found[0] if found else self.image(options.mapper, options.memory)
+        return make_views(volume, **self.how(), options=options, name=self.name, kept=kept, progress=drawing)
 
     def truth(self, views: Path, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
         """Render the volume directly from cameras other than those of ``views``.

@@ -18,6 +18,9 @@ from svv.io.atomic import make_folder, write_json
 from svv.io.made import key_of
 from svv.measure import give_memory_back, measured
 
+READ_WHOLE = 1 << 30
+"""Maximum bytes of an input file that is read to identify it."""
+
 Show = Callable[[str], AbstractContextManager[Progress]]
 """Shows the progress of one stage under its title, like :func:`svv.progress.shown`."""
 
@@ -103,8 +106,15 @@ class Stages:
 
 
 def fingerprint(path: Path) -> dict[str, Any]:
-    """Identify a file, to detect changes: by its name, which appears in results, and its content."""
-    return {"name": path.name, "content": path}
+    """Identify a file, to detect changes: by its name, which appears in results, and its content.
+
+    A folder, such as one with the chunks of a Zarr array, and a file above :data:`READ_WHOLE` are identified by the
+    sizes and times of files instead.
+    """
+    if path.is_file() and path.stat().st_size <= READ_WHOLE:
+        return {"name": path.name, "content": path}
+    files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    return {"name": path.name, "files": [[str(f.relative_to(path.parent)), f.stat().st_size, f.stat().st_mtime_ns] for f in files]}
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:

@@ -20,6 +20,7 @@ from svv.core.cameras import Camera
 from svv.dvr.ranks import ranks_here
 from svv.ending import end_with
 from svv.errors import BadInput, Progress, silent
+from svv.io.drawn_views import DrawnViews
 from svv.io.view_meta import ViewMeta, known
 from svv.io.viewset import ViewSet
 from svv.job.source import Drawn
@@ -68,14 +69,14 @@ class ShownVolume(Drawn):
 
         return {"tf": transfer_function_of(self.values), "shading": shading_of(self.values), "rescale": False}
 
-    def draw(self, options: ViewOptions, progress: Progress) -> tuple[ViewSet, ViewSet | None]:
+    def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
         """Draw the training and test views, with all ranks that have a part of the volume."""
         from svv.dvr.crew_views import make_crew_views
         from svv.pv.parallel import crew_of
 
         crew, how = crew_of(self.data), self.how()
         if crew is None:
-            return super().draw(options, progress)
+            return super().draw(options, progress, kept)
         return make_crew_views(crew, how["tf"], options, how["shading"], self.name, progress)
 
     def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:

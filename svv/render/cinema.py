@@ -15,6 +15,7 @@ import numpy as np
 
 from svv.core.cameras import Camera
 from svv.core.phi_theta import paraview_rotations
+from svv.core.sharing import ALONE, Sharing
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.atomic import atomic_path, cannot_write, make_folder, write_json
 from svv.io.cinema.shot import BESIDE, view_angle
@@ -30,7 +31,9 @@ KEY = ".key.json"
 """File in an unfinished database that tells which scene and options it belongs to."""
 
 
-def write_database(path: Path, scene: Scene, options: ExportOptions, progress: Progress = silent) -> int:
+def write_database(
+    path: Path, scene: Scene, options: ExportOptions, progress: Progress = silent, sharing: Sharing = ALONE
+) -> int:
     """Write a database; a database of the same name is replaced once the new one is complete.
 
     Everything is written to a hidden folder beside ``path``, which a repeated call with the same scene and options
@@ -41,6 +44,7 @@ def write_database(path: Path, scene: Scene, options: ExportOptions, progress: P
         scene: Scene to render.
         options: Its views.
         progress: Called while rendering.
+        sharing: The processes that render; all of them see the folder.
 
     Returns:
         The number of views.
@@ -54,23 +58,33 @@ def write_database(path: Path, scene: Scene, options: ExportOptions, progress: P
     if options.network is not None and options.network not in scene.networks:
         raise BadInput(f"The scene has no network '{options.network}', only {', '.join(scene.networks)}.")
     staging = path.with_name(f".{path.name}.partial")
+    sharing.once(lambda: _begin(staging, scene, options))
+    views = list(_views(scene, options))
+    mine = sharing.mine(len(views))
+    for done, index in enumerate(mine):
+        each = part(progress, done / len(mine), (done + 1) / len(mine))
+        _write_view(staging, scene, views[index][2], index, options, each)
+        progress((done + 1) / len(mine), f"view {done + 1} of {len(mine)}")
+    sharing.wait()
+    if not sharing.is_first:
+        return len(views)
+    rows = [
+        {"phi": f"{phi:g}", "theta": f"{theta:g}", **_write_view(staging, scene, camera, index, options, progress)}
+        for index, (phi, theta, camera) in enumerate(views)
+    ]
+    write_json(staging / BESIDE, _shot_of(scene, views[0][2]))
+    _write_table(staging / TABLE, rows)
+    _move_in(staging, path)
+    return len(views)
+
+
+def _begin(staging: Path, scene: Scene, options: ExportOptions) -> None:
+    """Make the folder of the files that are being written, empty unless it has some of this database."""
     key = {"scene": hashlib.sha256(scene.to_bytes()).hexdigest(), "options": chosen(options)}
     if _key_of(staging) != key:
         shutil.rmtree(staging, ignore_errors=True)
         make_folder(staging)
         write_json(staging / KEY, key)
-    rows = []
-    views = list(_views(scene, options))
-    for index, (phi, theta, camera) in enumerate(views):
-        each = part(progress, index / len(views), (index + 1) / len(views))
-        rows.append(
-            {"phi": f"{phi:g}", "theta": f"{theta:g}", **_write_view(staging, scene, camera, index, options, each)}
-        )
-        progress((index + 1) / len(views), f"view {index + 1} of {len(views)}")
-    write_json(staging / BESIDE, _shot_of(scene, views[0][2]))
-    _write_table(staging / TABLE, rows)
-    _move_in(staging, path)
-    return len(views)
 
 
 def _views(scene: Scene, options: ExportOptions) -> Iterator[tuple[float, float, Camera]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +14,10 @@ from svv.core.cameras import Camera
 from svv.core.colour import WHITE, over
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.atomic import check_writable, make_folder
+from svv.io.made import digest, key_of
 from svv.io.output import (
     depth_picture,
+    made_of,
     region_picture,
     to_bytes,
     write_depth_png,
@@ -46,6 +49,7 @@ def write_view(
     background: Sequence[float] | None = None,
     what: str = "rgba",
     progress: Progress = silent,
+    made: str = "",
 ) -> None:
     """Render one view into a file.
 
@@ -57,6 +61,7 @@ def write_view(
         background: RGB in [0, 1] behind a PNG of colours; by default the PNG is transparent.
         what: Content of a PNG: ``rgba``, ``depth`` (16 bits) or ``region`` (indexed).
         progress: Called while rendering.
+        made: What a PNG says that it was made from (:func:`svv.io.output.made_of`).
 
     Raises:
         BadInput: The scene does not have that network, or the file cannot be written.
@@ -66,11 +71,11 @@ def write_view(
     if path.suffix.lower() == ".vti":
         write_vti(path, view.rgba, view.depth, view.region)
     elif what == "depth":
-        write_depth_png(path, view.depth)
+        write_depth_png(path, view.depth, made)
     elif what == "region":
-        write_region_png(path, view.region, region_colours(scene))
+        write_region_png(path, view.region, region_colours(scene), made)
     else:
-        write_png(path, view.rgba if background is None else over(view.rgba, background))
+        write_png(path, view.rgba if background is None else over(view.rgba, background), made)
 
 
 def previews_in(path: Path) -> Callable[[Scene], None]:
@@ -104,7 +109,8 @@ def write_frames(
 ) -> list[Path]:
     """Render views into ``folder/0000.png`` and so on; see :func:`write_view`.
 
-    With ``those``, only these of the views are rendered, and others may render the rest.
+    Files that are there already and were made from the same scene, camera and settings are left as they are, so an
+    interrupted call can be repeated. With ``those``, only these of the views are rendered, and others may render the rest.
 
     Returns:
         The files, in the order of the cameras.
@@ -112,9 +118,12 @@ def write_frames(
     make_folder(folder)
     paths = [folder / f"{index:04d}.png" for index in range(len(cameras))]
     chosen = list(zip(paths, cameras, strict=True))[those]
+    look = digest(scene.to_bytes(), network, background, what)
     for index, (path, camera) in enumerate(chosen):
         each = part(progress, index / len(chosen), (index + 1) / len(chosen))
-        write_view(path, scene, camera, network, background, what, each)
+        made = key_of(look, {field.name: getattr(camera, field.name) for field in fields(camera)})
+        if made_of(path) != made:
+            write_view(path, scene, camera, network, background, what, each, made)
         progress((index + 1) / len(chosen), f"view {index + 1} of {len(chosen)}")
     return paths
 

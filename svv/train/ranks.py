@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from svv.core.sharing import ALONE, Sharing
 from svv.errors import BadInput, Cancelled, Elsewhere
 
 if TYPE_CHECKING:
@@ -88,6 +89,11 @@ def many() -> bool:
 def count() -> int:
     """Return the number of ranks that work together."""
     return 1 if _group is None else _group.place.count
+
+
+def sharing() -> Sharing:
+    """Return how the ranks share work that needs no gradients, such as drawing views into a folder."""
+    return ALONE if _group is None else Sharing(_group.place.rank, _group.place.count, once, lambda: total(1.0))
 
 
 def is_first() -> bool:

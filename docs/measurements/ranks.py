@@ -1,8 +1,8 @@
 """Median CPU and wall-clock time, and bytes, of a training step, in one process or several.
 
 ``python docs/measurements/ranks.py [VIEWS]`` measures one process, and
-``torchrun --nproc-per-node 2 docs/measurements/ranks.py [VIEWS]`` two, both with ``OMP_NUM_THREADS=1``. Without a folder
-of views, the scene is a ball of fog.
+``torchrun --nproc-per-node 2 docs/measurements/ranks.py [VIEWS]`` two, both with ``OMP_NUM_THREADS=1``. Without a
+folder of views, the scene is a ball of fog.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
 }
 """Each command's name, its function and the examples in its help, in the order of the help."""
 
-TOGETHER = ("train", "render")
+TOGETHER = ("views", "train", "render", "export")
 """Commands that share their work among the processes that ``torchrun`` starts; for others, the first does all."""
 
 for _name, (_command, _examples) in COMMANDS.items():
@@ -92,6 +92,8 @@ def main() -> NoReturn:
     share_cores(os.environ)
 
     def run() -> object:
+        if place().count > 1:
+            os.environ.setdefault("TORCH_CPP_LOG_LEVEL", "ERROR")  # else one that dies fills the screen of the others
         try:
             return app(prog_name="svv", standalone_mode=False)
         except UsageError as error:

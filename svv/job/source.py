@@ -47,9 +47,7 @@ class Drawn(ABC):
     def how(self) -> dict[str, Any]:
         """Return arguments of :func:`svv.dvr.views.make_views`: ``tf``, and any others that the source requires."""
 
-    def make_views(
-        self, folder: Path, options: ViewOptions, progress: Progress, sharing: Sharing = ALONE
-    ) -> ViewMeta:
+    def make_views(self, folder: Path, options: ViewOptions, progress: Progress, sharing: Sharing = ALONE) -> ViewMeta:
         """Draw the views into a folder; see :func:`svv.dvr.views.make_views`.
 
         Views are kept in the folder while they are drawn, so an interrupted drawing goes on, and several processes can

@@ -114,7 +114,10 @@ def fingerprint(path: Path) -> dict[str, Any]:
     if path.is_file() and path.stat().st_size <= READ_WHOLE:
         return {"name": path.name, "content": path}
     files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
-    return {"name": path.name, "files": [[str(f.relative_to(path.parent)), f.stat().st_size, f.stat().st_mtime_ns] for f in files]}
+    return {
+        "name": path.name,
+        "files": [[str(f.relative_to(path.parent)), f.stat().st_size, f.stat().st_mtime_ns] for f in files],
+    }
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:

@@ -66,6 +66,12 @@ def adam(
     )  # fmt: skip
 
 
+def marked_rows(marks: Tensor) -> Tensor:
+    rows = torch.empty(int(np.count_nonzero(marks.numpy())), dtype=torch.int64)
+    numba_lattice.marked_rows(marks.numpy(), rows.numpy())
+    return rows
+
+
 def pixel_rays(
     pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
 ) -> tuple[Tensor, Tensor]:

@@ -100,3 +100,16 @@ def adam(  # type: ignore[no-untyped-def]
                 first[v, f] += (np.float32(1.0) - beta1) * (g - first[v, f])
                 second[v, f] += (np.float32(1.0) - beta2) * (g * g - second[v, f])
                 table[v, f] -= a * first[v, f] / (np.sqrt(second[v, f] * b) + epsilon)
+
+
+@njit(cache=True)
+def marked_rows(marks, out):  # type: ignore[no-untyped-def]
+    """Write the indices of the N rows that are marked; ``marks`` (V,) holds N ones, otherwise zeros. -> out (N,)
+
+    Every index is written, and overwritten unless its row is marked, because a branch would often be mispredicted.
+    """
+    n, v = 0, 0
+    while n < len(out):
+        out[n] = v
+        n += int(marks[v])
+        v += 1

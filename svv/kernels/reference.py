@@ -67,6 +67,10 @@ def adam(
     used[rows] = 0
 
 
+def marked_rows(marks: Tensor) -> Tensor:
+    return marks.nonzero()[:, 0]
+
+
 def pixel_rays(
     pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
 ) -> tuple[Tensor, Tensor]:

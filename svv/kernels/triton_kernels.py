@@ -10,6 +10,7 @@ from torch import Tensor
 
 from svv.core.networks import relu_layers
 from svv.kernels import triton_networks, triton_rays, triton_tables
+from svv.kernels.reference import marked_rows as marked_rows
 from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
 
 NAME = "triton"

@@ -163,6 +163,9 @@ class Kernels(Protocol):
         epsilon. ``pull`` times the value is added to the gradient of the rows from ``finer`` on.
         """
 
+    def marked_rows(self, marks: Tensor) -> Tensor:
+        """Return the indices of the rows that are marked, ascending: (V,) uint8, 0 or 1 -> (N,) int64."""
+
     def pixel_rays(
         self, pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
     ) -> tuple[Tensor, Tensor]:

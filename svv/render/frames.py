@@ -110,7 +110,8 @@ def write_frames(
     """Render views into ``folder/0000.png`` and so on; see :func:`write_view`.
 
     Files that are there already and were made from the same scene, camera and settings are left as they are, so an
-    interrupted call can be repeated. With ``those``, only these of the views are rendered, and others may render the rest.
+    interrupted call can be repeated. With ``those``, only these of the views are rendered, and others may render the
+    rest.
 
     Returns:
         The files, in the order of the cameras.

@@ -1,4 +1,4 @@
-"""Training on several processes and machines: the one module that knows ``torch.distributed``.
+"""Training on several processes and machines; with :mod:`svv.train.gradients`, all that knows ``torch.distributed``.
 
 ``torchrun`` starts the same command N times and numbers the processes, the ranks. Each takes its part of the rays of a
 batch, and gradients are summed, so every rank takes the same step. What is short, or decides something, is done by the
@@ -13,7 +13,7 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import torch
     from torch import Tensor
 
-    from svv.fields.encodings import Encoding
 
 T = TypeVar("T")
 
@@ -231,7 +230,7 @@ def _told(what: str) -> bool:
 
 
 @contextmanager
-def _all_there() -> Iterator[None]:
+def all_there() -> Iterator[None]:
     """Turn the error of torch about a rank that does not answer into one sentence."""
     try:
         yield
@@ -274,7 +273,7 @@ def _broadcast(thing: Any) -> Any:
         content = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
         parts = [bytearray(content), *(memoryview(b.raw()) for b in buffers)]
         parts = [bytearray(p) if isinstance(p, memoryview) and p.readonly else p for p in parts]
-    with _all_there():
+    with all_there():
         number = torch.tensor([len(parts)])
         dist.broadcast(number, 0)
         sizes = torch.tensor([len(p) for p in parts]) if parts else torch.empty(int(number), dtype=torch.int64)
@@ -297,7 +296,7 @@ def agreed(fraction: float, stop: bool) -> float:
     import torch
 
     both = torch.tensor([fraction if is_first() else 0.0, float(stop)], dtype=torch.float64)
-    _sum(both)
+    add_up(both)
     if both[1] > 0:
         raise Cancelled
     return float(both[0])
@@ -310,7 +309,7 @@ def total(number: float) -> float:
     import torch
 
     both = torch.tensor([number], dtype=torch.float64)
-    _sum(both)
+    add_up(both)
     return float(both)
 
 
@@ -319,46 +318,8 @@ def summed(tensor: Tensor) -> Tensor:
     if _group is None:
         return tensor
     result = tensor.detach().clone()
-    _sum(result)
+    add_up(result)
     return result
-
-
-def sum_gradients(loss: Tensor, parameters: Sequence[Tensor], encodings: Sequence[Encoding]) -> Tensor:
-    """Sum loss and gradients over the ranks, of tables only the rows that any rank has used.
-
-    First the marks of used rows are joined, one byte a row; then the gradients of these rows and of the networks are
-    summed in one piece.
-
-    Args:
-        loss: This rank's part of a number to be shown, a scalar.
-        parameters: Parameters of networks, with gradients.
-        encodings: Tables, with gradients in their buffers.
-
-    Returns:
-        The sum of ``loss``, without a graph.
-    """
-    if _group is None:
-        return loss.detach()
-    import torch
-    import torch.distributed as dist
-
-    buffers = [encoding.buffers_for_gradient() for encoding in encodings]
-    marks = torch.cat([used for _, used in buffers])
-    with _all_there():
-        dist.all_reduce(marks, dist.ReduceOp.MAX)
-    marked = marks.split([len(used) for _, used in buffers])
-    rows = [mark.nonzero()[:, 0] for mark in marked]
-    own = [torch.zeros_like(p) if p.grad is None else p.grad for p in parameters]
-    own += [gradient[row] for (gradient, _), row in zip(buffers, rows, strict=True)]
-    every = torch.cat([*(g.flatten() for g in own), loss.detach().reshape(1)])
-    _sum(every)
-    sums = [s.view_as(g) for s, g in zip(every[:-1].split([g.numel() for g in own]), own, strict=True)]
-    for parameter, gradient in zip(parameters, sums, strict=False):
-        parameter.grad = gradient
-    for (gradient, used), mark, row, its in zip(buffers, marked, rows, sums[len(parameters) :], strict=True):
-        gradient[row] = its
-        used.copy_(mark)
-    return every[-1]
 
 
 def alike(module: torch.nn.Module) -> None:
@@ -368,14 +329,14 @@ def alike(module: torch.nn.Module) -> None:
     import torch
     import torch.distributed as dist
 
-    with _all_there(), torch.no_grad():
+    with all_there(), torch.no_grad():
         for parameter in module.parameters():
             dist.broadcast(parameter.detach(), 0)
 
 
-def _sum(tensor: Tensor) -> None:
-    """Replace a tensor by its sum over the ranks."""
+def add_up(tensor: Tensor) -> None:
+    """Replace a tensor by its sum over the ranks, of which there are several."""
     import torch.distributed as dist
 
-    with _all_there():
+    with all_there():
         dist.all_reduce(tensor)

@@ -21,6 +21,7 @@ from svv.kernels.dispatch import CPU
 from svv.train import ranks
 from svv.train.batches import Batch, RayBudget, RayPool
 from svv.train.config import RecolourSettings
+from svv.train.gradients import sum_gradients
 from svv.train.loop import Loop, Running, falling, network_adam
 from svv.train.ranges import Labelled, shares_of
 from svv.train.unmix import Unmixing
@@ -111,7 +112,7 @@ class Recolouring:
         self.networks.zero_grad(set_to_none=True)
         loss.backward()
         trained = [p for group in self.networks.param_groups for p in group["params"]]
-        error = ranks.sum_gradients(error, trained, self.tables.encodings)
+        error = sum_gradients(error, trained, self.tables.encodings)
         rate = falling(fraction, s.decay)
         for group in self.networks.param_groups:
             group["lr"] = group["full"] * rate

@@ -23,6 +23,7 @@ from svv.train import ranks
 from svv.train.batches import Batch, RayBudget, RayPool
 from svv.train.beginning import Beginning, largest_extinction, log_extinction
 from svv.train.config import ReconstructSettings
+from svv.train.gradients import sum_gradients
 from svv.train.loop import Loop, Running, falling, network_adam
 from svv.train.tomography import opaque_part
 
@@ -98,7 +99,7 @@ class Reconstruction:
             loss, error = batch.share * loss, batch.share * error
         self.networks.zero_grad(set_to_none=True)
         loss.backward()
-        error = ranks.sum_gradients(error, self.trained, self.field.encodings)
+        error = sum_gradients(error, self.trained, self.field.encodings)
         self._update(falling(fraction, s.decay))
         if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
             self.prune(grow=fraction < 0.25 and not self.known)

@@ -294,8 +294,10 @@ def all_threads() -> Iterator[None]:
 
 
 def usable_cpus() -> int:
-    """Return the number of CPUs that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Return the number of CPUs that this process may use, a share of them if torchrun started several processes."""
+    cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    processes = os.environ.get("LOCAL_WORLD_SIZE", "")
+    return max(1, cpus // int(processes)) if processes.isdecimal() and int(processes) else cpus
 
 
 def _memory(pointer: object, kind: Any, count: int) -> NDArray[Any]:

@@ -112,10 +112,7 @@ def correct_palette(
                         others=(), parts=None)  # fmt: skip
         plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
-    if len(scene.regions) > len(scene.palette_regions):
-        notes = (*notes, "parts of the old regions dropped: split them again")
-    if scene.variants:
-        notes = (*notes, f"paintings of the old regions dropped: {', '.join(scene.variants)}")
+    notes = (*notes, *_dropped(scene))
     kept = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
     result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, kept, strict=True)))
     seconds = {"pcn": spent, "sampling": time.monotonic() - begin}
@@ -126,6 +123,13 @@ def correct_palette(
     )  # fmt: skip
     made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
+
+
+def _dropped(scene: Scene) -> list[str]:
+    """Say what belongs to the old regions and is dropped with them."""
+    parts, paintings = len(scene.regions) - len(scene.palette_regions), ", ".join(scene.variants)
+    said = [f"{parts} parts of the old regions dropped: split the new ones again"] if parts else []
+    return [*said, f"paintings of the old regions dropped: {paintings}"] if paintings else said
 
 
 def _entries(scene: Scene, volume: ClassifiedVolume | None) -> list[Entry]:

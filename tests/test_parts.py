@@ -15,6 +15,9 @@ from svv.core.cameras import Camera, look_at
 from svv.errors import BadInput
 from svv.fields.parts import Parts, table_of
 from svv.fields.scene import Rendering, Scene
+from svv.train.ink import PAPER, Ink
+from svv.train.pipeline import stylize_scene
+from tests.balls import SHORT
 from tests.cube import cube_camera, cube_paint, lit_cube_scene
 from tests.loose_balls import LEFT, RIGHT, TOP, from_front, from_left, in_world, loose_balls
 
@@ -313,6 +316,16 @@ def test_damaged_parts_are_one_sentence(split: Scene, damage: Callable[[dict, di
     damage(header, arrays)
     with pytest.raises(BadInput, match="damaged"):
         Scene.from_bytes(scene_bytes(header, arrays))
+
+
+def test_a_part_is_painted_alone(two: Scene, split: Scene) -> None:
+    painted, report = stylize_scene(split, [Ink("hatching")], SHORT, features="embedded", mapping={2: 0})
+    assert [r.style for r in painted.regions] == [None, None, "ink:hatching"] and list(report["styles"]) == ["2"]
+    plain, inked = two.render(from_front()).rgba, painted.render(from_front()).rgba
+    np.testing.assert_allclose(inked[:, 32:], plain[:, 32:], atol=ROUNDOFF)
+    paper = inked[:, :32][inked[:, :32, 3] > 0.99]
+    assert (np.abs(paper[:, :3] - PAPER).max(axis=1) < 0.1).mean() > 0.3  # and not the grey of the palette
+    np.testing.assert_array_equal(inked[..., 3], plain[..., 3])
 
 
 def test_paintings_keep_their_styles_when_regions_split(two: Scene) -> None:

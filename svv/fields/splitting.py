@@ -71,6 +71,9 @@ def piece_at(
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     if not 0.0 < level <= 1.0:
         raise BadInput(f"The level of a split must be above 0 and at most 1, not {level:g}.")
+    place = scene.occupancy.box.to_box(np.asarray(point, np.float64))
+    if not np.isfinite(place).all() or not _occupied(scene.occupancy, place):
+        raise _nothing(point)
     known = _cells_of(scene, progress)
     key = (None if scene.parts is None else (scene.parts.digest, scene.parts.active), tuple(point), level)
     if key not in known.found:
@@ -86,9 +89,6 @@ def _piece_at(scene: Model, known: Cells, point: Sequence[float], level: float) 
     """Return what :func:`piece_at` does, from the scene's cells."""
     assert scene.palette_network is not None
     place = scene.occupancy.box.to_box(np.asarray(point, np.float64))
-    nothing = BadInput(f"There is nothing at {_said(point)}: click on something visible.")
-    if not np.isfinite(place).all() or not _occupied(scene.occupancy, place):
-        raise nothing
     at = torch.tensor(place[None], dtype=torch.float32, device=scene.device)
     region = int(scene.region_of(at, scene.palette_network.material(at)[1]))
     occupied = _refined(scene.occupancy.occupied > 0, known.cells // scene.occupancy.cells)
@@ -98,7 +98,7 @@ def _piece_at(scene: Model, known: Cells, point: Sequence[float], level: float) 
     labels, sizes = pieces(visible)
     asked, far = nearest_piece(labels, place * known.cells)
     if far > REACH:
-        raise nothing
+        raise _nothing(point)
     others = large(sizes, asked)
     others[asked] = False
     if not others.any():
@@ -169,6 +169,10 @@ def _occupied(occupancy: Occupancy, place: NDArray[np.float64]) -> bool:
     cell = np.floor(place * occupancy.cells).astype(np.int64)
     inside = (cell >= 0).all() and (cell < occupancy.occupied.shape).all()
     return bool(inside) and bool(occupancy.occupied[tuple(cell)])
+
+
+def _nothing(point: Sequence[float]) -> BadInput:
+    return BadInput(f"There is nothing at {_said(point)}: click on something visible.")
 
 
 def _said(point: Sequence[float]) -> str:

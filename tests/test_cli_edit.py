@@ -125,7 +125,7 @@ def test_a_part_is_split_off_at_a_pixel_or_at_a_point(svv: Run, capsys: pytest.C
     pixel = f"{columns[left].mean():.0f},{rows[left].mean():.0f}"
     edits = ("--region", "2", "--colour", "#ff0000", "--hide", "0")
     svv("edit", "balls.svv", "--split-at", pixel, *seen, *edits, "--out", "a.svv")
-    assert "Region 2 was part of region 0: 50% of it" in capsys.readouterr().err
+    assert "Region 2 was part of region 0: 50 % of it" in capsys.readouterr().err
     scene = Scene.load("a.svv")
     assert [(r.part_of, r.hidden) for r in scene.regions] == [(None, True), (None, False), (0, False)]
     assert [step.what for step in scene.history.past] == ["split region 0; hide 0; region 2: colour #ff0000"]

@@ -21,7 +21,6 @@ from tests.balls import SHORT
 from tests.cube import cube_camera, cube_paint, lit_cube_scene
 from tests.loose_balls import LEFT, RIGHT, TOP, from_front, from_left, in_world, loose_balls
 
-
 ROUNDOFF = 2e-6
 
 

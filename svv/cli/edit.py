@@ -159,7 +159,7 @@ def _told(scene: Scene) -> str:
     part, number = scene.regions[-1], len(scene.regions) - 1
     assert part.part_of is not None
     whole = scene.regions[part.part_of]
-    return f"Region {number} was part of region {part.part_of}: {part.share / max(whole.share, 1e-9):.0%} of it"
+    return f"Region {number} was part of region {part.part_of}: {100 * part.share / max(whole.share, 1e-9):.3g} % of it"
 
 
 @dataclass(frozen=True)

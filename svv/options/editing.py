@@ -18,7 +18,7 @@ OUTLINE_WIDTH = 2.0
 OUTLINE_COLOUR: Colour = (0.06, 0.05, 0.05)
 """Default colour of outlines, nearly black: sRGB in [0, 1]."""
 
-SPLIT_LEVEL = 0.25
+SPLIT_LEVEL = 0.5
 """Default fraction of a region's mean opacity from which its cells are connected when it is split."""
 
 RECOLOUR = Switch("Recolour", "Give the region another colour.")
@@ -108,7 +108,7 @@ class PartEdit(Request):
     pixel, from the left and the top, of the picture that `svv render` makes with the same --camera, --frame and --size;
     three are a point in world coordinates."""
     split_level: Annotated[float | None, Setting(least=0, most=1, unset=SPLIT_LEVEL)] = None
-    """How opaque matter must be to connect, as a fraction of the region's mean opacity; by default 0.25. A higher level
+    """How opaque matter must be to connect, as a fraction of the region's mean opacity; by default 0.5. A higher level
     separates parts that touch."""
 
 

@@ -219,6 +219,20 @@ pick(edit, solid, (50, 40))
 said["solid"] = [float(edit.Parts.split(",")[0]), status(edit)]
 edit.Parts = "1,2"
 said["no point"] = status(edit)
+edit.ResetEdits()
+hand = flat.GetInteractor()
+def click(x, y, moved=0):
+    hand.SetEventInformation(x, y)
+    hand.InvokeEvent("LeftButtonPressEvent")
+    hand.SetEventInformation(x + moved, y)
+    hand.InvokeEvent("LeftButtonReleaseEvent")
+said["clicks"] = []
+for press, moved in ((0, 0), (1, 20), (0, 0), (1, 0)):  # off, on but dragged, on, off
+    press and edit.ClickPart()
+    click(34, 60, moved)
+    said["clicks"].append(edit.Parts)
+    if edit.Parts:
+        edit.ResetEdits()
 """)
     whole, both = said["whole"]
     assert "2 regions" in whole and min(both) > 40
@@ -233,3 +247,4 @@ said["no point"] = status(edit)
     assert said["redone"] == [point, 1, [0, both[1]]]
     assert said["solid"][0] < -0.2 and "3 regions" in said["solid"][1]
     assert "Parts must be points in space" in said["no point"]
+    assert [text[:4] for text in said["clicks"]] == ["", "", "-0.2", ""]

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from svv.core.components import large, least_opacity, nearest_piece, pieces
 from svv.errors import BadInput, Progress, silent
 from svv.fields.model import Model, of_colour
-from svv.fields.networks import PaletteField
 from svv.fields.occupancy import Occupancy
 from svv.fields.parts import FINEST, Parts, no_parts
 from svv.kernels.dispatch import kernels_of
@@ -43,7 +42,7 @@ class Cells:
     """The last results of :func:`piece_at`."""
 
 
-_known: WeakKeyDictionary[PaletteField, Cells] = WeakKeyDictionary()
+_known: WeakKeyDictionary[torch.nn.Module, Cells] = WeakKeyDictionary()
 
 
 def piece_at(
@@ -84,6 +83,26 @@ def piece_at(
     return known.found[key]
 
 
+def regions_in_cells(scene: Model, progress: Progress = silent) -> tuple[int, NDArray[np.int16], NDArray[np.float32]]:
+    """Return the region at the centre of each cell of the box, and the opacity of a ray through the cell, as edited.
+
+    Args:
+        scene: A scene; one without a palette network has the one region 0.
+        progress: Called several times a second.
+
+    Returns:
+        Cells per box unit; region, -1 where nothing was found (X, Y, Z); and opacity in [0, 1] (X, Y, Z).
+    """
+    known = _cells_of(scene, progress)
+    occupied = _refined(scene.occupancy.occupied > 0, known.cells // scene.occupancy.cells)
+    region, opacity = np.full(occupied.shape, -1, np.int16), np.zeros(occupied.shape, np.float32)
+    own = _regions_of_cells(scene, known, occupied)
+    seen = np.array([r.seen_opacity for r in scene.regions] or [1.0])
+    region[occupied] = own
+    opacity[occupied] = 1.0 - (1.0 - known.opacity) ** seen[own]
+    return known.cells, region, opacity
+
+
 @torch.no_grad()
 def _piece_at(scene: Model, known: Cells, point: Sequence[float], level: float) -> tuple[int, Parts, float]:
     """Return what :func:`piece_at` does, from the scene's cells."""
@@ -118,11 +137,11 @@ def _piece_at(scene: Model, known: Cells, point: Sequence[float], level: float) 
 @torch.no_grad()
 def _cells_of(scene: Model, progress: Progress) -> Cells:
     palette, cells = scene.palette_network, _resolution_of(scene)
-    assert palette is not None
-    if palette in _known and _known[palette].cells == cells:
-        return _known[palette]
+    key = scene.base if palette is None else palette
+    if key in _known and _known[key].cells == cells:
+        return _known[key]
     there = np.argwhere(_refined(scene.occupancy.occupied > 0, cells // scene.occupancy.cells))
-    opacity, colour = np.empty(len(there), np.float32), np.empty(len(there), np.int16)
+    opacity, colour = np.empty(len(there), np.float32), np.zeros(len(there), np.int16)
     piece = kernels_of(scene.device.type).SAMPLES
     for first in range(0, len(there), piece):
         progress(first / len(there), "splitting")
@@ -130,9 +149,10 @@ def _cells_of(scene: Model, progress: Progress) -> Cells:
         position = torch.from_numpy(((there[rows] + 0.5) / cells).astype(np.float32)).to(scene.device)
         sigma = scene.base.extinction_at(position)
         opacity[rows] = (1.0 - torch.exp(-sigma / cells)).cpu().numpy()
-        colour[rows] = palette.material(position)[1].argmax(dim=1).cpu().numpy()
-    _known[palette] = Cells(cells, opacity, colour)
-    return _known[palette]
+        if palette is not None:
+            colour[rows] = palette.material(position)[1].argmax(dim=1).cpu().numpy()
+    _known[key] = Cells(cells, opacity, colour)
+    return _known[key]
 
 
 def _resolution_of(scene: Model) -> int:

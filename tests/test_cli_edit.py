@@ -15,6 +15,7 @@ from svv.cli import app as cli
 from svv.errors import BadInput
 from svv.fields.scene import Scene
 from tests.cube import cube_paint
+from tests.loose_balls import from_front, loose_balls
 
 Run = Callable[..., None]
 
@@ -112,6 +113,38 @@ def test_outlines_of_a_region_or_of_all(svv: Run) -> None:
     assert not np.array_equal(pictures["inked"], pictures["two"])
 
 
+def test_a_part_is_split_off_at_a_pixel_or_at_a_point(svv: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    loose_balls().save("balls.svv")
+    front = from_front()
+    pose = {"camera_to_world": front.camera_to_world.tolist(), "camera_angle_x": front.fov_x}
+    Path("front.json").write_text(json.dumps(pose))
+    seen = ("--camera", "front.json", "--size", "80x60")
+    svv("render", "balls.svv", *seen, "--out", "balls.png")
+    rows, columns = np.nonzero(np.asarray(Image.open("balls.png"))[..., 3] > 250)
+    left = columns < 40
+    pixel = f"{columns[left].mean():.0f},{rows[left].mean():.0f}"
+    edits = ("--region", "2", "--colour", "#ff0000", "--hide", "0")
+    svv("edit", "balls.svv", "--split-at", pixel, *seen, *edits, "--out", "a.svv")
+    assert "Region 2 was part of region 0: 50 % of it" in capsys.readouterr().err
+    scene = Scene.load("a.svv")
+    assert [(r.part_of, r.hidden) for r in scene.regions] == [(None, True), (None, False), (0, False)]
+    assert [step.what for step in scene.history.past] == ["split region 0; hide 0; region 2: colour #ff0000"]
+    svv("render", "a.svv", *seen, "--out", "a.png")
+    picture = np.asarray(Image.open("a.png"))
+    assert (picture[rows[left], columns[left], 3] > 240).all() and picture[:, 40:, 3].max() == 0
+    svv("edit", "a.svv", "--undo", "--out", "b.svv")
+    assert Scene.load("b.svv").regions == Scene.load("balls.svv").regions
+    svv("edit", "b.svv", "--redo", "--out", "b.svv")
+    assert Scene.load("b.svv").regions == scene.regions
+    svv("edit", "balls.svv", "--split-at", "400,400", "--out", "c.svv")  # `svv render` shows the right ball in front
+    svv("edit", "balls.svv", "--split-at", "0.28,0,0", "--split-level", "0.5", "--out", "d.svv")
+    for name in "cd":
+        svv("edit", f"{name}.svv", "--hide", "2", "--out", f"{name}.svv")
+        svv("render", f"{name}.svv", *seen, "--out", f"{name}.png")
+        alpha = np.asarray(Image.open(f"{name}.png"))[..., 3]
+        assert alpha[:, :40].max() > 250 and alpha[:, 40:].max() == 0
+
+
 def test_info_lists_variants_and_history(svv: Run, capsys: pytest.CaptureFixture[str]) -> None:
     svv("edit", "two.svv", "--isolate", "1", "--out", "a.svv")
     capsys.readouterr()
@@ -143,6 +176,16 @@ def test_info_lists_variants_and_history(svv: Run, capsys: pytest.CaptureFixture
         (["edit", "cube.svv", "--show-variant", "ink"], "never painted"),
         (["edit", "two.svv", "--drop-variant", "gold"], "no variant 'gold'"),
         (["edit", "two.svv", "--region", "0", "--colour", "#ff0000"], "is styled"),
+        (["edit", "cube.svv", "--split-at", "1"], "needs a pixel"),
+        (["edit", "cube.svv", "--split-at", "1,nan"], "needs a pixel"),
+        (["edit", "cube.svv", "--split-at", "0,0"], "Nothing is visible at the pixel 0,0"),
+        (["edit", "cube.svv", "--split-at", "900,0"], "outside the picture of 800 x 800 pixels"),
+        (["edit", "cube.svv", "--split-at", "9,9,9"], "There is nothing at 9, 9, 9"),
+        (["edit", "cube.svv", "--split-at", "0,0,0", "--size", "80"], "belong to a pixel"),
+        (["edit", "cube.svv", "--split-at", "0,0,0", "--split-level", "0"], "level of a split must be above 0"),
+        (["edit", "cube.svv", "--split-level", "0.5"], "need --split-at"),
+        (["edit", "cube.svv", "--hide", "0", "--camera", "x.json"], "need --split-at"),
+        (["edit", "cube.svv", "--undo", "--split-at", "1,1"], "not more than one"),
         (["render", "two.svv", "--variant", "gold"], "no variant 'gold'"),
         (["render", "two.svv", "--variant", "ink", "--network", "pcn"], "leave out --network pcn"),
         (["palette", "cube.svv", "--views", "none", "--set", "0"], "does not set a colour"),

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from svv._version import __version__
+from tests.cube import cube_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = "from setuptools.build_meta import build_sdist, build_wheel; import sys; build_%s(sys.argv[1])"
@@ -73,3 +74,19 @@ def test_the_wheel_runs_without_the_checkout(built: Path, tmp_path: Path) -> Non
     command = [sys.executable, str(target / "bin" / "svv"), "--version"]
     said = subprocess.run(command, cwd=tmp_path, env=environ, capture_output=True, text=True, check=True)
     assert said.stdout.strip() == f"svv {__version__}"
+
+
+def test_pyvista_finds_the_reader_and_the_accessor_of_the_wheel(built: Path, tmp_path: Path) -> None:
+    """By its entry points, without any import of svv."""
+    pytest.importorskip("pyvista", minversion="0.48")
+    (wheel,) = built.glob("*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        file.extractall(tmp_path / "site")
+    cube_scene().save(tmp_path / "cube.svv")
+    program = (
+        "import pyvista; grid = pyvista.read('cube.svv'); print(len(grid.svv.recolour(0, 'red').svv.scene.regions))"
+    )
+    environ = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=tmp_path, env=environ, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "3"

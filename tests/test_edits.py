@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.errors import BadInput
-from svv.fields.edits import IDENTITY, MOST_UNDO_STEPS, edits_of, with_edits
+from svv.fields.history import IDENTITY, MOST_UNDO_STEPS, edits_of, with_edits
 from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.io import scene_file

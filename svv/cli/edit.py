@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,18 +14,21 @@ from svv.cli.option_group import spread
 from svv.cli.options import Json, Out, SceneFile, parse_colour, parse_whole
 from svv.errors import BadInput
 from svv.options.described import Setting
-from svv.options.editing import LightEdit, OutlineEdit, PaintEdit, RegionEdit, SceneEdit, VisibilityEdit
+from svv.options.editing import LightEdit, OutlineEdit, PaintEdit, PartEdit, RegionEdit, SceneEdit, VisibilityEdit
 from svv.options.making import DeviceOptions, PaletteOptions
 from svv.progress import shown
 
 if TYPE_CHECKING:
     from svv.core.correction import Correction
+    from svv.fields.scene import Scene
 
 EDIT = (
     "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
     "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
     "svv edit scene.svv --isolate 0 --out alone.svv",
     "svv edit alone.svv --show all --out all.svv",
+    "svv edit scene.svv --split-at 410,320 --out two.svv",
+    "svv edit two.svv --hide 3 --out half.svv",
     "svv edit red.svv --undo --out scene.svv",
     "svv edit phong.svv --light 50,20 --intensity 1.2 --out side.svv",
     "svv edit phong.svv --region 0 --specular 0.4 --shininess 30 --out shiny.svv",
@@ -55,6 +58,18 @@ class Steps:
     drop_variant: Annotated[str | None, typer.Option(metavar="NAME", help="Remove this painting from the file.")] = None
 
 
+@dataclass(frozen=True)
+class PictureOptions:
+    """The picture in which --split-at is a pixel."""
+
+    camera: Annotated[Path | None, Setting(metavar="CAMERA.json")] = None
+    """Camera of the picture for --split-at, as in `svv render`; by default the middle of the orbit."""
+    frame: Annotated[int, Setting(least=0)] = 0
+    """Number of the view for --split-at in a transforms file."""
+    size: Annotated[tuple[int, int] | None, Setting(metavar="N|WxH", syntax="size")] = None
+    """Size of the picture for --split-at in pixels; 800 by default."""
+
+
 @spread
 def edit(  # noqa: PLR0913  (one parameter per group of options)
     scene: SceneFile,
@@ -71,19 +86,26 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     paint: PaintEdit = PaintEdit(),
     outline: OutlineEdit = OutlineEdit(),
     visibility: VisibilityEdit = VisibilityEdit(),
+    part: PartEdit = PartEdit(),
+    picture: PictureOptions = PictureOptions(),
     steps: Steps = Steps(),
 ) -> None:
-    """Edit a scene's regions: colour, opacity, light, outlines and visibility. Nothing is trained.
+    """Edit a scene's regions: colour, opacity, light, outlines, visibility and connected parts. Nothing is trained.
 
     All changes made by one command form one step in the history of the scene file, which --undo reverts. --reset is
-    applied first, then the options that hide and show regions, then all others.
+    applied first, then --split-at, the options that hide and show regions, and all others. --split-at makes the
+    connected part of a region that is visible at a pixel a region of its own, whose number follows the last one's.
     """
     from svv.fields.requested import with_edit
     from svv.fields.scene import Scene
     from svv.io.atomic import check_writable
 
     chosen = () if region is None else (region,)
-    request = SceneEdit(dict.fromkeys(chosen, own), light, paint, outline, visibility, chosen, chosen)
+    request = SceneEdit(dict.fromkeys(chosen, own), light, paint, outline, visibility, part, chosen, chosen)
+    if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
+        raise BadInput(
+            "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
+        )
     if (steps.undo or steps.redo) and (request or own or (steps.undo and steps.redo)):
         raise BadInput("Give --undo, --redo or edits, not more than one of these.")
     if region is None and own:
@@ -96,7 +118,14 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     if not (request or any(vars(steps).values())):
         raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
     check_writable(out)
-    result = with_edit(Scene.load(scene), request)
+    result = Scene.load(scene)
+    if part.split_at is None:
+        result = with_edit(result, request)
+    else:
+        split = replace(part, split_at=_point(result, part.split_at, picture))
+        with shown("Splitting") as progress:
+            result = with_edit(result, replace(request, part=split), progress)
+        print(_told(result), file=sys.stderr)
     for _ in range(steps.undo):
         result = result.undone()
     for _ in range(steps.redo):
@@ -107,6 +136,30 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         result = result.with_variant(steps.show_variant)
     result.save(out)
     print(out)
+
+
+def _point(scene: Scene, place: tuple[float, ...], picture: PictureOptions) -> tuple[float, ...]:
+    """Return the point in the world that --split-at means: what a pixel shows, or the point itself."""
+    from svv.io.camera_file import read_camera
+    from svv.render.frames import orbit
+
+    if len(place) == 3:
+        if picture != PictureOptions():
+            raise BadInput("--camera, --frame and --size belong to a pixel: give --split-at two numbers, not three.")
+        return place
+    if picture.camera is not None:
+        camera = read_camera(picture.camera, picture.size, picture.frame)
+    else:
+        camera = orbit(scene, 181, *(picture.size or (800, 800)))[90]  # as `svv render` without a camera
+    return scene.point_at(camera, (place[0], place[1]))
+
+
+def _told(scene: Scene) -> str:
+    """Say which region was split last, and how."""
+    part, number = scene.regions[-1], len(scene.regions) - 1
+    assert part.part_of is not None
+    whole = scene.regions[part.part_of]
+    return f"Region {number} was part of region {part.part_of}: {100 * part.share / max(whole.share, 1e-9):.3g} % of it"
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ SYNTAX: dict[str, Callable[[str, str], Any]] = {
     "dims": lambda text, _: options.parse_dims(text),
     "light": lambda text, _: options.parse_light(text),
     "mapping": lambda text, _: options.parse_mapping(text),
+    "pixel or point": options.parse_place,
     "point": options.parse_point,
     "regions": options.parse_whole,
     "regions or all": lambda text, flag: () if text == "all" else options.parse_whole(text, flag),

@@ -195,6 +195,24 @@ def parse_point(text: str, option: str) -> tuple[float, float, float]:
     return point
 
 
+def parse_place(text: str, option: str) -> tuple[float, ...]:
+    """Return '120,40', a pixel, or '1,-2,2.5', a point, as two or three finite numbers.
+
+    Raises:
+        BadInput: The text has another form.
+    """
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) in (2, 3) and all(map(math.isfinite, numbers)):
+        return numbers
+    raise BadInput(
+        f"{option} needs a pixel, for example {option} 120,40, or a point in the world, for example {option} 1,-2,2.5, "
+        f"not '{text}'."
+    )
+
+
 def parse_numbers(text: str, option: str) -> tuple[float, float, float]:
     """Return '1,1,2.5' as three positive numbers.
 

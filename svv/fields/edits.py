@@ -1,13 +1,14 @@
-"""Edits of a scene's regions, and the history that undoes them. Editing trains nothing: an edit is a few numbers.
+"""Edits of a scene's regions. Editing trains nothing: an edit is a few numbers.
 
-Every field of a :class:`svv.fields.region.Region` is an edit except those that identify the region (:data:`IDENTITY`).
-A new kind of edit is therefore a new field there; undo, reset and the scene file handle it without further changes.
+Every field of a :class:`svv.fields.region.Region` is an edit except those that identify the region
+(:data:`svv.fields.history.IDENTITY`). A new kind of edit is therefore a new field there; undo, reset and the scene file
+handle it without further changes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -15,88 +16,16 @@ import numpy as np
 from svv.core.colour import to_hex
 from svv.core.light import COEFFICIENTS, Lamp
 from svv.core.outlines import Pen
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress, silent
+from svv.fields.history import Edits, History, Step, edits_of, restyled, with_edits
 from svv.fields.model import Model
-from svv.fields.paint_light import paint_light_of
+from svv.fields.parts import Parts
 from svv.fields.region import Region
-from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH
+from svv.fields.splitting import piece_at
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, SPLIT_LEVEL
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light")
-"""Fields of a region that are not edits: they come from training and painting."""
-
-MOST_UNDO_STEPS = 50
-"""Maximum number of edits that can be undone; older ones are forgotten."""
-
-Edits = dict[str, Any]
-"""The edits of one region by field; only those that differ from the trained values."""
-
-
-def edits_of(region: Region) -> Edits:
-    """Return a region's edits."""
-    plain = _plain(region)
-    return {name: getattr(region, name) for name in plain if getattr(region, name) != plain[name]}
-
-
-def with_edits(region: Region, edits: Edits) -> Region:
-    """Return a region with these edits and no others; raises TypeError for a field that is not an edit."""
-    plain = _plain(region)
-    if unknown := sorted(set(edits) - set(plain)):
-        raise TypeError(f"'{unknown[0]}' is not an edit of a region")
-    return replace(region, **{**plain, **edits})
-
-
-def restyled(region: Region, style: str | None) -> Region:
-    """Return a region with another style and the same edits; light on paint takes the style's default unless edited."""
-    return with_edits(replace(region, style=style), edits_of(region))
-
-
-def _plain(region: Region) -> Edits:
-    """Return the edit fields of a region that has not been edited."""
-    plain = {f.name: f.default for f in fields(region) if f.name not in IDENTITY}
-    return {**plain, "paint_light": paint_light_of(region.style)}
-
-
-@dataclass(frozen=True)
-class Step:
-    """One edit that can be undone or redone."""
-
-    what: str
-    """Short description of the edit."""
-    edits: tuple[Edits, ...]
-    """The edits of every region before the step; for a step that was undone, after it."""
-    lamp: Lamp = field(default_factory=Lamp)
-    """The light before the step; for a step that was undone, after it."""
-
-
-@dataclass(frozen=True)
-class History:
-    """Edits made to a scene's regions, the most recent last, and edits undone, the next one to redo last."""
-
-    past: tuple[Step, ...] = ()
-    future: tuple[Step, ...] = ()
-
-    def after(self, what: str, before: EditedModel) -> History:
-        """Return the history with one more step, from ``before`` on; undone edits can no longer be redone."""
-        return History((*self.past, before.as_step(what))[-MOST_UNDO_STEPS:])
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values for the scene's header."""
-        named = {"past": self.past, "future": self.future}
-        return {name: [{**vars(s), "lamp": vars(s.lamp)} for s in steps] for name, steps in named.items()}
-
-    @classmethod
-    def from_json(cls, content: dict[str, Any], regions: Sequence[Region]) -> History:
-        """Invert :meth:`to_json`; raises KeyError, TypeError or ValueError if the content does not fit the regions."""
-
-        def step(values: dict[str, Any]) -> Step:
-            edits = [_with_tuples(e) for e in values["edits"]]
-            told = [edits_of(with_edits(region, e)) for region, e in zip(regions, edits, strict=True)]
-            return Step(str(values["what"]), tuple(told), Lamp(**_with_tuples(values.get("lamp", {}))))
-
-        return cls(*(tuple(step(values) for values in content[name])[-MOST_UNDO_STEPS:] for name in ("past", "future")))
 
 
 @dataclass(frozen=True)
@@ -215,6 +144,24 @@ class EditedModel(Model):
         self._check(*regions)
         hidden = {k: {"hidden": k not in regions} for k in range(len(self.regions))}
         return self._changed(f"isolate {_list(regions)}", hidden)
+
+    def split_at(self, point: Sequence[float], level: float = SPLIT_LEVEL, progress: Progress = silent) -> Self:
+        """Return the scene with the connected part of a region at a point as a region of its own, the last one.
+
+        It looks the same until one of the two is edited (:mod:`svv.fields.splitting`).
+
+        Args:
+            point: World coordinates of a point in the part; :meth:`svv.fields.scene.Scene.point_at` finds one.
+            level: Fraction of the region's mean opacity from which its cells connect, in (0, 1].
+            progress: Called several times a second.
+
+        Raises:
+            BadInput: Nothing is at the point, the region is in one piece, or the level is out of range.
+        """
+        region, parts, share = piece_at(self, point, level, progress)
+        whole = self.regions[region]
+        part = replace(whole, part_of=region, share=share * whole.share)
+        return self._after(f"split region {region}", (*self.regions, part), parts=parts)
 
     def with_strength(self, strength: float, *regions: int) -> Self:
         """Return a scene with the styles of these regions, by default all, at a strength of 0 (palette colours) to 1.
@@ -340,7 +287,7 @@ class EditedModel(Model):
             return self
         if self.regions == before.regions and self.lamp == before.lamp:
             return replace(self, history=before.history)
-        return replace(self, history=before.history.after("; ".join(steps), before))
+        return replace(self, history=before.history.after(before.as_step("; ".join(steps))))
 
     def with_edits_of(self, other: EditedModel) -> Self:
         """Return this scene with the edits, and their history, of another scene that has the same regions.
@@ -351,7 +298,7 @@ class EditedModel(Model):
             replace(restyled(theirs, own.style), strength=own.strength, mean_light=own.mean_light)
             for own, theirs in zip(self.regions, other.regions, strict=True)
         )
-        return replace(self, regions=tuple(regions), lamp=other.lamp, history=other.history)
+        return replace(self, regions=tuple(regions), lamp=other.lamp, parts=other.parts, history=other.history)
 
     def _check_light(self) -> None:
         if self.settings.lighting == "none":
@@ -380,20 +327,22 @@ class EditedModel(Model):
     def _changed(self, what: str, changes: dict[int, Edits]) -> Self:
         return self._after(what, tuple(replace(r, **changes.get(k, {})) for k, r in enumerate(self.regions)))
 
-    def _after(self, what: str, regions: tuple[Region, ...], lamp: Lamp | None = None) -> Self:
+    def _after(
+        self, what: str, regions: tuple[Region, ...], lamp: Lamp | None = None, parts: Parts | None = None
+    ) -> Self:
         """Return the scene with other regions or light, and one more step in its history unless they are the same."""
         lamp = lamp or self.lamp
         if regions == self.regions and lamp == self.lamp:
             return self
-        return replace(self, regions=regions, lamp=lamp, history=self.history.after(what, self))
+        history = self.history.after(self.as_step(what))
+        return replace(self, regions=regions, lamp=lamp, parts=parts or self.parts, history=history)
 
     def _at(self, step: Step, history: History) -> Self:
-        regions = (with_edits(r, e) for r, e in zip(self.regions, step.edits, strict=True))
-        return replace(self, regions=tuple(regions), lamp=step.lamp, history=history)
-
-
-def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        """Return the scene at a step. Regions that were not yet split there wait for the split to be redone."""
+        every, count = self.every_region, len(step.edits)
+        regions = tuple(with_edits(r, e) for r, e in zip(every[:count], step.edits, strict=True))
+        parts = None if self.parts is None else replace(self.parts, undone=every[count:])
+        return replace(self, regions=regions, lamp=step.lamp, parts=parts, history=history)
 
 
 def _list(regions: Sequence[int]) -> str:

@@ -15,7 +15,7 @@ from torch import Tensor
 from svv.core import palette_shading
 from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import SparseLattice
-from svv.fields.model import Model
+from svv.fields.model import Model, for_colours, of_colour
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
 from svv.fields.rendering import Rays
@@ -48,13 +48,16 @@ def draw(
         lit, plain = kernels.features(samples, spherical_harmonics(rays.directions, 4), geometry.layout, tables)
         light = palette.lighting_mlp(lit)
     surface = kernels.material(palette.palette_mlp(plain), palette.colours)
+    here = scene.regions_at(samples.position)
+    if here is not None:
+        surface = replace(surface, region=of_colour(here, surface.region))
     colour = surface.colour
     if any(r.edited_colour is not None for r in scene.regions):
         intensity, weights, offsets = palette_shading.material(surface.raw)
-        colour = palette_shading.diffuse(intensity, weights, scene.edited_colours(offsets))
+        colour = palette_shading.diffuse(intensity, weights, scene.edited_colours(offsets, here))
     paint = scene.paint(samples.position, network)
     surface = replace(surface, colour=scene.with_style(colour, surface.region, paint).contiguous())
-    _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network))
+    _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
     sigma = followed(scene, samples.sigma, surface.region, paint)
     opacity = torch.tensor([r.seen_opacity for r in scene.regions])
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
@@ -62,7 +65,7 @@ def draw(
 
 def _add_light(
     kernels: ImageKernels, scene: Model, samples: Samples, surface: Surface, light: Tensor | None, beams: Beams,
-    lights: Tensor,
+    lights: Tensor, here: Tensor | None,
 ) -> None:  # fmt: skip
     """Light the surface's colour in place, by the lighting MLP or by an explicit light."""
     assert scene.palette_network is not None
@@ -70,7 +73,8 @@ def _add_light(
         normals, coefficients = scene.palette_network.phong.normals, scene.coefficients()
         assert coefficients is not None
         directions = beams.facing, beams.toward, beams.intensity
-        kernels.phong(surface, samples, directions, normals.layout, normals.table, coefficients, lights)
+        each = for_colours(coefficients, here)
+        kernels.phong(surface, samples, directions, normals.layout, normals.table, each, lights)
     elif light is not None:
         kernels.light(surface, light, lights)
 

@@ -14,6 +14,7 @@ from svv.core.light import COEFFICIENTS, Lamp
 from svv.errors import BadInput
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
+from svv.fields.parts import Parts
 from svv.fields.region import Region
 from svv.fields.rendering import Marching
 
@@ -45,6 +46,41 @@ class Model:
     """Weight in a pixel up to which samples are joined; chosen by :mod:`svv.train.sampling`."""
     lamp: Lamp = field(default_factory=Lamp)
     """The light of a scene whose lighting is ``phong``."""
+    parts: Parts | None = None
+    """Where regions that are parts of others are; None if no region was ever split."""
+
+    @property
+    def every_region(self) -> tuple[Region, ...]:
+        """Its regions, and then those whose split was undone."""
+        return self.regions if self.parts is None else self.regions + self.parts.undone
+
+    @property
+    def palette_regions(self) -> tuple[Region, ...]:
+        """The regions of the palette, without those that were split off."""
+        return tuple(region for region in self.regions if region.part_of is None)
+
+    @property
+    def roots(self) -> list[int]:
+        """Number of the palette colour of each region. (regions,)"""
+        roots: list[int] = []
+        for number, region in enumerate(self.regions):
+            roots.append(number if region.part_of is None else roots[region.part_of])
+        return roots
+
+    def regions_at(self, position: Tensor) -> Tensor | None:
+        """Return the region to which each palette colour belongs at positions (S, 3), int64 (S, P).
+
+        None if every palette colour is a region everywhere.
+        """
+        if self.parts is None or not self.parts.active:
+            return None
+        count = len(self.palette_regions)
+        parents = [region.part_of for region in self.regions[count:] if region.part_of is not None]
+        return self.parts.regions_at(position, count, parents)
+
+    def region_of(self, position: Tensor, weights: Tensor) -> Tensor:
+        """Return the region of samples from their positions (S, 3) and palette weights (S, P), int64. (S,)"""
+        return of_colour(self.regions_at(position), weights.argmax(dim=1))
 
     @property
     def networks(self) -> tuple[str, ...]:
@@ -74,27 +110,39 @@ class Model:
         return replace(self.marching, step=self.stride * self.marching.step, least_weight=self.joined, merge=True)
 
     def coefficients(self) -> Tensor | None:
-        """Return each region's edited ambient, diffuse, specular and shininess (P, 4); None without explicit light."""
+        """Return each region's edited ambient, diffuse, specular and shininess (regions, 4); None without such light.
+
+        :func:`for_colours` gives those of palette colours, which samples mix.
+        """
         if self.palette_network is None or self.palette_network.phong is None:
             return None
         learned = self.palette_network.phong.coefficients()
+        learned = learned if len(learned) == len(self.regions) else learned[self.roots]
         edited = learned.new_tensor([
             [torch.nan if (v := getattr(r, name)) is None else v for name in COEFFICIENTS] for r in self.regions
         ])  # fmt: skip
         return torch.where(edited.isnan(), learned, edited)
 
-    def edited_colours(self, offsets: Tensor) -> Tensor:
-        """Return palette colours of samples with their offsets, recoloured by the regions' edits. (S, P, 3)"""
+    def edited_colours(self, offsets: Tensor, here: Tensor | None = None) -> Tensor:
+        """Return palette colours of samples with their offsets, recoloured by the regions' edits. (S, P, 3)
+
+        Args:
+            offsets: Offsets of the palette colours. (S, P, 3)
+            here: Region to which each palette colour belongs (:meth:`regions_at`). (S, P)
+        """
         assert self.palette_network is not None
-        palette = self.palette_network.colours
+        palette, roots = self.palette_network.colours, self.roots
         colours = palette + offsets
-        edited = [k for k, r in enumerate(self.regions) if r.edited_colour is not None]
-        if edited:
-            own, target = palette[edited].detach(), palette.new_tensor([self.regions[k].edited_colour for k in edited])
+        for number, region in enumerate(self.regions):
+            if region.edited_colour is None:
+                continue
+            root = roots[number]
+            own, target = palette[root].detach(), palette.new_tensor(region.edited_colour)
             # The user edits the region's colour as shown; the palette may have drifted from it in training.
-            shown = palette.new_tensor([self.regions[k].colour for k in edited])
-            target = torch.where((target == own).all(1, keepdim=True), shown, target)
-            colours[:, edited] = shift_colours(colours[:, edited], shown, target)
+            shown = palette.new_tensor(region.colour)
+            target = shown if bool((target == own).all()) else target
+            rows = slice(None) if here is None else (here[:, root] == number).nonzero()[:, 0]
+            colours[rows, root] = shift_colours(colours[rows, root, None], shown[None], target[None])[:, 0]
         return colours
 
     def paint(self, position: Tensor, network: str) -> Tensor | None:
@@ -107,3 +155,21 @@ class Model:
             return diffuse
         share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
         return torch.lerp(diffuse, paint, share[:, None])
+
+
+def of_colour(here: Tensor | None, colour: Tensor) -> Tensor:
+    """Return the region of samples by their palette colours (S,), from :meth:`Model.regions_at`. (S,)"""
+    return colour if here is None else here.gather(1, colour[:, None])[:, 0]
+
+
+def for_colours(values: Tensor, here: Tensor | None) -> Tensor:
+    """Return values of regions as values of palette colours, for each sample if there are parts.
+
+    Args:
+        values: Values of each region. (regions, ...)
+        here: Region to which each palette colour belongs (:meth:`Model.regions_at`). (S, P)
+
+    Returns:
+        (P, ...) if ``here`` is None, otherwise (S, P, ...).
+    """
+    return values if here is None else values[here]

@@ -147,6 +147,15 @@ class BaseField(nn.Module):
         h = self.density_mlp(features)
         return torch.exp(h[:, 0].clamp(max=MOST_LOG_EXTINCTION)), h[:, 1:]
 
+    def extinction_at(self, position: Tensor) -> Tensor:
+        """Return the extinction at box coordinates in occupied cells, without a graph. (S, 3) -> (S,)"""
+        if self.density is not None:
+            exponent = self.density.look_up(position).sum(dim=1)
+        else:
+            assert self.density_mlp is not None
+            exponent = self.density_mlp(self.encoding.look_up(position))[:, 0].detach()
+        return torch.exp(exponent.clamp(max=MOST_LOG_EXTINCTION))
+
     def extinction(self, samples: Samples) -> Tensor:
         """Return only the extinction, without a graph. (S,)"""
         return samples.sigma if self.density is not None else self.geometry(samples)[0]
@@ -249,7 +258,8 @@ class PaletteField(nn.Module):
             geometry: Geometry features, for the lighting MLP. (S, G)
             directions: Encoded directions, for the lighting MLP. (S, 16)
             beams: S beams, required by an explicit light.
-            coefficients: Reflection coefficients of the regions under an explicit light; by default as learned. (P, 4)
+            coefficients: Reflection coefficients of the palette's colours under an explicit light, (P, 4) or for each
+                sample (S, P, 4); by default as learned.
         """
         material = self.material(position)
         if self.phong is None:

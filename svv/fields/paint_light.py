@@ -50,7 +50,7 @@ def lights_of(scene: Model, network: str) -> Tensor:
         network: ``pcn`` or ``styled``.
 
     Returns:
-        f, a and b. (P, 3)
+        f, a and b. (regions, 3)
     """
     assert scene.palette_network is not None
     lights = [(r.lighting, 1.0, 0.0) for r in scene.regions]
@@ -61,7 +61,7 @@ def lights_of(scene: Model, network: str) -> Tensor:
         if plain + paint == 0.0:
             lights[k] = 0.0, 1.0, 0.0
         else:
-            shade, specular = r.mean_light or mean_lights(scene)[k]
+            shade, specular = r.mean_light or mean_lights(scene)[scene.roots[k]]
             part = paint / (plain + paint)
             lights[k] = r.lighting * (plain + paint), 1.0 - part + part / shade, part * specular
     return scene.palette_network.colours.new_tensor(lights)
@@ -69,14 +69,15 @@ def lights_of(scene: Model, network: str) -> Tensor:
 
 @torch.no_grad()
 def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
-    """Return mean shade m and specular c_s over each region's visible parts, all around, under the views' light.
+    """Return mean shade m and specular c_s of each region of the palette where it is visible, under the views' light.
 
-    Edits do not change them. A region that is not visible gets the means over all. Computed once per palette network.
+    Edits do not change them, and parts that were split off have those of the whole. A region that is not visible gets
+    the means over all. Computed once per palette network.
     """
     palette = scene.palette_network
     assert palette is not None
     if palette not in _known:
-        sums = torch.zeros(3, len(scene.regions), dtype=torch.float64, device=scene.device)
+        sums = torch.zeros(3, len(palette.colours), dtype=torch.float64, device=scene.device)
         rig = scene.camera_rig
         for camera in () if rig is None else rig.sphere(LIGHT_VIEWS, LIGHT_VIEW_SIZE):
             rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)

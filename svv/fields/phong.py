@@ -119,8 +119,13 @@ class PhongLight(nn.Module):
     def forward(
         self, position: Tensor, weights: Tensor, beams: Beams, coefficients: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """Return specular grey c_s >= 0 (S,) and shade m >= 0 (S,), from coefficients (P, 4) and weights (S, P)."""
-        mixed = weights @ (self.coefficients() if coefficients is None else coefficients)
+        """Return specular grey c_s >= 0 (S,) and shade m >= 0 (S,), from weights (S, P) and coefficients.
+
+        Coefficients are those of palette colours, (P, 4), or of the palette colours of each sample, (S, P, 4).
+        """
+        coefficients = self.coefficients() if coefficients is None else coefficients
+        each = coefficients.dim() == 3
+        mixed = (weights[:, None] @ coefficients)[:, 0] if each else weights @ coefficients
         return blinn_phong(self.normal(position), beams.facing, beams.toward, beams.intensity, mixed)
 
 

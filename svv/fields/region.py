@@ -9,12 +9,16 @@ from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
 
 @dataclass(frozen=True)
 class Region:
-    """A region of the scene: the samples whose largest palette weight is this colour's, and its edits."""
+    """A region of the scene, and its edits.
+
+    It consists of the samples whose largest palette weight is this colour's, or of a part of them that was split off
+    (:mod:`svv.fields.parts`).
+    """
 
     colour: tuple[float, float, float]
     """Palette colour, RGB in [0, 1]."""
     share: float
-    """Fraction of the visible pixels' colour that this palette colour explains."""
+    """Fraction of the visible pixels' colour that this palette colour explains; the whole's includes its parts'."""
     opacity: float = 1.0
     """Factor on the extinction."""
     lighting: float = 1.0
@@ -45,6 +49,9 @@ class Region:
     """Mean shade and mean specular light of the region, measured when the scene was painted."""
     stroke_opacity: float = 0.0
     """How far opacity follows the strokes, in [-1, 1]: above 0 dark strokes are more opaque, below 0 light ones."""
+
+    part_of: int | None = None
+    """Number of the region that it was split from; None for a region of the palette."""
 
     outline: float = 0.0
     """Opacity of the ink of its outlines, in [0, 1]; 0 draws none."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+from svv.errors import Progress, silent
 from svv.fields.edits import EditedModel
-from svv.options.editing import SceneEdit
+from svv.options.editing import SPLIT_LEVEL, SceneEdit
 
 Model = TypeVar("Model", bound=EditedModel)
 
 
-def with_edit(scene: Model, edit: SceneEdit) -> Model:
+def with_edit(scene: Model, edit: SceneEdit, progress: Progress = silent) -> Model:
     """Return the scene with everything in the request applied, as one step that can be undone.
 
-    Resets are applied first, then visibility, regions, light, paint and outlines.
+    Resets are applied first, then a split, visibility, regions, light, paint and outlines.
 
     Raises:
         BadInput: One of the edits cannot be made (:mod:`svv.fields.edits`).
@@ -21,6 +22,9 @@ def with_edit(scene: Model, edit: SceneEdit) -> Model:
     result, seen = scene, edit.visibility
     if seen.reset is not None:
         result = result.reset(*seen.reset)
+    if edit.part.split_at is not None:
+        level = SPLIT_LEVEL if edit.part.split_level is None else edit.part.split_level
+        result = result.split_at(edit.part.split_at, level, progress)
     if seen.isolate is not None:
         result = result.isolated(*seen.isolate)
     if seen.hide is not None:

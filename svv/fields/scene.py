@@ -19,9 +19,9 @@ from svv.core.light import COEFFICIENTS
 from svv.core.outlines import Pen, outlined
 from svv.core.palette_shading import lit
 from svv.errors import BadInput, Progress, silent
-from svv.fields.edits import History
+from svv.fields.history import History
 from svv.fields.image import draw, image_kernels_of
-from svv.fields.model import NETWORKS
+from svv.fields.model import NETWORKS, for_colours, of_colour
 from svv.fields.networks import PaletteColours, encode_directions
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
@@ -147,6 +147,44 @@ class Scene(PaintedModel):
         depth[seen] = mean[:, 3] * self.occupancy.box.size
         region[seen] = mean[:, 4:].argmax(1).to(torch.int16) if self.palette_network is not None else 0
 
+    @torch.no_grad()
+    def point_at(
+        self, camera: Camera, pixel: tuple[float, float], network: str | None = None
+    ) -> tuple[float, float, float]:
+        """Return the point that a pixel shows: where the region that the pixel belongs to is most visible.
+
+        Args:
+            camera: Camera of the picture, in world units.
+            pixel: Column from the left and row from the top of the picture, in pixels.
+            network: As in :meth:`render`.
+
+        Returns:
+            World coordinates, for :meth:`split_at`.
+
+        Raises:
+            BadInput: The pixel is outside the picture, or nothing is visible there.
+        """
+        column, row = (int(np.floor(value)) for value in pixel)
+        if not (0 <= column < camera.width and 0 <= row < camera.height):
+            raise BadInput(
+                f"The pixel {column},{row} is outside the picture of {camera.width} x {camera.height} pixels."
+            )
+        network = network or self.networks[-1]
+        caster = RayCaster([camera], self.occupancy.box, self.device)
+        rays, how = caster.rays(torch.tensor([row * camera.width + column])), self._marching_as_edited(network)
+        samples = march(rays, self.occupancy, self.base.density, how)
+        if self.base.density is None:
+            samples, _ = not_hidden(samples, self.base.extinction(samples), how)
+        if len(samples):
+            _, of, sigma = self.shade(samples, rays, network)
+            _, transmittance, weights = composite(samples, sigma, sigma[:, None])
+            own = of == torch.bincount(of, weights).argmax()
+            nearest = samples.position[torch.where(own, weights, -1.0).argmax()]
+            if float(1.0 - transmittance) > LEAST_ALPHA and float(weights.max()) > 0.0:
+                x, y, z = self.occupancy.box.to_world(nearest.double().cpu().numpy()).tolist()
+                return x, y, z
+        raise BadInput(f"Nothing is visible at the pixel {column},{row}: click on something visible.")
+
     def shade(
         self, samples: Samples, rays: Rays, network: str, beams: Beams | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
@@ -160,20 +198,22 @@ class Scene(PaintedModel):
             at = None  # light that a network learned cannot be moved
         else:
             at = (beams or Beams.headlight(-rays.directions)).at(samples.ray)
-        parts = self.palette_network(samples.position, geometry, directions, at, self.coefficients())
-        region, paint = parts.region, self.paint(samples.position, network)
+        here, coefficients = self.regions_at(samples.position), self.coefficients()
+        coefficients = None if coefficients is None else for_colours(coefficients, here)
+        parts = self.palette_network(samples.position, geometry, directions, at, coefficients)
+        region, paint = of_colour(here, parts.region), self.paint(samples.position, network)
         sigma = followed(self, sigma, region, paint)
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]
-        diffuse = self.with_style(parts.diffuse(self.edited_colours(parts.offsets)), region, paint)
-        return self.light(parts, diffuse, network), region, sigma
+        diffuse = self.with_style(parts.diffuse(self.edited_colours(parts.offsets, here)), region, paint)
+        return self.light(parts, diffuse, region, network), region, sigma
 
-    def light(self, parts: PaletteColours, diffuse: Tensor, network: str) -> Tensor:
-        """Light diffuse colours (S, 3) with the brightness that each region's edits set. (S, 3)"""
+    def light(self, parts: PaletteColours, diffuse: Tensor, region: Tensor, network: str) -> Tensor:
+        """Light diffuse colours (S, 3) with the brightness that the edits of their regions (S,) set. (S, 3)"""
         if network != "styled":
-            factor = diffuse.new_tensor([r.lighting for r in self.regions])[parts.region]
+            factor = diffuse.new_tensor([r.lighting for r in self.regions])[region]
             return lit(diffuse, parts.specular, parts.shade, factor)
-        return lit(diffuse, parts.specular, parts.shade, *lights_of(self, network)[parts.region].unbind(1))
+        return lit(diffuse, parts.specular, parts.shade, *lights_of(self, network)[region].unbind(1))
 
     def _marching_as_edited(self, network: str) -> Marching:
         """Return how rays are sampled; they go deeper where edits make regions more transparent."""
@@ -220,9 +260,10 @@ class Scene(PaintedModel):
     def from_arrays(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]]) -> Scene:
         """Restore a scene from the result of :meth:`to_arrays`."""
         parts = parts_of(header, tensors)
-        regions = tuple(Region(**values) for values in parts["regions"])
-        history = History.from_json(header["history"], regions) if "history" in header else History()
-        return cls(**{**parts, "regions": regions, "history": history})
+        model = cls(**{**parts, "regions": tuple(Region(**values) for values in parts["regions"])})
+        if "history" not in header:
+            return model
+        return replace(model, history=History.from_json(header["history"], model.every_region))
 
     def info(self) -> dict[str, Any]:
         """Describe the scene and how it was made, as plain values."""

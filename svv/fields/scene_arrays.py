@@ -16,6 +16,8 @@ from svv.fields.encodings import Encoding
 from svv.fields.model import NETWORKS
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
+from svv.fields.parts import FINEST, Parts
+from svv.fields.region import Region
 from svv.fields.rendering import Marching
 from svv.fields.variants import PaintedModel, Variant
 
@@ -55,6 +57,9 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
         "made": scene.made,
     }
     tensors: Arrays = {"occupied": np.packbits(scene.occupancy.occupied > 0)}
+    if scene.parts is not None:
+        header["parts"] = {"cells": scene.parts.cells, "undone": [vars(r) for r in scene.parts.undone]}
+        tensors |= {f"parts.{name}": array for name, array in _packed(scene.parts, scene.occupancy).items()}
     named = [*zip(NETWORKS, (scene.base, scene.palette_network, scene.styled), strict=True)]
     named += [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
     for name, network in named:
@@ -80,8 +85,10 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     base = BaseField(settings, occupancy, header["density_resolutions"])
     palette, styled = None, None
     regions = [_values(r) for r in header["regions"]]
+    parts = _unpacked(header["parts"], tensors, occupancy) if "parts" in header else None
+    count = _checked_parts(regions, parts)
     if "pcn" in header["networks"]:
-        colours, normals = torch.zeros(len(regions), 3), header.get("normal_resolutions")
+        colours, normals = torch.zeros(count, 3), header.get("normal_resolutions")
         palette = PaletteField(settings, occupancy, base.geometry_width, colours, normals)
     if "styled" in header["networks"]:
         styled = UnrestrictedField(
@@ -108,13 +115,52 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     variants = [
         Variant(v["name"], network, _tuple(v["styles"]), v["made"]) for v, network in zip(told, others, strict=True)
     ]
-    if any(len(v.styles) != len(regions) for v in variants):
+    every = len(regions) if parts is None else len(regions) + len(parts.undone)
+    if not all(count <= len(v.styles) <= every for v in variants):
         raise ValueError("a variant does not have the scene's regions")
     return {
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
         "styled": styled, "regions": regions, "camera_rig": rig, "made": header["made"], **images,
         "painting": header.get("painting"), "others": tuple(variants), "lamp": Lamp(**_values(header.get("lamp", {}))),
+        "parts": parts,
     }  # fmt: skip
+
+
+def _packed(parts: Parts, occupancy: Occupancy) -> Arrays:
+    """Return the zones of occupied cells, a row for each cell of the occupancy, and the bits of their table."""
+    finer = parts.cells // occupancy.cells
+    rows = _rows(parts.zone, finer)[occupancy.occupied > 0].reshape(-1, finer**3)
+    return {"zone": rows, "inside": parts.inside.astype(np.uint8)}
+
+
+def _unpacked(header: dict[str, Any], tensors: Arrays, occupancy: Occupancy) -> Parts:
+    """Invert :func:`_packed`; raises KeyError, TypeError or ValueError if the content does not fit."""
+    finer = int(header["cells"]) // occupancy.cells
+    if not 1 <= finer <= FINEST or header["cells"] != finer * occupancy.cells:
+        raise ValueError(f"parts of {header['cells']} cells do not fit {occupancy.cells}")
+    zone = np.zeros([finer * n for n in occupancy.occupied.shape], np.uint8)
+    _rows(zone, finer)[occupancy.occupied > 0] = tensors["parts.zone"].reshape(-1, finer, finer, finer)
+    undone = tuple(Region(**_values(r)) for r in header["undone"])
+    return Parts(int(header["cells"]), zone, tensors["parts.inside"] > 0, undone)
+
+
+def _rows(zone: NDArray[np.uint8], finer: int) -> NDArray[np.uint8]:
+    """View a grid as the finer cells of each cell of the occupancy. (X, Y, Z, finer, finer, finer)"""
+    x, y, z = (n // finer for n in zone.shape)
+    return zone.reshape(x, finer, y, finer, z, finer).transpose(0, 2, 4, 1, 3, 5)
+
+
+def _checked_parts(regions: list[dict[str, Any]], parts: Parts | None) -> int:
+    """Return the number of the palette's regions; raises ValueError if parts do not follow them, one after another."""
+    parents = [region.get("part_of") for region in regions]
+    parents += [] if parts is None else [region.part_of for region in parts.undone]
+    own = sum(parent is None for parent in parents)
+    split = parents[own:]
+    if any(parent is None or not 0 <= parent < own + number for number, parent in enumerate(split)):
+        raise ValueError("the parts of regions are out of order")
+    if len(split) != (0 if parts is None else parts.inside.shape[1]):
+        raise ValueError("the parts of regions do not fit their table")
+    return own
 
 
 def _normal_resolutions(scene: PaintedModel) -> tuple[int, ...] | None:

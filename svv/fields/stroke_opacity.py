@@ -33,7 +33,7 @@ OPACITY_TOLERANCE, ITERATIONS, YIELD_BOUNDS = 2e-3, 20, (0.15, 1.0)
 """Relative tolerance of a region's opacity; number of steps after which a larger error is accepted; and bounds of the
 ratio by which the logarithm of a gain changes that of the opacity: 1 in fog, little where the region is opaque."""
 
-_known: WeakKeyDictionary[UnrestrictedField, dict[tuple[tuple[float, float], ...], Tensor]] = WeakKeyDictionary()
+_known: WeakKeyDictionary[UnrestrictedField, dict[tuple[object, ...], Tensor]] = WeakKeyDictionary()
 
 
 def followed(scene: Model, sigma: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
@@ -71,13 +71,14 @@ def strokes_of(scene: Model) -> Tensor | None:
     For a region whose opacity does not follow strokes all four are 0. Solved once per painting and edits.
 
     Returns:
-        g, k, y and b (P, 4); None if no region's opacity follows strokes.
+        g, k, y and b (regions, 4); None if no region's opacity follows strokes.
     """
     amounts = [0.0 if r.style is None else r.stroke_opacity * r.strength for r in scene.regions]
     if scene.styled is None or not any(amounts):
         return None
     known = _known.setdefault(scene.styled, {})
-    key = tuple((amount, r.seen_opacity) for amount, r in zip(amounts, scene.regions, strict=True))
+    parts = "" if scene.parts is None else scene.parts.digest
+    key = (parts, *((amount, r.seen_opacity) for amount, r in zip(amounts, scene.regions, strict=True)))
     if key not in known:
         known[key] = _solved(scene, scene.styled, amounts)
     return known[key]
@@ -102,7 +103,7 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
         rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, replace(scene.marching_for_images, fade=fade))
         if len(samples):
-            region = scene.palette_network.material(samples.position)[1].argmax(dim=1)
+            region = scene.region_of(samples.position, scene.palette_network.material(samples.position)[1])
             sigma = scene.base.extinction(samples) * opacity[region]
             views.append((samples, sigma, region, brightness(network(samples.position))))
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from svv.errors import BadInput
-from svv.fields.edits import EditedModel, restyled
+from svv.errors import BadInput, Progress, silent
+from svv.fields.edits import EditedModel
+from svv.fields.history import restyled
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import mean_lights
 from svv.fields.region import Region
+from svv.options.editing import SPLIT_LEVEL
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -29,7 +31,7 @@ class Variant:
     name: str
     network: UnrestrictedField
     styles: tuple[str | None, ...]
-    """Name of each region's style; None for a region that is not painted."""
+    """Name of each region's style; None for a region that is not painted. Parts that were split off later have none."""
     made: dict[str, Any]
     """Record of how it was painted."""
 
@@ -79,7 +81,7 @@ class PaintedModel(EditedModel):
         if rest:
             return self._showing(rest[0], rest[1:])
         made = {key: value for key, value in self.made.items() if key != "stylized"}
-        return replace(self, styled=None, painting=None, others=(), regions=self._styled(None), made=made)
+        return replace(self._styled(None), styled=None, painting=None, others=(), made=made)
 
     def painted(
         self, network: UnrestrictedField, styles: Mapping[int, str], made: dict[str, Any], name: str | None = None
@@ -98,8 +100,15 @@ class PaintedModel(EditedModel):
         rest = tuple(other for other in self.every_variant if other.name != name)
         every = tuple(styles.get(region) for region in range(len(self.regions)))
         shown = self._showing(Variant(name, network, every, made), rest)
-        lit = zip(shown.regions, mean_lights(self), strict=True)
-        return replace(shown, regions=tuple(replace(region, mean_light=mean) for region, mean in lit))
+        means = mean_lights(self)
+        lit = (replace(r, mean_light=means[root]) for r, root in zip(shown.regions, self.roots, strict=True))
+        return replace(shown, regions=tuple(lit))
+
+    def split_at(self, point: Sequence[float], level: float = SPLIT_LEVEL, progress: Progress = silent) -> Self:
+        """Return the scene with a connected part as a region of its own; see :meth:`EditedModel.split_at`."""
+        result, count = super().split_at(point, level, progress), len(self.regions)
+        # Styles of parts that were undone must not become those of the new part.
+        return replace(result, others=tuple(replace(o, styles=o.styles[:count]) for o in result.others))
 
     def free_name(self, name: str | None) -> str:
         """Return the name for a new variant; by default :data:`UNNAMED`, which may be overwritten.
@@ -125,18 +134,26 @@ class PaintedModel(EditedModel):
         """All variants, in alphabetical order."""
         every = list(self.others)
         if self.styled is not None and self.variant is not None:
-            styles = tuple(region.style for region in self.regions)
+            styles = tuple(region.style for region in self.every_region)
             every.append(Variant(self.variant, self.styled, styles, self.made.get("stylized", {})))
         return tuple(sorted(every, key=lambda variant: variant.name))
 
     def _showing(self, chosen: Variant, rest: tuple[Variant, ...]) -> Self:
         return replace(
-            self,
-            styled=chosen.network, painting=chosen.name, others=rest, regions=self._styled(chosen.styles),
-            made={**self.made, "stylized": chosen.made},
+            self._styled(chosen.styles),
+            styled=chosen.network, painting=chosen.name, others=rest, made={**self.made, "stylized": chosen.made},
         )  # fmt: skip
 
-    def _styled(self, styles: tuple[str | None, ...] | None) -> tuple[Region, ...]:
-        if styles is None:
-            return tuple(replace(restyled(region, None), mean_light=None) for region in self.regions)
-        return tuple(restyled(region, name) for region, name in zip(self.regions, styles, strict=True))
+    def _styled(self, styles: Sequence[str | None] | None) -> Self:
+        """Return the scene with these styles of its regions; parts split off since then have those of the whole."""
+        regions: list[Region] = []
+        for number, region in enumerate(self.every_region):
+            if styles is None:
+                regions.append(replace(restyled(region, None), mean_light=None))
+            elif number < len(styles) or region.part_of is None:
+                regions.append(restyled(region, styles[number]))
+            else:
+                regions.append(restyled(region, regions[region.part_of].style))
+        count = len(self.regions)
+        parts = None if self.parts is None else replace(self.parts, undone=tuple(regions[count:]))
+        return replace(self, regions=tuple(regions[:count]), parts=parts)

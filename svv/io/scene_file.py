@@ -22,6 +22,9 @@ from svv.io.atomic import atomic_path, to_json
 FORMAT_VERSION = 3
 """Incremented whenever an older program can no longer read a newer file, or the other way round."""
 
+WITH_PARTS = 4
+"""Format of scenes with parts of regions, which are the only ones that older programs cannot read."""
+
 READABLE = (1, 2)
 """Older formats that can also be read: without variants and a history of edits; the tables of format 1 are half floats
 instead of bytes."""
@@ -60,7 +63,8 @@ def scene_bytes(header: dict[str, Any], tensors: dict[str, np.ndarray], deflate:
     arrays = {name: np.asarray(array, order="C") for name, array in tensors.items()}
     tables = {name: a.shape for name, a in arrays.items() if deflate and a.dtype == np.uint8 and a.ndim == 2 and a.size}
     arrays |= {name: _deflated(arrays[name]) for name in tables}
-    text = to_json({"version": FORMAT_VERSION, "header": header, "deflated": tables})
+    version = WITH_PARTS if "parts" in header else FORMAT_VERSION
+    text = to_json({"version": version, "header": header, "deflated": tables})
     return save(arrays, metadata={_KEY: text})
 
 
@@ -140,7 +144,7 @@ def _checked_header(file: str, text: str) -> tuple[dict[str, Any], dict[str, Any
         version, header, tables = content["version"], content["header"], content.get("deflated", {})
     except (ValueError, TypeError, KeyError) as error:
         raise BadInput(f"The header of the scene file {file} is damaged; {_REMEDY}.") from error
-    if version not in (FORMAT_VERSION, *READABLE):
+    if version not in (FORMAT_VERSION, WITH_PARTS, *READABLE):
         raise BadInput(
             f"{file} is a scene file of format {version}, but this program reads format {FORMAT_VERSION}; "
             "use the version of svv that made it, or train the scene again."

@@ -93,7 +93,7 @@ def _lit(colour, i, factor, shade, specular):  # type: ignore[no-untyped-def]
 def _light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
     """Light diffuse ``colour`` (S, 3) in place with the output of the lighting MLP (S, 1 or 2).
 
-    ``lights`` (P, 3): response of each region (:func:`svv.fields.paint_light.lights_of`).
+    ``lights`` (regions, 3): response of each region (:func:`svv.fields.paint_light.lights_of`).
     """
     for i in prange(raw.shape[0]):
         shade, r = ONE32, region[i]
@@ -112,11 +112,12 @@ def _phong(  # type: ignore[no-untyped-def]
 
     ``facing``, ``toward``, ``half`` (R, 3): unit vectors of rays towards the viewer, the light and halfway between.
     ``normals`` (V, 3): values of the lattice, which become vectors when multiplied by ``scale``; those much shorter
-    than ``soft`` stay unlit. ``raw`` (S, 1 + 4 P): output of the palette MLP, whose weights mix the ``coefficients``
-    (P, 4). ``lights`` (P, 3): see :func:`light`.
+    than ``soft`` stay unlit. ``raw`` (S, 1 + 4 P): output of the palette MLP, whose weights mix the ``coefficients``,
+    of all samples (1, P, 4) or of each (S, P, 4). ``lights`` (regions, 3): see :func:`light`.
     """
-    levels, count = shapes.shape[0], coefficients.shape[0]
+    levels, count, each = shapes.shape[0], coefficients.shape[1], np.int64(coefficients.shape[0] > 1)
     for i in prange(position.shape[0]):
+        row = np.int64(i) * each
         nx = ny = nz = np.float32(0.0)
         for level in range(levels):
             a, b, c, d, wx, wy, wz = cell_at(
@@ -129,10 +130,10 @@ def _phong(  # type: ignore[no-untyped-def]
         ambient = diffuse = specular = shininess = total = np.float32(0.0)
         for p in range(count):
             share = _softplus(raw[i, 1 + p]) + floor
-            ambient += share * coefficients[p, 0]
-            diffuse += share * coefficients[p, 1]
-            specular += share * coefficients[p, 2]
-            shininess += share * coefficients[p, 3]
+            ambient += share * coefficients[row, p, 0]
+            diffuse += share * coefficients[row, p, 1]
+            specular += share * coefficients[row, p, 2]
+            shininess += share * coefficients[row, p, 3]
             total += share
         r = ray[i]
         long = scale / math.sqrt(soft * soft + scale * scale * (nx * nx + ny * ny + nz * nz))
@@ -156,8 +157,8 @@ def _composite(  # type: ignore[no-untyped-def]
 ):
     """Write the pixels of rays: straight ``rgba`` (R, 4) in [0, 1], ``depth`` (R,) and region ``seen`` (R,) int16.
 
-    A pixel whose alpha does not exceed ``faint`` is unchanged. ``opacity`` (P,) scales each region's extinction. A
-    pixel's region is the one with most of its weight. ``size``: world units per box unit.
+    A pixel whose alpha does not exceed ``faint`` is unchanged. ``opacity`` (regions,) scales each region's extinction.
+    A pixel's region is the one with most of its weight. ``size``: world units per box unit.
     """
     rays, regions = start.shape[0], opacity.shape[0]
     for block in prange((rays + RAYS_A_BLOCK - 1) // RAYS_A_BLOCK):
@@ -222,7 +223,7 @@ def phong(
     _phong(
         *_arrays(samples.position, samples.ray, facing.contiguous(), toward.contiguous(), half), np.float32(intensity),
         *_layout(lattice), *_arrays(table), np.float32(NORMAL_SCALE), np.float32(NORMAL_SOFTNESS),
-        *_arrays(surface.raw, coefficients), np.float32(WEIGHT_FLOOR),
+        *_arrays(surface.raw, coefficients.view(-1, *coefficients.shape[-2:])), np.float32(WEIGHT_FLOOR),
         *_arrays(lights, surface.region, surface.colour),
     )  # fmt: skip
 

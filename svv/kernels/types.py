@@ -69,8 +69,8 @@ class Surface:
     """Appearance of samples before lighting.
 
     ``raw`` (S, 1 + 4 P): output of the palette MLP (:func:`svv.core.palette_shading.material`); ``region`` (S,) int64:
-    number of the largest palette weight; ``colour`` (S, 3): diffuse colour, until :meth:`ImageKernels.light` or
-    :meth:`ImageKernels.phong` lights it.
+    number of the largest palette weight, or of the part that it belongs to; ``colour`` (S, 3): diffuse colour, until
+    :meth:`ImageKernels.light` or :meth:`ImageKernels.phong` lights it.
     """
 
     raw: Tensor
@@ -98,7 +98,7 @@ class ImageKernels(Protocol):
     def light(self, surface: Surface, raw: Tensor, lights: Tensor) -> None:
         """Light the surface's colour in place with the output of the lighting MLP, ``raw`` (S, 1 or 2).
 
-        ``lights`` (P, 3): f, a and b of each region; see :func:`svv.core.palette_shading.lit`.
+        ``lights`` (regions, 3): f, a and b of each region; see :func:`svv.core.palette_shading.lit`.
         """
 
     def phong(
@@ -108,8 +108,9 @@ class ImageKernels(Protocol):
         """Light the surface's colour in place with an explicit light (:func:`svv.core.light.blinn_phong`).
 
         ``beams``: unit vectors of rays towards the viewer and the light, (R, 3) each, and the light's intensity;
-        ``table`` (V, 3): normals in the form that :func:`svv.core.light.normals_of` takes; ``coefficients`` (P, 4):
-        those of each palette colour, mixed by the palette weights; ``lights``: as in :meth:`light`.
+        ``table`` (V, 3): normals in the form that :func:`svv.core.light.normals_of` takes; ``coefficients``: those of
+        the palette's colours, (P, 4) or for each sample (S, P, 4), mixed by the palette weights; ``lights``: as in
+        :meth:`light`.
         """
 
     def composite(
@@ -118,9 +119,9 @@ class ImageKernels(Protocol):
     ) -> None:  # fmt: skip
         """Composite rays into ``images``: straight RGBA (R, 4), depth (R,) and region (R,) int16.
 
-        Pixels whose alpha does not exceed :data:`svv.core.compositing.LEAST_ALPHA` are unchanged. ``opacity`` (P,)
-        scales each region's extinction. A pixel's region is the one with most of its weight. Depth is measured from
-        ``origins`` (R, 3) in world units; ``size`` is a box unit in world units.
+        Pixels whose alpha does not exceed :data:`svv.core.compositing.LEAST_ALPHA` are unchanged. ``opacity``
+        (regions,) scales each region's extinction. A pixel's region is the one with most of its weight. Depth is
+        measured from ``origins`` (R, 3) in world units; ``size`` is a box unit in world units.
         """
 
 

@@ -18,6 +18,9 @@ OUTLINE_WIDTH = 2.0
 OUTLINE_COLOUR: Colour = (0.06, 0.05, 0.05)
 """Default colour of outlines, nearly black: sRGB in [0, 1]."""
 
+SPLIT_LEVEL = 0.5
+"""Default fraction of a region's mean opacity from which its cells are connected when it is split."""
+
 RECOLOUR = Switch("Recolour", "Give the region another colour.")
 REFLECT = Switch("Reflect", "Set how the region reflects a light that can be moved.", advanced=True)
 
@@ -95,6 +98,21 @@ class OutlineEdit(Request):
 
 
 @dataclass(frozen=True)
+class PartEdit(Request):
+    """A connected part of a region that becomes a region of its own."""
+
+    split_at: Annotated[tuple[float, ...] | None, Setting(metavar="X,Y|X,Y,Z", syntax="pixel or point", panel="")] = (
+        None
+    )
+    """Make the connected part of a region that is visible there a region of its own, the last one. Two numbers are a
+    pixel, from the left and the top, of the picture that `svv render` makes with the same --camera, --frame and --size;
+    three are a point in world coordinates."""
+    split_level: Annotated[float | None, Setting(least=0, most=1, unset=SPLIT_LEVEL)] = None
+    """How opaque matter must be to connect, as a fraction of the region's mean opacity; by default 0.5. A higher level
+    separates parts that touch."""
+
+
+@dataclass(frozen=True)
 class VisibilityEdit(Request):
     """Which regions are shown, and which are restored to their trained state."""
 
@@ -118,10 +136,12 @@ class SceneEdit:
     paint: PaintEdit = PaintEdit()
     outline: OutlineEdit = OutlineEdit()
     visibility: VisibilityEdit = VisibilityEdit()
+    part: PartEdit = PartEdit()
+    """A part to split off first; ``split_at`` in world coordinates."""
     of: tuple[int, ...] = ()
     """Regions whose paint is changed; empty means all."""
     outlined: tuple[int, ...] = ()
     """Regions whose outlines are changed; empty means all."""
 
     def __bool__(self) -> bool:
-        return any((*self.regions.values(), self.light, self.paint, self.outline, self.visibility))
+        return any((*self.regions.values(), self.light, self.paint, self.outline, self.visibility, self.part))

@@ -15,6 +15,7 @@ from svv.errors import BadInput
 from svv.pv import follow
 from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
+from svv.pv.picking import watch_picks
 from svv.pv.points import watch_points
 from svv.pv.undo import watch
 
@@ -23,6 +24,9 @@ CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 
 BUTTONS = ("StyleRFEdit", "StyleRFPalette")
 """Filters with buttons that set their panel (:mod:`svv.pv.undo`)."""
+
+PICKS = "StyleRFEdit"
+"""The filter whose parts can be chosen in views (:mod:`svv.pv.picking`)."""
 
 POINTS = "StyleRFStylize"
 """The filter whose points can be set in a view (:mod:`svv.pv.points`)."""
@@ -142,6 +146,8 @@ def _registered(session: Any, *_: Any) -> None:
     for name in KEEPING:
         for filter in _proxies(session, name):
             watch_kept(filter)
+    for filter in _proxies(session, PICKS):
+        watch_picks(filter)
     for filter in _proxies(session, POINTS):
         watch_points(filter)
     for name in follow.IMAGES:

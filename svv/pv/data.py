@@ -53,6 +53,7 @@ def put_scene(scene: Scene, table: vtkTable) -> None:
         ("Region", np.arange(len(regions), dtype=np.int32)),
         ("Colour", colours),
         ("Share", np.array([r.share for r in regions], np.float64)),
+        ("Part Of", np.array([-1 if r.part_of is None else r.part_of for r in regions], np.int32)),
         ("Values", np.array([r.values or (np.nan, np.nan) for r in regions], np.float64).reshape(-1, 2)),
         ("Opacity", np.array([r.opacity for r in regions], np.float64)),
         ("Lighting", np.array([r.lighting for r in regions], np.float64)),

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from svv.core.correction import Correction
-from svv.errors import BadInput, Progress
-from svv.options.editing import LightEdit, OutlineEdit, PaintEdit, RegionEdit, SceneEdit, VisibilityEdit
+from svv.errors import BadInput, Progress, silent
+from svv.options.editing import (
+    SPLIT_LEVEL,
+    LightEdit,
+    OutlineEdit,
+    PaintEdit,
+    PartEdit,
+    RegionEdit,
+    SceneEdit,
+    VisibilityEdit,
+)
 from svv.options.making import DeviceOptions, PaletteOptions
 from svv.pv.option_panel import options_in
-from svv.pv.panels import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, REGIONS
+from svv.pv.panels import ADDED, AS_IT_CAME, BESIDE, IN_WORLD, PALETTE, REGIONS
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
@@ -21,8 +31,13 @@ if TYPE_CHECKING:
 Values = Mapping[str, Any]
 
 
-def as_edited(scene: Scene, values: Values) -> Scene:
+def as_edited(scene: Scene, values: Values, progress: Progress = silent) -> Scene:
     """Return a scene with the panel's edits, as one step of its history.
+
+    Args:
+        scene: The scene as it came.
+        values: The panel's values.
+        progress: Called while regions are split.
 
     Raises:
         BadInput: Any reason of the edits (:mod:`svv.fields.edits`), or Undo is larger than the number of edits.
@@ -42,6 +57,9 @@ def as_edited(scene: Scene, values: Values) -> Scene:
         scene = scene.with_variant(values["Variant"])
     if values["ShowHidden"]:
         scene = scene.shown()
+    level = options_in(PartEdit, values).split_level
+    for point in places_in(values["Parts"], "Parts"):
+        scene = scene.split_at(point, SPLIT_LEVEL if level is None else level, progress)
     return with_edit(scene, edit_in(values)).as_one_step(before)
 
 
@@ -77,6 +95,7 @@ def told(scene: Scene) -> str:
     """Return one line for the panel: the edits that can be undone, and the paintings."""
     past = scene.history.past
     lines = [f"{len(scene.regions)} regions"]
+    lines += [f"region {k} is part of region {r.part_of}" for k, r in enumerate(scene.regions) if r.part_of is not None]
     if past:
         lines.append(f"last edit: {past[-1].what} ({len(past)} to undo)")
     if scene.settings.lighting == "phong":
@@ -94,6 +113,34 @@ def whole_numbers_in(text: str, name: str) -> list[int]:
         raise BadInput(f"{name} must be whole numbers separated by commas, not '{text}'.") from None
 
 
+def places_in(text: str, name: str) -> list[tuple[float, float, float]]:
+    """Parse '0.1,0.2,0.3; 1,2,3' as points in space; raise BadInput for anything else."""
+    places = []
+    for place in filter(None, (p.strip() for p in text.split(";"))):
+        try:
+            x, y, z = (float(word) for word in place.split(","))
+        except ValueError:
+            raise BadInput(f"{name} must be points in space, such as 0.1,0.2,0.3; 1,2,3, not '{text}'.") from None
+        places.append((x, y, z))
+    return places
+
+
+def point_seen(scene: Scene, where: str) -> str:
+    """Return the point of a scene that is visible at a pixel, as the property Parts holds it.
+
+    Args:
+        scene: The edited scene.
+        where: Camera and pixel as JSON, from :func:`svv.pv.picking.seen_at`.
+
+    Raises:
+        BadInput: Nothing is visible there.
+    """
+    from svv.pv.work import camera_for
+
+    seen = json.loads(where)
+    return ",".join(f"{value:.7g}" for value in scene.point_at(camera_for(scene, seen), seen["pixel"]))
+
+
 def correction_in(values: Values) -> Correction:
     """Return the correction that the panel asks for; an empty one is false.
 
@@ -102,7 +149,7 @@ def correction_in(values: Values) -> Correction:
     """
     groups = filter(str.strip, values["Merge"].split(";"))
     chosen = {
-        what: [k for k in range(REGIONS) if values[f"Region{k}{what}"]] for what in ("Remove", "Split", "SetColour")
+        what: [k for k in range(PALETTE) if values[f"Region{k}{what}"]] for what in ("Remove", "Split", "SetColour")
     }
     return Correction(
         tuple(tuple(whole_numbers_in(group, "Merge")) for group in groups),

@@ -239,7 +239,7 @@ def view_to_follow(filter: Any) -> Any:
 
     active = simple.GetActiveView()
     views = sorted(simple.GetRenderViews(), key=lambda view: view != active)  # the active one first
-    before = list(_upstream(filter))
+    before = list(upstream(filter))
     images = [source for source in simple.GetSources().values() if source.SMProxy.GetXMLName() in IMAGES]
     showing = [view for view in views if shows(view, before)]
     without = [view for view in views if not shows(view, images)]
@@ -252,13 +252,13 @@ def shows(view: Any, sources: Sequence[Any]) -> bool:
     return any(one is not None and one.SMProxy == source.SMProxy for one in given for source in sources)
 
 
-def _upstream(filter: Any) -> Iterator[Any]:
+def upstream(filter: Any) -> Iterator[Any]:
     """Yield the filters and sources upstream of a filter."""
     given = getattr(filter, "Input", None)
     if given is not None:
         for one in [given] if hasattr(given, "SMProxy") else given:  # some filters take several inputs
             yield one
-            yield from _upstream(one)
+            yield from upstream(one)
 
 
 def _image_filter(candidates: Sequence[Any]) -> Any:

@@ -83,17 +83,23 @@ def digest_of_views(views: ViewSet) -> str:
 
 
 def digest_of_scene(scene: Scene) -> str:
-    """Return a hash of what was learned: box, palette, and networks except the paintings'. Edits do not change it."""
+    """Return a hash of what was learned: box, palette, and networks except the paintings'. Edits do not change it.
+
+    Parts count as well, although no network learned them: paintings belong to regions.
+    """
     learned = (
         scene.base if scene.palette_network is None else scene.palette_network
     )  # a scene's edits and paintings share it
     if learned not in _scenes:
         header, arrays = scene.to_arrays()
         own = {k: header[k] for k in LEARNED}
-        colours = [[r.colour, r.ranges] for r in scene.regions]
+        colours = [[r.colour, r.ranges] for r in scene.palette_regions]
         tables = {k: v for k, v in arrays.items() if k.split(".")[0] in ("base", "pcn", "occupied")}
         _scenes[learned] = digest(own, colours, tables)
-    return _scenes[learned]
+    split = scene.regions[len(scene.palette_regions) :]
+    if scene.parts is None or not split:
+        return _scenes[learned]
+    return digest(_scenes[learned], scene.parts.digest, [r.part_of for r in split])
 
 
 def digest_of_edits(scene: Scene) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from paraview.util.vtkAlgorithm import smdomain, smhint, smproperty
 
-from svv.options.editing import LightEdit, OutlineEdit, RegionEdit
+from svv.options.editing import LightEdit, OutlineEdit, PartEdit, RegionEdit
 from svv.options.making import (
     DRAWN,
     DeviceOptions,
@@ -29,6 +29,7 @@ from svv.pv.properties import (
     integer,
     number,
     numbers,
+    picked,
     scalars,
     shown_where,
     switch,
@@ -43,8 +44,10 @@ TAKE_HELP = (
     "playing an animation starts minutes of work by itself. Nothing is done if nothing has changed. Results that a "
     "saved state cannot find are made again."
 )
-REGIONS = 8
-"""Number of regions in a panel, the most that a palette can have. StyleRF Edit ignores those that a scene lacks."""
+PALETTE = 8
+"""The most regions that a palette can have."""
+REGIONS = PALETTE + 4
+"""Number of regions in a panel: a palette's, and parts. StyleRF Edit ignores those that a scene lacks."""
 
 ROW = ("Style", "Positive", "Negative", "Mask", "Part")
 """Properties of StyleRF Stylize for each region, without the prefix ``Region<k>``."""
@@ -171,6 +174,18 @@ def region_properties(region: int) -> Sequence[Property]:
     return group(f"Region {region}", [
         *properties_of(RegionEdit(), name, advanced),
         switch(f"{name}Hide", False, "Hide the region without changing its opacity.", advanced),
+    ])  # fmt: skip
+
+
+def part_properties() -> Sequence[Property]:
+    """Return the properties for splitting regions into connected parts."""
+    return group("Parts", [
+        button("ClickPart", "Clicks in a view make the connected part of a region that is visible there a region of "
+               "its own, until the button is pressed again: in the image of the scene, or in the 3D view."),
+        text("Parts", "Points in the parts that become regions, as x,y,z in world coordinates, separated by "
+             "semicolons; clicks add to them. The parts follow the other regions, in this order."),
+        *properties_of(PartEdit()),
+        *picked(),
     ])  # fmt: skip
 
 

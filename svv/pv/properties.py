@@ -263,6 +263,21 @@ def kept_as() -> list[Property]:
     return [Property("KeptAs", xml, "", {"SetKeptAs": setter}), told]
 
 
+def picked() -> list[Property]:
+    """Return the properties through which the client asks what is visible at a pixel (:mod:`svv.pv.picking`)."""
+    xml = (
+        '<StringVectorProperty name="Pick" command="SetPick" number_of_elements="1" default_values="" '
+        'panel_visibility="never" state_ignored="1"><Documentation>Camera and pixel of the last click, as JSON.'
+        "</Documentation></StringVectorProperty>"
+    )
+
+    def setter(self: Any, value: str) -> None:
+        self.pick(value or "")
+
+    told = hidden_text("Picked", "GetPicked", "The point in space that is visible there; empty if there is none.")
+    return [Property("Pick", xml, "", {"SetPick": setter}), told]
+
+
 def hidden_text(name: str, command: str, help: str) -> Property:
     """Return a text that the filter's method ``command`` gives to client code; no panel shows it."""
     xml = (

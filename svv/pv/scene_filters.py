@@ -27,6 +27,7 @@ from svv.pv.panels import (
     ADDED,
     NO_GALLERY,
     OFFERED,
+    PALETTE,
     PICTURES,
     REGIONS,
     added_properties,
@@ -36,6 +37,7 @@ from svv.pv.panels import (
     light_properties,
     menu,
     outline_properties,
+    part_properties,
     point_properties,
     preview_file,
     region_properties,
@@ -104,6 +106,7 @@ class SceneOutput(Keeping):
     button("UndoEdit", "Undo the last change that was applied."),
     button("RedoEdit", "Redo the last change that was undone."),
     button("ResetEdits", "Reset this panel, so that the scene passes through unchanged."),
+    *part_properties(),
     *light_properties(),
     *(p for region in range(REGIONS) for p in region_properties(region)),
     text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
@@ -123,18 +126,35 @@ class StyleRFEdit(SceneOutput):
     """Edit a scene instantly, without training: change the colour, opacity and lighting of its regions, hide, isolate
     and outline them, and move its light if it has a movable one. The rows of the input's table are the regions."""
 
-    def __init__(self) -> None:
-        super().__init__(1, 1, "vtkTable")
-
     def UndoEdit(self) -> None:
         """Do nothing: the client handles this button, in :mod:`svv.pv.undo`."""
 
-    RedoEdit = ResetEdits = UndoEdit
+    RedoEdit = ResetEdits = ClickPart = UndoEdit
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkTable")
+        self._picked = ""
+
+    def pick(self, where: str) -> None:
+        """Find the point that is visible where a click went, for :meth:`GetPicked`."""
+        from svv.pv.editing import point_seen
+
+        self._picked = ""
+        scene = self.last("given")
+        if where and scene is not None:
+            try:
+                self._picked = point_seen(scene, where)
+            except BadInput as error:
+                self.say(str(error))
+
+    def GetPicked(self) -> str:
+        """Return the point in space that the last click went to; empty if nothing is visible there."""
+        return self._picked
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.editing import as_edited, told
 
-        scene = as_edited(scene_of(inputs[0]), self.values)
+        scene = as_edited(scene_of(inputs[0]), self.values, self.progress)
         self.give(scene, outputs[0])
         return told(scene)
 
@@ -150,7 +170,7 @@ class StyleRFEdit(SceneOutput):
     file("ViewsFile", "json", "Views",
          "If no views are connected: transforms_train.json in the folder of views that the scene was trained on."),
     text("Merge", "Regions to merge into one, such as 0, 1. Separate several groups by semicolons: 0, 1; 2, 3."),
-    *(p for region in range(REGIONS) for p in correction_properties(region)),
+    *(p for region in range(PALETTE) for p in correction_properties(region)),
     *(p for number in range(ADDED) for p in added_properties(number)),
     *learning_properties(PaletteOptions()),
     device(),

@@ -67,8 +67,9 @@ def watch(filter: Any) -> None:
     proxy.AddObserver("UpdatePropertyEvent", history.pressed)
 
 
-NO_SETTINGS = ("SaveFile", "KeptAs")
-"""Properties that no button sets: the file for the scene, and the names that the filter itself fills in."""
+NO_SETTINGS = ("SaveFile", "KeptAs", "Pick")
+"""Properties that no button sets: the file for the scene, the names that the filter itself fills in, and the place of
+the last click."""
 
 
 def values_of(proxy: Any) -> dict[str, Any]:

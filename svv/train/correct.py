@@ -17,8 +17,8 @@ from svv.core.cameras import CameraRig
 from svv.core.classified import ClassifiedVolume
 from svv.core.correction import Correction, Entry, corrected
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.edits import History, edits_of, with_edits
 from svv.fields.encodings import SparseLattice
+from svv.fields.history import History, edits_of, with_edits
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import forget_gpu_peak
@@ -67,8 +67,8 @@ def correct_palette(
 
     Returns:
         The scene with its new regions, and a report as from :func:`train_scene`, whose ``notes`` say what was done. A
-        region that replaces an old one keeps its edits, but there is no history. Paintings are dropped, because they
-        belong to the old regions.
+        region that replaces an old one keeps its edits, but there is no history. Paintings and parts are dropped,
+        because they belong to the old regions.
 
     Raises:
         BadInput: There is no palette network, the views are of another scene, or the correction is impossible
@@ -85,7 +85,7 @@ def correct_palette(
         chosen = preset(asked.preset, scene.settings.encoding)
     if asked.views_only:
         views = replace(views, classified=None)
-    volume = views.classified if all(region.values for region in scene.regions) else None
+    volume = views.classified if all(region.values for region in scene.palette_regions) else None
     ranges = () if volume is None else volume.ranges
     entries, notes = corrected(_entries(scene, volume), correction, ranges)
     palette = np.array([entry.colour for entry in entries])
@@ -109,11 +109,10 @@ def correct_palette(
         shown = [tuple((ranges[r].low, ranges[r].high) for r in entry.ranges) for entry in entries]
         regions = regions_for(network, shares, shown)
         plain = replace(scene, palette_network=network, regions=regions, history=History(), styled=None, painting=None,
-                        others=())  # fmt: skip
+                        others=(), parts=None)  # fmt: skip
         plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
-    if scene.variants:
-        notes = (*notes, f"paintings of the old regions dropped: {', '.join(scene.variants)}")
+    notes = (*notes, *_dropped(scene))
     kept = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
     result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, kept, strict=True)))
     seconds = {"pcn": spent, "sampling": time.monotonic() - begin}
@@ -126,12 +125,20 @@ def correct_palette(
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
 
 
+def _dropped(scene: Scene) -> list[str]:
+    """Say what belongs to the old regions and is dropped with them."""
+    parts, paintings = len(scene.regions) - len(scene.palette_regions), ", ".join(scene.variants)
+    said = [f"{parts} parts of the old regions dropped: split the new ones again"] if parts else []
+    return [*said, f"paintings of the old regions dropped: {paintings}"] if paintings else said
+
+
 def _entries(scene: Scene, volume: ClassifiedVolume | None) -> list[Entry]:
     """Return the present palette, with the ranges of each region if the volume is known."""
-    member = np.zeros((0, len(scene.regions)), bool) if volume is None else membership(scene.regions, volume)
+    own = scene.palette_regions
+    member = np.zeros((0, len(own)), bool) if volume is None else membership(own, volume)
     return [
         Entry(region.colour, region.share, (number,), tuple(int(r) for r in np.flatnonzero(member[:, number])))
-        for number, region in enumerate(scene.regions)
+        for number, region in enumerate(own)
     ]
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from svv.core import palette_shading
 from svv.fields.encodings import LatticeAdam
+from svv.fields.model import for_colours, of_colour
 from svv.fields.networks import UnrestrictedField
 from svv.fields.rendering import RayCaster, Rays, march
 from svv.fields.scene import Scene
@@ -50,7 +51,7 @@ class Distillation:
 
         Args:
             scene: A scene with a palette colour network.
-            transferred: The palette after colour transfer, RGB. (P, 3)
+            transferred: The regions' colours after colour transfer, RGB. (regions, 3)
             settings: Settings of stage 3.
             seed: Seed of networks and rays.
             before: A UCN to start from: regions that the scene marks as styled keep its colours.
@@ -73,7 +74,7 @@ class Distillation:
                 self.field.load_state_dict(before.state_dict())
         styled = [before is not None and r.style is not None for r in scene.regions]
         self.known = torch.tensor(styled, device=scene.device)
-        """Regions whose colours ``before`` holds. (P,)"""
+        """Regions whose colours ``before`` holds. (regions,)"""
         cameras = scene.rig.sphere(settings.distil_views, DISTILLATION_SIZE)
         self.caster = RayCaster(cameras, scene.occupancy.box, scene.device)
         pixels = np.random.default_rng(seed).integers(0, settings.distil_views * DISTILLATION_SIZE**2, PROBE)
@@ -107,8 +108,9 @@ class Distillation:
     def truth(self, samples: Samples, rays: Rays) -> Tensor:
         """Return the target colours of samples: the transferred palette's, or those of ``before``. (S, 3)"""
         intensity, weights, offsets = self.teacher.material(samples.position)
-        colours = palette_shading.diffuse(intensity, weights, self.palette + offsets)
+        here = self.scene.regions_at(samples.position)
+        colours = palette_shading.diffuse(intensity, weights, for_colours(self.palette, here) + offsets)
         if self.before is not None:
-            there = self.known[weights.argmax(dim=1)]
+            there = self.known[of_colour(here, weights.argmax(dim=1))]
             colours[there] = self.before(samples.position[there])
         return colours

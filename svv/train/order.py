@@ -158,9 +158,9 @@ class Painting:
         return targets_of(self.scene, network, pictures, masks, self.weights, self.settings, self.seed)
 
     def _transferred(self, targets: Mapping[int, StyleTarget]) -> Tensor:
-        """Return the palette with the mean colours of styles, and of paper where ink is drawn. (P, 3)"""
+        """Return the regions' colours with the mean colours of styles, and of paper where ink is drawn. (regions, 3)"""
         assert self.scene.palette_network is not None
-        colours = self.scene.palette_network.colours.detach().clone()
+        colours = self.scene.palette_network.colours.detach()[self.scene.roots]
         for region, target in targets.items() if self.settings.colour_transfer else ():
             colours[region] = target.statistics[0]
         for region in self.order.inks:

@@ -20,6 +20,7 @@ from torch import Tensor
 from svv.core import palette_shading
 from svv.errors import BadInput, Progress, part
 from svv.fields.encodings import SparseLattice
+from svv.fields.model import for_colours, of_colour
 from svv.fields.networks import UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
@@ -76,7 +77,7 @@ class Start:
     """Styles, inks and colours from which the painting starts, before any matching."""
 
     transferred: Tensor
-    """The palette after colour transfer, RGB. (P, 3)"""
+    """The regions' colours after colour transfer, RGB. (regions, 3)"""
     targets: Mapping[int, StyleTarget]
     """Style of each region that gets one."""
     inks: Mapping[int, Ink] = field(default_factory=dict)
@@ -183,16 +184,17 @@ def _flat(
         piece = slice(first, first + (1 << 17))
         position = torch.from_numpy(place[piece]).to(transferred.device)
         intensity, weights, offsets = scene.palette_network.material(position)
-        found = palette_shading.diffuse(intensity, weights, transferred + offsets)
-        largest = weights.argmax(dim=1)
+        here = scene.regions_at(position)
+        found = palette_shading.diffuse(intensity, weights, for_colours(transferred, here) + offsets)
+        largest = of_colour(here, weights.argmax(dim=1))
         if before is not None:
             there = torch.isin(largest, torch.tensor(kept, device=largest.device))
             found[there] = before(position[there])
             weights = weights.masked_fill(there[:, None], -1.0)
         colours[piece] = found.clamp(0.0, 1.0).cpu().numpy()
-        among = weights.masked_fill(~own, -1.0)
+        among = weights.masked_fill(~for_colours(own, here), -1.0)
         best, which = among.max(dim=1)
-        region[piece] = torch.where(best > 0.0, which, -1).cpu().numpy()
+        region[piece] = torch.where(best > 0.0, of_colour(here, which), -1).cpu().numpy()
     return region, colours
 
 

@@ -177,17 +177,18 @@ def region_overlaps(scene: Scene, views: ViewSet, volume: ClassifiedVolume) -> l
         volume: The classified volume, which gives the transfer function range of each point.
 
     Returns:
-        Numbers in [0, 1]: one per region if the scene knows the values of its regions; an empty list if such regions
-        share a range, because the volume then does not tell which part belongs to which. For regions found in views
-        alone, one per range that has at least the palette's ``min_share`` of the visible light, in ascending order of
-        values, each with a region of its own so that the sum is largest; 0 for a range without one.
+        Numbers in [0, 1]: one per region of the palette if the scene knows the values of its regions; an empty list if
+        such regions share a range, because the volume then does not tell which part belongs to which. For regions
+        found in views alone, one per range that has at least the palette's ``min_share`` of the visible light, in
+        ascending order of values, each with a region of its own so that the sum is largest; 0 for a range without one.
     """
     assert scene.palette_network is not None
-    valued = all(region.values for region in scene.regions)
-    ranges, count = len(volume.ranges), len(scene.regions)
+    regions = scene.palette_regions
+    valued = all(region.values for region in regions)
+    ranges, count = len(volume.ranges), len(regions)
     region_of_range = np.arange(ranges)
     if valued:
-        member = membership(scene.regions, volume)
+        member = membership(regions, volume)
         if (member.sum(axis=1) > 1).any():
             return []
         region_of_range = member.argmax(axis=1)

@@ -220,7 +220,8 @@ def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress, wh
         position, weight, ray = samples.position[seen], weight[seen], samples.ray[seen].long()
         region = torch.zeros_like(ray, dtype=torch.int16)
         if scene.palette_network is not None and not whole:
-            region = torch.cat([scene.palette_network.material(p)[1].argmax(1).short() for p in position.split(piece)])
+            material = scene.palette_network.material
+            region = torch.cat([scene.region_of(p, material(p)[1]).short() for p in position.split(piece)])
         row, column = ray // camera.width, ray % camera.width
         top, left = max(0, int(row.min()) - RIM), max(0, int(column.min()) - RIM)
         bottom = min(camera.height, int(row.max()) + RIM + 1)

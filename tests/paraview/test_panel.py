@@ -13,6 +13,7 @@ from svv.io.output import to_bytes
 from svv.io.viewset import ViewSet
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
 from tests.cube import cube_scene, lit_cube_scene
+from tests.loose_balls import loose_balls
 
 
 def test_regions_are_hidden_isolated_and_edits_taken_back(inside, tmp_path: Path) -> None:
@@ -176,3 +177,74 @@ said["no region"] = status(palette)
     assert said["changed"][1] == [0, 1, 2, 3] and "#e6e61a added" in said["changed"][0]
     assert len(Scene.load(tmp_path / "corrected.svv").regions) == 4
     assert said["reset"] == [0, [0, 1, 2]] and "no region 7" in said["no region"]
+
+
+def test_a_click_makes_a_part_a_region_of_its_own(inside, tmp_path: Path) -> None:
+    loose_balls().save(tmp_path / "balls.svv")
+    said = inside("""
+from svv.pv.picking import pick
+from svv.pv.follow import fit, show_image
+edit = StyleRFEdit(Input=OpenDataFile(folder + "/balls.svv"), SaveFile=folder + "/split.svv")
+image = StyleRFRender(Input=edit, ImageSize=[60, 60], Camera=[0, 0, 3, 0, 0, 0, 0, 1, 0, 23])
+sides = lambda: [int((arrays(image)["RGBA"][:, half, 3] > 200).sum()) for half in (slice(0, 30), slice(30, 60))]
+said["whole"] = [status(edit), sides()]
+flat = CreateView("RenderView")
+flat.ViewSize = [120, 120]
+show_image(image, flat)
+Render(flat)
+fit(flat, 60, 60)
+pick(edit, flat, (34, 60))  # in the left ball, which is 9 pixels wide in the image
+said["split"] = [status(edit), edit.Parts, column(edit, "Part Of"), sides()]
+edit.Region2Hide = 1
+said["hidden"] = [status(edit), sides()]
+edit.SaveScene()
+pick(edit, flat, (34, 60))  # nothing is there any more
+said["nothing"] = [edit.Status, edit.Parts]
+pick(edit, flat, (84, 60))
+said["one piece"] = status(edit)
+edit.UndoEdit()
+said["undone"] = [status(edit), edit.Parts, edit.Region2Hide]
+edit.UndoEdit(), edit.UndoEdit()
+said["all undone"] = [status(edit), edit.Parts, sides()]
+edit.RedoEdit(), edit.RedoEdit()
+said["redone"] = [edit.Parts, edit.Region2Hide, sides()]
+edit.ResetEdits()
+solid = CreateView("RenderView")  # a 3D view, with a camera of its own: from the left, the left ball hides the other
+solid.ViewSize = [100, 80]
+Show(Box(XLength=1, YLength=1, ZLength=1), solid)
+Render(solid)
+camera = solid.GetActiveCamera()
+camera.SetPosition(-3, 0, 0), camera.SetFocalPoint(0, 0, 0), camera.SetViewUp(0, 1, 0), camera.SetViewAngle(23)
+pick(edit, solid, (50, 40))
+said["solid"] = [float(edit.Parts.split(",")[0]), status(edit)]
+edit.Parts = "1,2"
+said["no point"] = status(edit)
+edit.ResetEdits()
+hand = flat.GetInteractor()
+def click(x, y, moved=0):
+    hand.SetEventInformation(x, y)
+    hand.InvokeEvent("LeftButtonPressEvent")
+    hand.SetEventInformation(x + moved, y)
+    hand.InvokeEvent("LeftButtonReleaseEvent")
+said["clicks"] = []
+for press, moved in ((0, 0), (1, 20), (0, 0), (1, 0)):  # off, on but dragged, on, off
+    press and edit.ClickPart()
+    click(34, 60, moved)
+    said["clicks"].append(edit.Parts)
+    if edit.Parts:
+        edit.ResetEdits()
+""")
+    whole, both = said["whole"]
+    assert "2 regions" in whole and min(both) > 40
+    told, point, part_of, shown = said["split"]
+    assert "3 regions; region 2 is part of region 0; last edit: split region 0 (1 to undo)" in told
+    assert part_of == [-1, -1, 0] and shown == both and float(point.split(",")[0]) < -0.2
+    assert said["hidden"][1] == [0, both[1]] and "hide 2" in said["hidden"][0]
+    assert [r.part_of for r in Scene.load(tmp_path / "split.svv").regions] == [None, None, 0]
+    assert "Nothing is visible at the pixel" in said["nothing"][0] and said["nothing"][1] == point
+    assert "in one piece" in said["one piece"]
+    assert said["undone"][1:] == [point, 1] and said["all undone"][1:] == ["", both]
+    assert said["redone"] == [point, 1, [0, both[1]]]
+    assert said["solid"][0] < -0.2 and "3 regions" in said["solid"][1]
+    assert "Parts must be points in space" in said["no point"]
+    assert [text[:4] for text in said["clicks"]] == ["", "", "-0.2", ""]

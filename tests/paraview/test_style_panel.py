@@ -48,7 +48,8 @@ def test_points_of_a_mask_are_set_in_the_view(inside, tmp_path: Path) -> None:
     write_png(tmp_path / "large.png", picture)
     said = inside("""
 paint = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), StyleFiles=["large.png"], PreviewOnly=1, ShownMask=1)
-from svv.pv.points import place_under, set_point
+from svv.pv.clicks import place_under
+from svv.pv.points import set_point
 from svv.pv.follow import fit, show_image
 none = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), PreviewOnly=1)
 set_point(none, (0, 0), "ClickInside")

@@ -1,0 +1,63 @@
+"""Connected parts of what is visible in a grid of cells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label
+
+LEAST_PART = 1e-3
+"""Size of a piece, as a fraction of the cells that are looked at, below which it is dust: it belongs to the nearest
+larger piece, unless it is the one that is asked for."""
+
+TOUCHING = np.ones((3, 3, 3), bool)
+"""Cells that share a face, an edge or a corner are connected: sheets and wires one cell thick do not fall apart."""
+
+
+def least_opacity(opacity: NDArray[np.float32], level: float) -> float:
+    """Return the opacity from which a region's cells connect: ``level`` times its mean opacity, as it is seen.
+
+    Each cell counts by its opacity, so haze, which fills most cells and shows little, hardly matters.
+
+    Args:
+        opacity: Opacity of the region's cells, in [0, 1]. (N,)
+        level: Fraction in [0, 1].
+    """
+    total = float(opacity.sum(dtype=np.float64))
+    return level * float(np.square(opacity, dtype=np.float64).sum()) / max(total, 1e-12)
+
+
+def pieces(visible: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the connected piece of each cell, 0 where nothing is visible (X, Y, Z), and the sizes of pieces (K + 1,).
+
+    The size of piece 0 is 0.
+    """
+    labels, _ = label(visible, TOUCHING)
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    return labels.astype(np.int32, copy=False), sizes
+
+
+def nearest_piece(labels: NDArray[np.int32], place: NDArray[np.float64]) -> tuple[int, float]:
+    """Return the piece with the cell nearest to a place, and its distance; piece 0 at infinity if there is no piece.
+
+    Args:
+        labels: Piece of each cell, 0 for none. (X, Y, Z)
+        place: Place in units of cells; the first cell's centre is at 0.5. (3,)
+
+    Returns:
+        Number of the piece; distance from the place to the cell's centre, in cells.
+    """
+    there = np.argwhere(labels)
+    if not len(there):
+        return 0, np.inf
+    distance = np.linalg.norm(there + 0.5 - place, axis=1)
+    first = int(distance.argmin())
+    return int(labels[tuple(there[first])]), float(distance[first])
+
+
+def large(sizes: NDArray[np.int64], asked: int) -> NDArray[np.bool_]:
+    """Return which pieces are no dust, the one that is asked for always among them, from the sizes of all. (K + 1,)"""
+    found = sizes >= max(1.0, LEAST_PART * float(sizes.sum()))
+    found[0], found[asked] = False, True
+    return found

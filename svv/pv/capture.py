@@ -17,6 +17,7 @@ from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
 from svv.pv.points import watch_points
 from svv.pv.undo import watch
+from svv.pv.volume_display import as_volume
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
@@ -153,7 +154,9 @@ def _registered(session: Any, *_: Any) -> None:
     for display in _proxies(session, DISPLAY, "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
             display.SMProxy.SetAnnotation(SEEN, "1")
-            if not loading and display.Input.SMProxy.GetXMLName() in IMAGES:
+            if loading or as_volume(display):
+                continue
+            if display.Input.SMProxy.GetXMLName() in IMAGES:
                 as_it_is(display)
 
 

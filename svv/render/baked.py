@@ -65,6 +65,10 @@ class BakedVolume:
         """Whether nothing in it is visible."""
         return not self.rgba[..., 3].any()
 
+    def fields(self) -> dict[str, NDArray[np.float64]]:
+        """Return the field data that go with it: the opacity function (256, 2) and its unit distance (1, 1)."""
+        return {OPACITY: np.array(opacity_points()), UNIT_DISTANCE: np.array([[self.grid.unit_distance]])}
+
     def told(self) -> str:
         """Return its size for the user."""
         x, y, z = self.grid.shape
@@ -252,14 +256,12 @@ def write_baked(path: Path, volume: BakedVolume, progress: Progress = silent) ->
     """
     if volume.empty:
         raise BadInput("Nothing in the scene is visible: show a region, or make it more opaque.")
-    points, unit = np.array(opacity_points()), volume.grid.unit_distance
     preset = path.with_suffix(".json")
-    said = {OPACITY: points, UNIT_DISTANCE: np.array([[unit]])}
     place = volume.grid.origin, (volume.grid.spacing,) * 3
-    write_volume(path, {COLOURS: volume.rgba}, *place, said, progress)
+    write_volume(path, {COLOURS: volume.rgba}, *place, volume.fields(), progress)
     write_json(preset, [{
-        "Name": "StyleRF Volume", "ColorSpace": "RGB", "ScalarOpacityUnitDistance": unit,
+        "Name": "StyleRF Volume", "ColorSpace": "RGB", "ScalarOpacityUnitDistance": volume.grid.unit_distance,
         "RGBPoints": [0.0, 0.0, 0.0, 0.0, 255.0, 1.0, 1.0, 1.0],
-        "Points": [x for code, opacity in points.tolist() for x in (code, opacity, 0.5, 0.0)],
+        "Points": [x for code, opacity in opacity_points() for x in (code, opacity, 0.5, 0.0)],
     }])  # fmt: skip
     return preset

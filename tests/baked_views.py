@@ -6,8 +6,10 @@ from unittest.mock import patch
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import vtkMultiThreader
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
+from svv.core.cameras import Camera
 from svv.core.opacity_code import opacity_points
 from svv.core.shading import Shading
 from svv.dvr import mappers
@@ -34,6 +36,18 @@ class BakedCaster(mappers.CpuMapper):
         with patch.object(mappers, "_visible_blocks", self._visible_blocks):  # theirs is for scalars
             super().__init__(stage, Shading(on=False), step * grid.spacing)
         self._volume.GetProperty().IndependentComponentsOff()
+
+    def cast(self, camera: Camera) -> np.ndarray:
+        """Cast rays with all threads, but look for empty blocks with one, as ParaView does.
+
+        With several, VTK (9.2 to 9.7) takes the wrong blocks of a volume of colours for empty.
+        """
+        limit = vtkMultiThreader.GetGlobalMaximumNumberOfThreads()
+        vtkMultiThreader.SetGlobalMaximumNumberOfThreads(1)
+        try:
+            return super().cast(camera)
+        finally:
+            vtkMultiThreader.SetGlobalMaximumNumberOfThreads(limit)
 
     def _visible_blocks(self, stage: Stage) -> tuple[np.ndarray, float]:
         side = mappers.BLOCK

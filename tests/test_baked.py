@@ -97,14 +97,15 @@ def test_vtk_draws_what_we_draw(densest: float) -> None:
     # VTK rounds the interpolated code to a whole one.
     assert np.abs(drawn[..., 3] - ours[..., 3]).mean() < 0.01
     inside = ours[..., 3] > 0.2
-    assert np.abs(drawn[..., :3] - ours[..., :3])[inside].max() < 0.02
+    assert np.abs(drawn[..., :3] - ours[..., :3])[inside].max() < 0.04
 
 
-def test_a_finer_scene_is_not_needed_to_make_it_finer() -> None:
+def test_the_grid_is_as_fine_as_the_scene_unless_asked_otherwise() -> None:
     ball = solid_ball()
-    assert bake(ball, BakeOptions(resolution=1000)).grid.resolution == 32
+    assert bake(ball, BakeOptions()).grid.resolution == 32
+    assert bake(ball, BakeOptions(resolution=100)).grid.resolution == 96
     assert bake(ball, BakeOptions(resolution=31)).grid.resolution == 16
-    small = bake(ball, BakeOptions(memory=0.05))
+    small = bake(ball, BakeOptions(memory=5e-5))
     assert small.grid.resolution == 16 and small.rgba.nbytes <= 50_000
     coarse = small.grid
     low, high = np.array(coarse.origin), np.array(coarse.origin) + coarse.spacing * (np.array(coarse.shape) - 1)
@@ -283,7 +284,7 @@ def test_bad_input_is_one_sentence(
 
 def test_too_little_memory_and_nothing_visible_are_said(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="allow it more memory"):
-        bake(solid_ball(), BakeOptions(memory=1e-5))
+        bake(solid_ball(), BakeOptions(memory=1e-8))
     with pytest.raises(BadInput, match="Nothing in the scene is visible"):
         write_baked(tmp_path / "a.vti", bake(solid_ball().hidden(0)))
     assert not list(tmp_path.iterdir())

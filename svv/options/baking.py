@@ -18,7 +18,7 @@ class BakeOptions:
     resolution: Annotated[
         int | None, Setting(least=8, metavar="N", slider=(0, 1024), unset=0, unset_says="0: as fine as the scene.")
     ] = None
-    """Cells along the longest side of the scene's box, at most; by default as many as the scene distinguishes."""
+    """Cells along the longest side of the scene's box, at most; by default as many as its finest lattice has."""
     memory: Annotated[float, Setting(least=0.001, metavar="GB", slider=(0.01, 4.0))] = 0.25
     """Gigabytes that the volume may take, 4 bytes for each point; it is coarser if it would be larger."""
     light: BakedLight = "none"

@@ -257,7 +257,12 @@ class VolumeOutput(Filter):
         raise NotImplementedError
 
     def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
-        """Announce the grid of the scene that is there; as long as there is none, nothing."""
+        """Announce the grid of the input's scene.
+
+        The input is therefore updated first: filters behind this one need to know the grid before they ask for data.
+        """
+        connection = self.GetInputConnection(0, 0)
+        connection.GetProducer().Update(connection.GetIndex())
         try:
             grid = self.grid_for(vtkDataObject.GetData(in_info[0], 0)) if self.first_rank else None
         except (BadInput, ImportError):  # RequestData reports it

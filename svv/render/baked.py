@@ -23,7 +23,6 @@ from svv.core import palette_shading
 from svv.core.cameras import Camera, look_at
 from svv.core.opacity_code import codes_of, opacity_points
 from svv.errors import BadInput, Progress, part, silent
-from svv.fields.image import image_kernels_of
 from svv.fields.networks import PaletteField, encode_directions
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
@@ -151,7 +150,7 @@ def baked(
         part(progress, done, 1.0)(piece.start / max(len(matter), 1), "colouring")
         rows = piece.start + np.flatnonzero(codes[piece])
         if len(rows):
-            at = torch.from_numpy(rows).to(matter.raw.device)
+            at = torch.from_numpy(rows).to(matter.region.device)
             colour = _colour(scene, matter, None if paint is None else paint[at].float(), at, network, lights)
             flat[matter.place[rows], :3] = (colour.clamp(0.0, 1.0) * 255.0).round().byte().cpu().numpy()
     flat[matter.place, 3] = codes
@@ -174,13 +173,13 @@ def _colour(
 ) -> Tensor:
     """Return the colours of some points, as :meth:`svv.fields.scene.Scene.shade` has them. (len(rows), 3)"""
     assert scene.palette_network is not None
-    raw, region = matter.raw[rows].float(), matter.region[rows]
-    kernels = image_kernels_of(scene)
-    if kernels is not None and not any(r.edited_colour is not None for r in scene.regions):
-        diffuse = kernels.material(raw, scene.palette_network.colours).colour
-    else:
-        intensity, weights, offsets = palette_shading.material(raw)
-        diffuse = palette_shading.diffuse(intensity, weights, scene.edited_colours(offsets))
+    diffuse, region = matter.diffuse[rows].float(), matter.region[rows]
+    recoloured = [k for k, r in enumerate(scene.regions) if r.edited_colour is not None]
+    if recoloured:
+        offsets = matter.offsets[rows].float()
+        change = scene.edited_colours(offsets) - scene.palette_network.colours - offsets
+        for k in recoloured:
+            diffuse += matter.shares[rows, k, None] * change[:, k]
     diffuse = scene.with_style(diffuse, region, paint)
     if lights is None:
         return diffuse
@@ -233,7 +232,8 @@ def _light_from(
     else:
         camera = Camera.orthographic(look_at(side, (0.0, 0.0, 0.0)), 1.0, 1, 1)
         beams = Beams.of(scene.lamp, camera, rays, scene.settings.headlight).at(ray)
-        weights = palette_shading.material(matter.raw[rows].float())[1]
+        shares = matter.shares[rows].float()
+        weights = shares / shares.sum(dim=1, keepdim=True).clamp(min=1e-6)
         specular, shade = palette.phong(position, weights, beams, scene.coefficients())
     return torch.stack([specular, shade], dim=1)
 

@@ -14,11 +14,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core import palette_shading
 from svv.core.extinction import MOST_LOG_EXTINCTION
 from svv.core.opacity_code import LEAST_LOG_DEPTH, unit_distance
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.encodings import SparseLattice
-from svv.fields.networks import BaseField, UnrestrictedField
+from svv.fields.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
 from svv.kernels.types import Samples
@@ -73,7 +74,7 @@ def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
     filled = np.argwhere(scene.occupancy.occupied > 0)
     if not len(filled):
         raise BadInput("The scene is empty: there is nothing to make a volume of.")
-    wanted = min(options.resolution or 1 << 20, _finest(scene, network))
+    wanted = options.resolution or _finest(scene, network)
     divisors = [cells // k for k in range(1, cells + 1) if cells % k == 0 and cells // k >= 4]
     candidates = sorted({*divisors, *range(cells, wanted + 1, cells)})
     fitting = [r for r in candidates if r <= wanted] or candidates[:1]
@@ -115,10 +116,14 @@ class Matter:
     """The same of all points that are, or lie beside, one of these. (N,)"""
     log_extinction: Tensor
     """Logarithm of the extinction, 1 / box unit. (S,)"""
-    raw: Tensor
-    """Output of the palette MLP, half precision. (S, 1 + 4 P)"""
     region: Tensor
     """Region of each point, int64. (S,)"""
+    diffuse: Tensor
+    """Diffuse colour without edits and paint, half precision. (S, 3)"""
+    shares: Tensor
+    """Intensity times palette weights, half precision. (S, P)"""
+    offsets: Tensor
+    """Offsets of the palette colours, half precision. (S, P, 3)"""
 
     def __len__(self) -> int:
         return len(self.place)
@@ -141,25 +146,28 @@ def matter_of(scene: Scene, grid: Grid, progress: Progress = silent) -> Matter:
     progress(0.0, "finding points")
     position, place = _points(scene.occupancy, grid)
     least = LEAST_LOG_DEPTH - FAINTER - float(np.log(grid.unit_distance / scene.occupancy.box.size))
-    device, count = scene.device, len(scene.regions)
-    kept, logs, raws, regions = [], [], [], []
+    device, palette = scene.device, scene.palette_network
+    found: list[tuple[Tensor, ...]] = [_material(palette, torch.zeros(0, 3, device=device))]
+    kept, logs = [torch.zeros(0, dtype=torch.int64)], [torch.zeros(0, device=device)]
     for first in range(0, len(place), CHUNK):
         part(progress, 0.1, 1.0)(first / len(place), "looking up the scene")
         at = position[first : first + CHUNK].to(device)
         log = log_extinction(scene.base, at)
         rows = (log > least).nonzero()[:, 0]
-        raw = scene.palette_network.palette_mlp(scene.palette_network.encoding(at[rows].contiguous()))
         kept.append(rows.cpu() + first)
         logs.append(log[rows])
-        raws.append(raw.half())
-        regions.append(raw[:, 1 : 1 + count].argmax(dim=1))  # the largest weight, as softplus rises
-    if kept:
-        rows = torch.cat(kept)
-        position, place = position[rows], place[rows.numpy()]
-        log, raw, region = torch.cat(logs), torch.cat(raws), torch.cat(regions)
-    else:
-        log, raw, region = torch.zeros(0), torch.zeros(0, 1 + 4 * count).half(), torch.zeros(0, dtype=torch.int64)
-    return Matter(grid, position.to(device), place, _beside(place, grid), log, raw, region)
+        found.append(_material(palette, at[rows].contiguous()))
+    chosen = torch.cat(kept)
+    place = place[chosen.numpy()]
+    rest = (torch.cat(parts) for parts in zip(*found, strict=True))
+    return Matter(grid, position[chosen].to(device), place, _beside(place, grid), torch.cat(logs), *rest)
+
+
+def _material(palette: PaletteField, position: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Return region, diffuse colour, shares and offsets of points, as :class:`Matter` holds them."""
+    intensity, weights, offsets = palette.material(position)
+    colour = palette_shading.diffuse(intensity, weights, palette.colours + offsets)
+    return weights.argmax(dim=1), colour.half(), (intensity[:, None] * weights).half(), offsets.half()
 
 
 def log_extinction(base: BaseField, position: Tensor) -> Tensor:

@@ -27,7 +27,7 @@ def small_view():
     return view
 
 def shown_as(display):
-    return [display.Representation, display.MapScalars, display.ColorArrayName[1], display.Shade,
+    return [str(display.Representation).strip("'"), display.MapScalars, display.ColorArrayName[1], display.Shade,
             display.ScalarOpacityUnitDistance, len(display.ScalarOpacityFunction.Points)]
 """
 
@@ -61,8 +61,10 @@ volume.Resolution = 0
 said["again"] = bool((rgba()[0] == first).all())
 volume.Light = "baked"
 said["lit"] = bool((rgba()[0][:, :3] != first[:, :3]).any())
-volume.Light, volume.Network = "none", "base"
-said["base"] = [status(volume), bool((rgba()[0] == first).all())]
+volume.Light = "none"
+before = rgba()[0]
+volume.Network = "base"
+said["base"] = [status(volume), bool((rgba()[0] == before).all())]
 said["no scene"] = status(StyleRFVolume(Input=PlotOverLine(Input=Wavelet())))
 """)
     truth = bake(cube_scene())

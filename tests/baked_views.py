@@ -29,7 +29,7 @@ class BakedCaster(mappers.CpuMapper):
         self._array = volume.rgba.reshape(-1, 4)
         image.GetPointData().SetScalars(numpy_to_vtk(self._array))
         grey = ((0.0, 0.0, 0.0, 0.0), (255.0, 1.0, 1.0, 1.0))
-        tf = TransferFunction(grey, tuple((c, o, 0.5, 0.0) for c, o in opacity_points()), name="baked")
+        tf = TransferFunction(grey, tuple((c, o, 0.5, 0.0) for c, o in opacity_points(volume.most)), name="baked")
         size = grid.spacing * (np.array(grid.shape) - 1)
         self._codes = volume.rgba[..., 3]
         stage = Stage(image, tf, grid.unit_distance, np.eye(3), np.zeros(3), 1.0, size, 1.0, 0.0)

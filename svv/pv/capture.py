@@ -17,7 +17,7 @@ from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
 from svv.pv.points import watch_points
 from svv.pv.undo import watch
-from svv.pv.volume_display import as_volume
+from svv.pv.volume_display import as_volume, watch_volumes
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
@@ -150,6 +150,7 @@ def _registered(session: Any, *_: Any) -> None:
             watch_camera(filter)
     for view in _proxies(session, "RenderView", "views"):
         watch_view(view)
+        watch_volumes(view)
     loading = session.GetInLoadXMLState()  # a state defines how its data is displayed
     for display in _proxies(session, DISPLAY, "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:

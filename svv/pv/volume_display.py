@@ -1,72 +1,85 @@
 """Show a baked scene in a 3D view: as a volume in its own colours, with the opacity function that its codes mean.
 
-Client code. It sets up each display of StyleRF Volume and of a file that `svv export` wrote once, when it is created;
-afterwards only the opacity unit distance follows the data, which depends on the volume's grid.
+Client code. A display of StyleRF Volume, or of a file that `svv export` wrote, becomes a volume when it is created.
+Before a view is drawn, the opacity function and its unit distance are set if the data ask for others than the last
+time, so that what the user changes stays.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from svv.core.opacity_code import opacity_points
-from svv.pv.data import BAKED, UNIT_DISTANCE
+from vtkmodules.vtkCommonCore import vtkWeakReference
 
-VOLUME = "StyleRFVolume"
-"""XML name of the filter."""
+from svv.core.opacity_code import most_with, opacity_points
+from svv.pv.data import BAKED, OPACITY, UNIT_DISTANCE
 
-_watched: list[str] = []
-"""Session and proxy IDs of the sources that are being watched."""
+SET = "StyleRF.look"
+"""Annotation of a display: the look that it was last given."""
+
+_watched: list[Any] = []
+"""Weak references to the views that are being watched."""
 
 
-def unit_distance_of(source: Any) -> float | None:
-    """Return the opacity unit distance of a baked volume, world units; None for anything else.
+def look_of(source: Any) -> tuple[float, float] | None:
+    """Return a baked volume's opacity unit distance, world units, and largest opacity; None for anything else.
 
     Args:
         source: Proxy of a source or filter.
     """
     information = source.SMProxy.GetDataInformation(source.Port).GetFieldDataInformation()
-    array = information.GetArrayInformation(UNIT_DISTANCE)
-    return None if array is None else float(array.GetComponentRange(0)[0])
+    unit, function = (information.GetArrayInformation(name) for name in (UNIT_DISTANCE, OPACITY))
+    if unit is None or function is None:
+        return None
+    return float(unit.GetComponentRange(0)[0]), float(function.GetComponentRange(1)[1])
 
 
 def as_volume(display: Any) -> bool:
-    """Show a baked volume as it is meant; return False, and change nothing, if the display shows something else."""
-    from paraview import simple
-
-    source = display.Input
-    unit = unit_distance_of(source)
-    if unit is None:
+    """Show a baked volume as one, in its own colours; change nothing and return False if it is something else."""
+    if look_of(display.Input) is None:
         return False
-    opacity = simple.GetOpacityTransferFunction(BAKED)
-    opacity.Points = [x for code, value in opacity_points() for x in (code, value, 0.5, 0.0)]
-    table = simple.GetColorTransferFunction(BAKED)
-    table.AutomaticRescaleRangeMode = "Never"  # the codes' range is always the same
     display.ColorArrayName = ["POINTS", BAKED]
-    display.LookupTable, display.ScalarOpacityFunction = table, opacity
-    display.MapScalars = 0
-    display.ScalarOpacityUnitDistance = unit
-    display.Shade = 0
+    display.UseSeparateColorMap = 1  # each volume has an opacity function of its own
+    display.MapScalars = display.Shade = 0
     display.Representation = "Volume"
-    _watch(source)
     return True
 
 
-def _watch(source: Any) -> None:
-    """Let the displays of a source follow its unit distance from now on."""
-    proxy = source.SMProxy
-    key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}"
-    if key not in _watched:
-        _watched.append(key)
-        proxy.AddObserver("UpdateDataEvent", _follow)
+def watch_volumes(view: Any) -> None:
+    """Give baked volumes the look that their data ask for before a 3D view is drawn, from now on."""
+    _watched[:] = [known for known in _watched if known.Get() is not None]
+    if not any(known.Get() is view.SMProxy for known in _watched):
+        reference = vtkWeakReference()
+        reference.Set(view.SMProxy)
+        _watched.append(reference)
+        view.SMProxy.AddObserver("StartEvent", _before_drawing)
 
 
-def _follow(proxy: Any, event: str) -> None:
-    from paraview import servermanager, simple
+def _before_drawing(proxy: Any, event: str) -> None:
+    from paraview import servermanager
 
-    source = servermanager._getPyProxy(proxy)
-    unit = unit_distance_of(source)
-    for view in simple.GetRenderViews() if unit is not None else ():
-        for display in view.Representations:
-            given = getattr(display, "Input", None)
-            if given is not None and given.SMProxy is proxy and display.ScalarOpacityUnitDistance != unit:
-                display.ScalarOpacityUnitDistance = unit
+    for display in servermanager._getPyProxy(proxy).Representations:
+        if getattr(display, "MapScalars", 1) or not display.Visibility or getattr(display, "Input", None) is None:
+            continue
+        look = look_of(display.Input)
+        if look is not None and hasattr(display, "ScalarOpacityUnitDistance"):
+            _set(display, *look)
+
+
+def _set(display: Any, unit: float, opacity: float) -> None:
+    from paraview import simple
+
+    said = f"{unit:.9g} {opacity:.9g}"
+    if display.SMProxy.GetAnnotation(SET) != said:
+        display.SMProxy.SetAnnotation(SET, said)
+        function = simple.GetOpacityTransferFunction(BAKED, display, True)
+        function.Points = [x for code, value in opacity_points(most_with(opacity)) for x in (code, value, 0.5, 0.0)]
+        table = simple.GetColorTransferFunction(BAKED, display, True)
+        table.AutomaticRescaleRangeMode = "Never"  # codes mean the same whatever the range of the data
+        display.LookupTable, display.ScalarOpacityFunction = table, function
+        display.ScalarOpacityUnitDistance = unit
+    drawn = display.SMProxy.GetClientSideObject()  # None if a remote server draws
+    actor = None if drawn is None else drawn.GetActiveRepresentation().GetActor()
+    if actor is not None and hasattr(actor.GetProperty(), "SetScalarOpacityUnitDistance"):
+        # The representation sets the distance of the first component, but VTK's mapper takes that of the code's.
+        actor.GetProperty().SetScalarOpacityUnitDistance(3, display.ScalarOpacityUnitDistance)

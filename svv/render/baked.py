@@ -21,7 +21,7 @@ from torch import Tensor
 
 from svv.core import palette_shading
 from svv.core.cameras import Camera, look_at
-from svv.core.opacity_code import codes_of, opacity_points
+from svv.core.opacity_code import codes_of, most_of, opacity_points
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.networks import PaletteField, encode_directions
 from svv.fields.paint_light import lights_of
@@ -53,11 +53,12 @@ class BakedVolume:
     """A scene as a volume.
 
     ``rgba`` (Z, Y, X, 4) uint8: the colour of each point and the code of its extinction
-    (:mod:`svv.core.opacity_code`); ``grid``: where the points are.
+    (:mod:`svv.core.opacity_code`); ``grid``: where the points are; ``most``: what code 255 stands for.
     """
 
     rgba: NDArray[np.uint8]
     grid: Grid
+    most: float
 
     @property
     def empty(self) -> bool:
@@ -66,7 +67,7 @@ class BakedVolume:
 
     def fields(self) -> dict[str, NDArray[np.float64]]:
         """Return the field data that go with it: the opacity function (256, 2) and its unit distance (1, 1)."""
-        return {OPACITY: np.array(opacity_points()), UNIT_DISTANCE: np.array([[self.grid.unit_distance]])}
+        return {OPACITY: np.array(opacity_points(self.most)), UNIT_DISTANCE: np.array([[self.grid.unit_distance]])}
 
     def told(self) -> str:
         """Return its size for the user."""
@@ -141,7 +142,9 @@ def baked(
     rgba = np.zeros((depth, height, width, 4), np.uint8)
     flat = rgba.reshape(-1, 4)
     logs = _seen_extinction(scene, matter, paint)
-    codes = codes_of((logs + float(np.log(grid.unit_distance / scene.occupancy.box.size))).cpu().numpy())
+    log_depths = (logs + float(np.log(grid.unit_distance / scene.occupancy.box.size))).cpu().numpy()
+    most = most_of(log_depths)
+    codes = codes_of(log_depths, most)
     lights = None
     if options.light == "baked":
         lights = _mean_light(scene, matter, logs, codes > 0, part(progress, 0.0, 0.7))
@@ -155,8 +158,18 @@ def baked(
             flat[matter.place[rows], :3] = (colour.clamp(0.0, 1.0) * 255.0).round().byte().cpu().numpy()
     flat[matter.place, 3] = codes
     extend_colours(rgba, matter.near)
+    _span_all_bytes(flat)
     progress(1.0, "colouring")
-    return BakedVolume(rgba, grid)
+    return BakedVolume(rgba, grid, most)
+
+
+def _span_all_bytes(flat: NDArray[np.uint8]) -> None:
+    """Let every colour range from 0 to 255 and codes begin at 0, by two points that show nothing or next to nothing.
+
+    VTK's mappers on the GPU scale each component by its range, and colours are to stay what they are.
+    """
+    order = np.argpartition(flat.view(np.uint32).ravel(), 1)[:2]  # the code is the last and most significant byte
+    flat[order] = [[0, 0, 0, 0], [255, 255, 255, flat[order[1], 3]]]
 
 
 def _seen_extinction(scene: Scene, matter: Matter, paint: Tensor | None) -> Tensor:
@@ -262,6 +275,6 @@ def write_baked(path: Path, volume: BakedVolume, progress: Progress = silent) ->
     write_json(preset, [{
         "Name": "StyleRF Volume", "ColorSpace": "RGB", "ScalarOpacityUnitDistance": volume.grid.unit_distance,
         "RGBPoints": [0.0, 0.0, 0.0, 0.0, 255.0, 1.0, 1.0, 1.0],
-        "Points": [x for code, opacity in opacity_points() for x in (code, opacity, 0.5, 0.0)],
+        "Points": [x for code, opacity in opacity_points(volume.most) for x in (code, opacity, 0.5, 0.0)],
     }])  # fmt: skip
     return preset

@@ -58,11 +58,13 @@ def watch_volumes(view: Any) -> None:
 def _before_drawing(proxy: Any, event: str) -> None:
     from paraview import servermanager
 
-    for display in servermanager._getPyProxy(proxy).Representations:
-        if getattr(display, "MapScalars", 1) or not display.Visibility or getattr(display, "Input", None) is None:
+    view = servermanager._getPyProxy(proxy)
+    for display in view.Representations:
+        if getattr(display, "MapScalars", 1) or not display.Visibility or display.Representation != "Volume":
             continue
+        display.Input.UpdatePipeline(view.ViewTime)  # as the view does next, which is too late for the look
         look = look_of(display.Input)
-        if look is not None and hasattr(display, "ScalarOpacityUnitDistance"):
+        if look is not None:
             _set(display, *look)
 
 
@@ -80,6 +82,6 @@ def _set(display: Any, unit: float, opacity: float) -> None:
         display.ScalarOpacityUnitDistance = unit
     drawn = display.SMProxy.GetClientSideObject()  # None if a remote server draws
     actor = None if drawn is None else drawn.GetActiveRepresentation().GetActor()
-    if actor is not None and hasattr(actor.GetProperty(), "SetScalarOpacityUnitDistance"):
+    if actor is not None:
         # The representation sets the distance of the first component, but VTK's mapper takes that of the code's.
         actor.GetProperty().SetScalarOpacityUnitDistance(3, display.ScalarOpacityUnitDistance)

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from svv.core import palette_shading
 from svv.core.cameras import Camera, look_at
-from svv.core.opacity_code import codes_of, most_of, opacity_points
+from svv.core.opacity_code import CODES, LEAST_LOG_DEPTH, codes_of, most_of, opacity_points
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.networks import PaletteField, encode_directions
 from svv.fields.paint_light import lights_of
@@ -31,7 +31,7 @@ from svv.fields.scene import Scene
 from svv.fields.stroke_opacity import followed
 from svv.io.atomic import write_json
 from svv.io.output import write_volume
-from svv.kernels.numba_baking import extend_colours
+from svv.kernels.numba_baking import extend_colours, soften_edges
 from svv.options.baking import BakeOptions
 from svv.render.voxels import Grid, Matter, as_samples, grid_of, matter_of, paint_at
 
@@ -43,6 +43,9 @@ COLOURS = "RGBA"
 
 SIDES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 """Directions towards the viewers over which baked light is the mean."""
+
+EDGE_DROP = 1.6
+"""Logarithm by which extinction drops from a visible point to a hidden one: (1 - e^-1.6) / 1.6 is a half."""
 
 LEAST_SEEN = 1e-3
 """Weight of a direction from which a point is hidden; a point hidden from all sides has the plain mean."""
@@ -157,10 +160,30 @@ def baked(
             colour = _colour(scene, matter, None if paint is None else paint[at].float(), at, network, lights)
             flat[matter.place[rows], :3] = (colour.clamp(0.0, 1.0) * 255.0).round().byte().cpu().numpy()
     flat[matter.place, 3] = codes
+    _soften_edges(scene, matter, rgba, most)
     extend_colours(rgba, matter.near)
     _span_all_bytes(flat)
     progress(1.0, "colouring")
     return BakedVolume(rgba, grid, most)
+
+
+def _soften_edges(scene: Scene, matter: Matter, rgba: NDArray[np.uint8], most: float) -> None:
+    """Let a visible region end half-way between its last points and the first ones of a hidden region.
+
+    From a code to 0, interpolated extinction vanishes within a tenth of a voxel. If the hidden point keeps e^-1.6 of
+    it, as much lies between both as if one half were full and the other one empty.
+    """
+    hidden = [k for k, r in enumerate(scene.regions) if r.seen_opacity == 0.0]
+    if not hidden:
+        return
+    rows = torch.isin(matter.region, matter.region.new_tensor(hidden)).cpu().numpy()
+    scale = float(np.log(matter.grid.unit_distance / scene.occupancy.box.size))
+    own = codes_of(matter.log_extinction.cpu().numpy()[rows] + scale, most)
+    codes = np.ascontiguousarray(rgba[..., 3])
+    softened = np.zeros_like(own)
+    drop = round(EDGE_DROP * (CODES - 1) / (most - LEAST_LOG_DEPTH))
+    soften_edges(codes, matter.place[rows], own, drop, softened)
+    rgba.reshape(-1, 4)[matter.place[rows], 3] = softened
 
 
 def _span_all_bytes(flat: NDArray[np.uint8]) -> None:
@@ -168,8 +191,11 @@ def _span_all_bytes(flat: NDArray[np.uint8]) -> None:
 
     VTK's mappers on the GPU scale each component by its range, and colours are to stay what they are.
     """
-    order = np.argpartition(flat.view(np.uint32).ravel(), 1)[:2]  # the code is the last and most significant byte
-    flat[order] = [[0, 0, 0, 0], [255, 255, 255, flat[order[1], 3]]]
+    words = flat.view("<u4").ravel()  # the code is the last and most significant byte
+    white = words.argmin()
+    flat[white, :3] = 255
+    black = words.argmin()
+    flat[black] = 0
 
 
 def _seen_extinction(scene: Scene, matter: Matter, paint: Tensor | None) -> Tensor:

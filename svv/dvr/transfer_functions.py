@@ -19,6 +19,7 @@ from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.bricks.source import Level
+from svv.core.opacity_code import unit_distance
 from svv.errors import BadInput
 
 COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step")
@@ -314,9 +315,5 @@ def _quadruples(numbers: object, key: str, name: str) -> Points:
 
 
 def unit_distance_for(level: Level) -> float:
-    """Return ParaView's default opacity unit distance: diagonal of the bounds / cube root of the number of cells.
-
-    It is in world units; sqrt(3) voxels for a cube-shaped volume (vtkSMBoundsDomain, mode approximate_cell_length).
-    """
-    cells = np.array(level.shape[::-1]) - 1
-    return float(np.linalg.norm(cells * level.spacing) / np.cbrt(cells.prod(dtype=np.float64)))
+    """Return ParaView's default opacity unit distance (:func:`svv.core.opacity_code.unit_distance`), world units."""
+    return unit_distance(np.array(level.shape[::-1]) - 1, level.spacing)

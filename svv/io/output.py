@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import imageio_ffmpeg
 import numpy as np
@@ -17,11 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress, part, silent
 from svv.io.atomic import atomic_path
 
 EMPTY_REGION = 255
 """Index of pixels without a region in a region PNG."""
+
+VTK_BLOCK = 1 << 24
+"""Bytes of an array that are compressed together."""
 
 _VTK_TYPES = {"uint8": "UInt8", "int16": "Int16", "float32": "Float32"}
 
@@ -161,36 +165,81 @@ def write_vti(path: str | Path, rgba: ArrayLike, depth: ArrayLike, region: Array
         "Depth": np.asarray(depth, dtype=np.float32),
         "Region": np.asarray(region, dtype=np.int16),
     }
-    height, width = arrays["RGBA"].shape[:2]
+    write_volume(path, {name: np.flipud(array)[None] for name, array in arrays.items()})
+
+
+def write_volume(
+    path: str | Path,
+    arrays: Mapping[str, NDArray[np.generic]],
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+    spacing: Sequence[float] = (1.0, 1.0, 1.0),
+    fields: Mapping[str, NDArray[np.float64]] | None = None,
+    progress: Progress = silent,
+) -> None:
+    """Write a regular grid of points as VTK image data.
+
+    Args:
+        path: The file, by convention ``NAME.vti``.
+        arrays: Arrays of points by name; the first one becomes the scalars. (nz, ny, nx) or (nz, ny, nx, channels)
+        origin: Position of the first point (x, y, z), world units.
+        spacing: Distance between points along each axis, world units.
+        fields: Field data by name. (n, channels)
+        progress: Called while arrays are compressed.
+
+    Raises:
+        BadInput: The file cannot be written (see :func:`svv.io.atomic.atomic_path`).
+    """
+    depth, height, width = next(iter(arrays.values())).shape[:3]
     entries, blocks, offset = [], [], 0
-    for name, array in arrays.items():
-        block = _vtk_block(np.flipud(array))
-        kind = _VTK_TYPES[array.dtype.name]
-        components = 1 if array.ndim == 2 else array.shape[2]
+    for number, (name, array) in enumerate(arrays.items()):
+        block = _vtk_block(array, part(progress, number / len(arrays), (number + 1) / len(arrays)))
+        components = 1 if array.ndim == 3 else array.shape[3]
         entries.append(
-            f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" '
-            f'format="appended" offset="{offset}"/>'
+            f'<DataArray type="{_VTK_TYPES[array.dtype.name]}" Name={quoteattr(name)} '
+            f'NumberOfComponents="{components}" format="appended" offset="{offset}"/>'
         )
         blocks.append(block)
         offset += len(block)
-    extent = f"0 {width - 1} 0 {height - 1} 0 0"
+    extent = f"0 {width - 1} 0 {height - 1} 0 {depth - 1}"
     head = (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
         'compressor="vtkZLibDataCompressor">\n'
-        f'<ImageData WholeExtent="{extent}" Origin="0 0 0" Spacing="1 1 1">\n<Piece Extent="{extent}">\n'
-        '<PointData Scalars="RGBA">\n' + "\n".join(entries) + "\n</PointData>\n</Piece>\n</ImageData>\n"
-        '<AppendedData encoding="raw">\n_'
+        f'<ImageData WholeExtent="{extent}" Origin="{_said(origin)}" Spacing="{_said(spacing)}">\n'
+        f'{_field_data(fields or {})}<Piece Extent="{extent}">\n'
+        f"<PointData Scalars={quoteattr(next(iter(arrays)))}>\n" + "\n".join(entries) + "\n</PointData>\n</Piece>\n"
+        '</ImageData>\n<AppendedData encoding="raw">\n_'
     )
     with atomic_path(path) as temporary:
         temporary.write_bytes(head.encode() + b"".join(blocks) + b"\n</AppendedData>\n</VTKFile>\n")
 
 
-def _vtk_block(array: NDArray[np.generic]) -> bytes:
-    """Return a compressed array with its header: number of blocks, block size, partial block size, compressed size."""
-    content = array.astype(array.dtype.newbyteorder("<")).tobytes()
-    packed = zlib.compress(content, 3)
-    return struct.pack("<4Q", 1, len(content), 0, len(packed)) + packed
+def _field_data(fields: Mapping[str, NDArray[np.float64]]) -> str:
+    lines = [
+        f'<DataArray type="Float64" Name={quoteattr(name)} NumberOfComponents="{values.shape[1]}" '
+        f'NumberOfTuples="{len(values)}" format="ascii">{_said(values.ravel().tolist())}</DataArray>\n'
+        for name, values in fields.items()
+    ]
+    return f"<FieldData>\n{''.join(lines)}</FieldData>\n" if lines else ""
+
+
+def _said(numbers: Sequence[float]) -> str:
+    return " ".join(f"{number:.17g}" for number in numbers)
+
+
+def _vtk_block(array: NDArray[np.generic], progress: Progress = silent) -> bytes:
+    """Return a compressed array with its header.
+
+    The header has the number of blocks, their size, that of a last smaller one or 0, and each one's compressed size.
+    """
+    content = memoryview(np.ascontiguousarray(array.astype(array.dtype.newbyteorder("<"), copy=False))).cast("B")
+    packed = []
+    for first in range(0, len(content), VTK_BLOCK):
+        progress(first / len(content), "compressing")
+        packed.append(zlib.compress(content[first : first + VTK_BLOCK], 3))
+    size = VTK_BLOCK if len(packed) > 1 else len(content)
+    rest = len(content) % VTK_BLOCK if len(packed) > 1 else 0
+    return struct.pack(f"<{3 + len(packed)}Q", len(packed), size, rest, *map(len, packed)) + b"".join(packed)
 
 
 def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float = 30.0) -> None:

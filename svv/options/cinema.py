@@ -39,13 +39,13 @@ class ExportOptions:
     """Which views of a scene a Cinema database contains."""
 
     phi: Annotated[int, Setting(least=1, most=360)] = 12
-    """Number of directions about the y axis."""
+    """For .cdb: number of directions about the y axis."""
     theta: Annotated[int, Setting(least=1, most=180)] = 8
-    """Number of latitudes, evenly spread without the poles."""
+    """For .cdb: number of latitudes, evenly spread without the poles."""
     size: Annotated[int, Setting(least=16)] = 800
-    """Width and height of the images in pixels."""
+    """For .cdb: width and height of the images in pixels."""
     layers: Annotated[bool, Setting("--layers/--no-layers")] = True
-    """Also write depth and an image of each region."""
+    """For .cdb: also write depth and an image of each region."""
     network: NetworkName | None = None
     """Which network gives the colours: base, pcn or styled; by default the last that the scene has."""
     device: Annotated[DeviceName, Setting(result=False)] = "cpu"

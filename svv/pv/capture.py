@@ -18,6 +18,7 @@ from svv.pv.live import watch_camera, watch_view
 from svv.pv.picking import watch_picks
 from svv.pv.points import watch_points
 from svv.pv.undo import watch
+from svv.pv.volume_display import as_volume, watch_volumes
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
@@ -155,11 +156,14 @@ def _registered(session: Any, *_: Any) -> None:
             watch_camera(filter)
     for view in _proxies(session, "RenderView", "views"):
         watch_view(view)
+        watch_volumes(view)
     loading = session.GetInLoadXMLState()  # a state defines how its data is displayed
     for display in _proxies(session, DISPLAY, "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
             display.SMProxy.SetAnnotation(SEEN, "1")
-            if not loading and display.Input.SMProxy.GetXMLName() in IMAGES:
+            if loading or as_volume(display):
+                continue
+            if display.Input.SMProxy.GetXMLName() in IMAGES:
                 as_it_is(display)
 
 

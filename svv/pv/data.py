@@ -26,9 +26,12 @@ from svv.pv.identity import digest_of_views
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
     from svv.io.viewset import ViewSet
+    from svv.render.baked import BakedVolume
 
 SCENE = "StyleRF Scene"
 VIEWS = "StyleRF Views"
+BAKED, OPACITY, UNIT_DISTANCE = "RGBA", "StyleRF Opacity", "StyleRF Unit Distance"
+"""Names of a baked volume's array and field data, the same as in files (:mod:`svv.render.baked`)."""
 
 KEPT = 3
 """Maximum number of unpacked scenes in memory."""
@@ -141,6 +144,17 @@ def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
         image.GetPointData().AddArray(array)
         if number == 0:
             image.GetPointData().SetActiveScalars(name)
+
+
+def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
+    """Fill an image with a baked volume, with its opacity function and unit distance as field data."""
+    image.Initialize()
+    image.SetDimensions(*volume.grid.shape)
+    image.SetOrigin(*volume.grid.origin)
+    image.SetSpacing(*(volume.grid.spacing,) * 3)
+    image.GetPointData().SetScalars(_array(BAKED, volume.rgba.reshape(-1, 4)))
+    for name, values in volume.fields().items():
+        image.GetFieldData().AddArray(_array(name, values))
 
 
 def _tell_ranges(array: Any, values: NDArray[Any]) -> None:

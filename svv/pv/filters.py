@@ -247,3 +247,35 @@ class ImageOutput(Filter):
         """Announce the image's size; the time steps are those of the input."""
         set_image_information(self, out_info, *(int(v) for v in self.values["ImageSize"]))
         return 1
+
+
+class VolumeOutput(Filter):
+    """A filter whose output is a regular grid of points that depends on the input's scene."""
+
+    def grid_for(self, data: Any) -> Any:
+        """Return the grid of the output for a scene's table; raises BadInput if there is none."""
+        raise NotImplementedError
+
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Announce the grid of the input's scene.
+
+        The input is therefore updated first: filters behind this one need to know the grid before they ask for data.
+        """
+        connection = self.GetInputConnection(0, 0)
+        connection.GetProducer().Update(connection.GetIndex())
+        try:
+            grid = self.grid_for(vtkDataObject.GetData(in_info[0], 0)) if self.first_rank else None
+        except (BadInput, ImportError):  # RequestData reports it
+            grid = None
+        self.announce(out_info, grid)
+        return 1
+
+    def announce(self, out_info: Any, grid: Any) -> None:
+        """Announce a grid to the pipeline, or an empty one (see :func:`set_image_information`)."""
+        info = out_info.GetInformationObject(0)
+        shape = (0, 0, 0) if grid is None else grid.shape
+        origin, spacing = ((0.0,) * 3, 1.0) if grid is None else (grid.origin, grid.spacing)
+        extent = [end for count in shape for end in (0, count - 1)]
+        info.Set(self.GetExecutive().WHOLE_EXTENT(), extent, 6)
+        info.Set(vtkDataObject.SPACING(), (spacing,) * 3, 3)
+        info.Set(vtkDataObject.ORIGIN(), origin, 3)

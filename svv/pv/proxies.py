@@ -9,15 +9,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from paraview.util.vtkAlgorithm import smproperty, smproxy
+from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
 from svv.errors import part
 from svv.io.made import digest
+from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
-from svv.pv.data import put_image, put_no_views, put_scene, scene_of
-from svv.pv.filters import ImageOutput, ViewsOutput, set_image_information, time_asked_for
+from svv.pv.data import put_baked, put_image, put_no_views, put_scene, scene_of
+from svv.pv.filters import ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.identity import key_in, key_of
 from svv.pv.keeping import Keeping, views_in, write_views
+from svv.pv.option_panel import options_in, properties_of
 from svv.pv.panels import (
     PICTURES,
     TAKE_HELP,
@@ -36,7 +38,7 @@ from svv.pv.properties import button, file, files, kept_as, panel, scalars, show
 from svv.pv.steps import Moment, Steps
 
 __all__ = [
-    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPieces",
+    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFVolume", "StyleRFPieces",
 ]  # fmt: skip
 
 
@@ -174,6 +176,44 @@ class StyleRFRender(ImageOutput):
         camera = camera_for(scene, self.values)
         put_image(outputs[0], draw(scene, camera, self.values, self.progress))
         return f"{camera.width} x {camera.height} pixels."
+
+
+@smproxy.filter(label="StyleRF Volume", support_reload=False)
+@menu
+@smhint.xml('<RepresentationType view="RenderView" type="Volume"/>')
+@panel(*properties_of(BakeOptions()), status())
+@takes_scene
+class StyleRFVolume(VolumeOutput):
+    """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, cut by
+    clips, at its own frame rate. An edit before this filter updates it without looking at the scene again."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkImageData")
+
+    def grid_for(self, data: Any) -> Any:
+        from svv.kernels.dispatch import device_named
+        from svv.render.baked import network_of
+        from svv.render.voxels import grid_of
+
+        options, scene = options_in(BakeOptions, self.values), scene_of(data)
+        device_named(options.device)
+        return grid_of(scene, options, network_of(scene, options))
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.kernels.dispatch import device_named
+        from svv.render.baked import Baker
+
+        options = options_in(BakeOptions, self.values)
+        scene = scene_of(inputs[0]).on(device_named(options.device))
+        baker: Baker = self.kept("baker", options.device, Baker)
+        self.kept("volume", object(), lambda: baker.bake(scene, options, self.progress))
+        self.before(outputs)
+        self.announce(out_info, self.last("volume").grid)
+        return f"{self.last('volume').told()}."
+
+    def before(self, outputs: list[Any]) -> None:
+        if self.last("volume") is not None:
+            put_baked(self.last("volume"), outputs[0])
 
 
 @smproxy.filter(label="StyleRF Stylized View", support_reload=False)

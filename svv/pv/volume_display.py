@@ -1,0 +1,87 @@
+"""Show a baked scene in a 3D view: as a volume in its own colours, with the opacity function that its codes mean.
+
+Client code. A display of StyleRF Volume, or of a file that `svv export` wrote, becomes a volume when it is created.
+Before a view is drawn, the opacity function and its unit distance are set if the data ask for others than the last
+time, so that what the user changes stays.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vtkmodules.vtkCommonCore import vtkWeakReference
+
+from svv.core.opacity_code import most_with, opacity_points
+from svv.pv.data import BAKED, OPACITY, UNIT_DISTANCE
+
+SET = "StyleRF.look"
+"""Annotation of a display: the look that it was last given."""
+
+_watched: list[Any] = []
+"""Weak references to the views that are being watched."""
+
+
+def look_of(source: Any) -> tuple[float, float] | None:
+    """Return a baked volume's opacity unit distance, world units, and largest opacity; None for anything else.
+
+    Args:
+        source: Proxy of a source or filter.
+    """
+    information = source.SMProxy.GetDataInformation(source.Port).GetFieldDataInformation()
+    unit, function = (information.GetArrayInformation(name) for name in (UNIT_DISTANCE, OPACITY))
+    if unit is None or function is None:
+        return None
+    return float(unit.GetComponentRange(0)[0]), float(function.GetComponentRange(1)[1])
+
+
+def as_volume(display: Any) -> bool:
+    """Show a baked volume as one, in its own colours; change nothing and return False if it is something else."""
+    if look_of(display.Input) is None:
+        return False
+    display.ColorArrayName = ["POINTS", BAKED]
+    display.UseSeparateColorMap = 1  # each volume has an opacity function of its own
+    display.MapScalars = display.Shade = 0
+    display.Representation = "Volume"
+    return True
+
+
+def watch_volumes(view: Any) -> None:
+    """Give baked volumes the look that their data ask for before a 3D view is drawn, from now on."""
+    _watched[:] = [known for known in _watched if known.Get() is not None]
+    if not any(known.Get() is view.SMProxy for known in _watched):
+        reference = vtkWeakReference()
+        reference.Set(view.SMProxy)
+        _watched.append(reference)
+        view.SMProxy.AddObserver("StartEvent", _before_drawing)
+
+
+def _before_drawing(proxy: Any, event: str) -> None:
+    from paraview import servermanager
+
+    view = servermanager._getPyProxy(proxy)
+    for display in view.Representations:
+        if getattr(display, "MapScalars", 1) or not display.Visibility or display.Representation != "Volume":
+            continue
+        display.Input.UpdatePipeline(view.ViewTime)  # as the view does next, which is too late for the look
+        look = look_of(display.Input)
+        if look is not None:
+            _set(display, *look)
+
+
+def _set(display: Any, unit: float, opacity: float) -> None:
+    from paraview import simple
+
+    said = f"{unit:.9g} {opacity:.9g}"
+    if display.SMProxy.GetAnnotation(SET) != said:
+        display.SMProxy.SetAnnotation(SET, said)
+        function = simple.GetOpacityTransferFunction(BAKED, display, True)
+        function.Points = [x for code, value in opacity_points(most_with(opacity)) for x in (code, value, 0.5, 0.0)]
+        table = simple.GetColorTransferFunction(BAKED, display, True)
+        table.AutomaticRescaleRangeMode = "Never"  # codes mean the same whatever the range of the data
+        display.LookupTable, display.ScalarOpacityFunction = table, function
+        display.ScalarOpacityUnitDistance = unit
+    drawn = display.SMProxy.GetClientSideObject()  # None if a remote server draws
+    actor = None if drawn is None else drawn.GetActiveRepresentation().GetActor()
+    if actor is not None:
+        # The representation sets the distance of the first component, but VTK's mapper takes that of the code's.
+        actor.GetProperty().SetScalarOpacityUnitDistance(3, display.ScalarOpacityUnitDistance)

@@ -1,0 +1,311 @@
+"""A scene baked into a volume of bytes that VTK's volume mappers draw: a colour and a code of the extinction a point.
+
+The volume is drawn with its colours as they are (``MapScalars`` off, no independent components) and with the opacity
+function of :mod:`svv.core.opacity_code` over the volume's unit distance. Points around the visible ones are empty but
+have their neighbours' colour, because mappers interpolate colours and codes apart.
+
+What edits do not change (:class:`svv.render.voxels.Matter`) can be kept for the next bake.
+
+Letters: S points in occupied cells, (Z, Y, X) points of the grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core import palette_shading
+from svv.core.cameras import Camera, look_at
+from svv.core.opacity_code import CODES, LEAST_LOG_DEPTH, codes_of, most_of, opacity_points
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.model import for_colours, of_colour
+from svv.fields.networks import PaletteField, encode_directions
+from svv.fields.paint_light import lights_of
+from svv.fields.phong import Beams
+from svv.fields.rendering import Rays
+from svv.fields.scene import Scene
+from svv.fields.stroke_opacity import followed
+from svv.io.atomic import write_json
+from svv.io.output import write_volume
+from svv.kernels.numba_baking import extend_colours, soften_edges
+from svv.options.baking import BakeOptions
+from svv.render.voxels import Grid, Matter, as_samples, grid_of, matter_of, paint_at
+
+OPACITY, UNIT_DISTANCE = "StyleRF Opacity", "StyleRF Unit Distance"
+"""Field data of a baked volume: the opacity function, pairs of code and opacity, and its unit distance."""
+
+COLOURS = "RGBA"
+"""Name of a baked volume's array."""
+
+SIDES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+"""Directions towards the viewers over which baked light is the mean."""
+
+EDGE_DROP = 1.6
+"""Logarithm by which extinction drops from a visible point to a hidden one: (1 - e^-1.6) / 1.6 is a half."""
+
+LEAST_SEEN = 1e-3
+"""Weight of a direction from which a point is hidden; a point hidden from all sides has the plain mean."""
+
+
+@dataclass(frozen=True)
+class BakedVolume:
+    """A scene as a volume.
+
+    ``rgba`` (Z, Y, X, 4) uint8: the colour of each point and the code of its extinction
+    (:mod:`svv.core.opacity_code`); ``grid``: where the points are; ``most``: what code 255 stands for.
+    """
+
+    rgba: NDArray[np.uint8]
+    grid: Grid
+    most: float
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing in it is visible."""
+        return not self.rgba[..., 3].any()
+
+    def fields(self) -> dict[str, NDArray[np.float64]]:
+        """Return the field data that go with it: the opacity function (256, 2) and its unit distance (1, 1)."""
+        return {OPACITY: np.array(opacity_points(self.most)), UNIT_DISTANCE: np.array([[self.grid.unit_distance]])}
+
+    def told(self) -> str:
+        """Return its size for the user."""
+        x, y, z = self.grid.shape
+        return f"{x} x {y} x {z} points, {self.rgba.nbytes / 1e6:.0f} MB"
+
+
+class Baker:
+    """Bakes scenes, and keeps what the next bake of the same scene can use again, whatever its edits."""
+
+    def __init__(self) -> None:
+        self._matter: tuple[object, Matter] | None = None
+        self._paint: tuple[object, Tensor] | None = None
+
+    @torch.no_grad()
+    def bake(self, scene: Scene, options: BakeOptions, progress: Progress = silent) -> BakedVolume:
+        """Bake a scene with its edits.
+
+        Args:
+            scene: A scene with a palette network.
+            options: Resolution, light, and what is shown.
+            progress: Called for every chunk of points; the work stops when it raises.
+
+        Raises:
+            BadInput: The scene lacks the network or one of the regions, its colours have no palette, or the options
+                allow too little memory.
+        """
+        network = network_of(scene, options)
+        if options.regions is not None:
+            scene = scene.isolated(*options.regions)
+        grid = grid_of(scene, options, network)
+        same = (scene.base, scene.palette_network, grid)
+        if self._matter is None or self._matter[0] != same:
+            self._matter = self._paint = None
+            self._matter = same, matter_of(scene, grid, part(progress, 0.0, 0.6))
+        matter, paint = self._matter[1], None
+        if network == "styled" and scene.styled is not None:
+            if self._paint is None or self._paint[0] is not scene.styled:
+                self._paint = scene.styled, paint_at(scene.styled, matter)
+            paint = self._paint[1]
+        return baked(scene, matter, paint, network, options, part(progress, 0.6, 1.0))
+
+
+def bake(scene: Scene, options: BakeOptions = BakeOptions(), progress: Progress = silent) -> BakedVolume:
+    """Bake a scene with its edits; see :meth:`Baker.bake`."""
+    return Baker().bake(scene, options, progress)
+
+
+def network_of(scene: Scene, options: BakeOptions) -> str:
+    """Return the name of the network that gives the colours.
+
+    Raises:
+        BadInput: The scene lacks it, or it is ``base``.
+    """
+    network = options.network or scene.networks[-1]
+    if network not in scene.networks:
+        raise BadInput(f"The scene has no network '{network}', only {', '.join(scene.networks)}.")
+    if network == "base":
+        raise BadInput(
+            "The base network has a colour for each direction and none for a point: bake a scene with a palette, "
+            "with the network pcn or styled."
+        )
+    return network
+
+
+def baked(
+    scene: Scene, matter: Matter, paint: Tensor | None, network: str, options: BakeOptions, progress: Progress
+) -> BakedVolume:
+    """Colour the points of a grid as a scene's edits, paint and light have them; (S, 3) ``paint`` if any is shown."""
+    grid = matter.grid
+    matter = replace(matter, region=of_colour(scene.regions_at(matter.position), matter.region))
+    width, height, depth = grid.shape
+    rgba = np.zeros((depth, height, width, 4), np.uint8)
+    flat = rgba.reshape(-1, 4)
+    logs = _seen_extinction(scene, matter, paint)
+    log_depths = (logs + float(np.log(grid.unit_distance / scene.occupancy.box.size))).cpu().numpy()
+    most = most_of(log_depths)
+    codes = codes_of(log_depths, most)
+    lights = None
+    if options.light == "baked":
+        lights = _mean_light(scene, matter, logs, codes > 0, part(progress, 0.0, 0.7))
+    done = 0.7 if lights is not None else 0.0
+    for piece in matter.pieces():
+        part(progress, done, 1.0)(piece.start / max(len(matter), 1), "colouring")
+        rows = piece.start + np.flatnonzero(codes[piece])
+        if len(rows):
+            at = torch.from_numpy(rows).to(matter.region.device)
+            colour = _colour(scene, matter, None if paint is None else paint[at].float(), at, network, lights)
+            flat[matter.place[rows], :3] = (colour.clamp(0.0, 1.0) * 255.0).round().byte().cpu().numpy()
+    flat[matter.place, 3] = codes
+    _soften_edges(scene, matter, rgba, most)
+    extend_colours(rgba, matter.near)
+    _span_all_bytes(flat)
+    progress(1.0, "colouring")
+    return BakedVolume(rgba, grid, most)
+
+
+def _soften_edges(scene: Scene, matter: Matter, rgba: NDArray[np.uint8], most: float) -> None:
+    """Let a visible region end half-way between its last points and the first ones of a hidden region.
+
+    From a code to 0, interpolated extinction vanishes within a tenth of a voxel. If the hidden point keeps e^-1.6 of
+    it, as much lies between both as if one half were full and the other one empty.
+    """
+    hidden = [k for k, r in enumerate(scene.regions) if r.seen_opacity == 0.0]
+    if not hidden:
+        return
+    rows = torch.isin(matter.region, matter.region.new_tensor(hidden)).cpu().numpy()
+    scale = float(np.log(matter.grid.unit_distance / scene.occupancy.box.size))
+    own = codes_of(matter.log_extinction.cpu().numpy()[rows] + scale, most)
+    codes = np.ascontiguousarray(rgba[..., 3])
+    softened = np.zeros_like(own)
+    drop = round(EDGE_DROP * (CODES - 1) / (most - LEAST_LOG_DEPTH))
+    soften_edges(codes, matter.place[rows], own, drop, softened)
+    rgba.reshape(-1, 4)[matter.place[rows], 3] = softened
+
+
+def _span_all_bytes(flat: NDArray[np.uint8]) -> None:
+    """Let every colour range from 0 to 255 and codes begin at 0, by two points that show nothing or next to nothing.
+
+    VTK's mappers on the GPU scale each component by its range, and colours are to stay what they are.
+    """
+    words = flat.view("<u4").ravel()  # the code is the last and most significant byte
+    white = words.argmin()
+    flat[white, :3] = 255
+    black = words.argmin()
+    flat[black] = 0
+
+
+def _seen_extinction(scene: Scene, matter: Matter, paint: Tensor | None) -> Tensor:
+    """Return the logarithm of the extinction in images, -inf where a region is hidden. (S,)"""
+    seen = matter.log_extinction.new_tensor([r.seen_opacity for r in scene.regions]).log()
+    logs = matter.log_extinction + seen[matter.region]
+    shown = None if paint is None else paint.float()
+    factor = followed(scene, torch.ones_like(logs), matter.region, shown)
+    return logs + factor.log()
+
+
+def _colour(
+    scene: Scene, matter: Matter, paint: Tensor | None, rows: Tensor, network: str, lights: Tensor | None
+) -> Tensor:
+    """Return the colours of some points, as :meth:`svv.fields.scene.Scene.shade` has them. (len(rows), 3)"""
+    assert scene.palette_network is not None
+    diffuse, region = matter.diffuse[rows].float(), matter.region[rows]
+    recoloured = {scene.roots[k] for k, r in enumerate(scene.regions) if r.edited_colour is not None}
+    if recoloured:
+        offsets, here = matter.offsets[rows].float(), scene.regions_at(matter.position[rows])
+        change = scene.edited_colours(offsets, here) - scene.palette_network.colours - offsets
+        for k in recoloured:
+            diffuse += matter.shares[rows, k, None] * change[:, k]
+    diffuse = scene.with_style(diffuse, region, paint)
+    if lights is None:
+        return diffuse
+    specular, shade = lights[rows].unbind(1)
+    return palette_shading.lit(diffuse, specular, shade, *lights_of(scene, network)[region].unbind(1))
+
+
+def _mean_light(scene: Scene, matter: Matter, logs: Tensor, visible: NDArray[np.bool_], progress: Progress) -> Tensor:
+    """Return specular c_s and shade m of each point, the mean over the sides from which it is seen. (S, 2)"""
+    palette, grid = scene.palette_network, matter.grid
+    assert palette is not None
+    depths = np.zeros(grid.shape[::-1], np.float32)  # optical depth of one cell (Z, Y, X)
+    depths.ravel()[matter.place] = logs.exp().cpu().numpy() / grid.resolution
+    total, lights = torch.zeros(len(matter), 1), torch.zeros(len(matter), 2)
+    rows = torch.from_numpy(np.flatnonzero(visible))
+    for number, side in enumerate(SIDES):
+        progress(number / len(SIDES), "lighting")
+        weight = LEAST_SEEN + torch.from_numpy(_seen_from(depths, side).ravel()[matter.place][rows.numpy()])
+        for first in range(0, len(rows), 1 << 18):
+            own = rows[first : first + (1 << 18)]
+            share = weight[first : first + (1 << 18), None]
+            lights[own] += share * _light_from(scene, palette, matter, own, side).cpu()
+            total[own] += share
+    lights[rows] /= total[rows]
+    return lights.to(logs.device)
+
+
+def _seen_from(depths: NDArray[np.float32], side: tuple[int, int, int]) -> NDArray[np.float32]:
+    """Return the transmittance between each point and a viewer far away in the direction ``side``. (Z, Y, X)"""
+    axis = 2 - int(np.argmax(np.abs(side)))
+    if sum(side) > 0:
+        depths = np.flip(depths, axis)
+    seen = np.exp(0.5 * depths - np.cumsum(depths, axis))
+    return np.flip(seen, axis) if sum(side) > 0 else seen
+
+
+def _light_from(
+    scene: Scene, palette: PaletteField, matter: Matter, rows: Tensor, side: tuple[int, int, int]
+) -> Tensor:
+    """Return c_s and m of some points for a viewer in the direction ``side``. (len(rows), 2)"""
+    rows = rows.to(matter.position.device)
+    position = matter.position[rows].contiguous()
+    samples = as_samples(position)
+    toward = position.new_tensor([side], dtype=torch.float32)
+    rays = Rays(torch.zeros_like(toward), -toward)
+    ray = torch.zeros_like(samples.ray)
+    if palette.phong is None:
+        _, geometry = scene.base.geometry(samples)
+        specular, shade = palette.lighting(geometry, encode_directions(rays.directions, ray))
+    else:
+        camera = Camera.orthographic(look_at(side, (0.0, 0.0, 0.0)), 1.0, 1, 1)
+        beams = Beams.of(scene.lamp, camera, rays, scene.settings.headlight).at(ray)
+        shares = matter.shares[rows].float()
+        weights = shares / shares.sum(dim=1, keepdim=True).clamp(min=1e-6)
+        coefficients = scene.coefficients()
+        assert coefficients is not None
+        coefficients = for_colours(coefficients, scene.regions_at(position))
+        specular, shade = palette.phong(position, weights, beams, coefficients)
+    return torch.stack([specular, shade], dim=1)
+
+
+def write_baked(path: Path, volume: BakedVolume, progress: Progress = silent) -> Path:
+    """Write a volume as VTK image data, and beside it its opacity function as a ParaView preset.
+
+    The file's field data hold the function and its unit distance as well (:data:`OPACITY`, :data:`UNIT_DISTANCE`).
+
+    Args:
+        path: The file, by convention ``NAME.vti``.
+        volume: The volume.
+        progress: Called while it is compressed.
+
+    Returns:
+        The preset's file, ``NAME.json``.
+
+    Raises:
+        BadInput: Nothing is visible, or a file cannot be written.
+    """
+    if volume.empty:
+        raise BadInput("Nothing in the scene is visible: show a region, or make it more opaque.")
+    preset = path.with_suffix(".json")
+    place = volume.grid.origin, (volume.grid.spacing,) * 3
+    write_volume(path, {COLOURS: volume.rgba}, *place, volume.fields(), progress)
+    write_json(preset, [{
+        "Name": "StyleRF Volume", "ColorSpace": "RGB", "ScalarOpacityUnitDistance": volume.grid.unit_distance,
+        "RGBPoints": [0.0, 0.0, 0.0, 0.0, 255.0, 1.0, 1.0, 1.0],
+        "Points": [x for code, opacity in opacity_points(volume.most) for x in (code, opacity, 0.5, 0.0)],
+    }])  # fmt: skip
+    return preset

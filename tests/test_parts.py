@@ -11,9 +11,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from svv.core.box import Box
 from svv.core.cameras import Camera, look_at
 from svv.errors import BadInput
+from svv.fields.networks import BaseField, FieldSettings, PaletteField
+from svv.fields.occupancy import Occupancy
 from svv.fields.parts import Parts, table_of
+from svv.fields.rendering import Marching, Rays, march
 from svv.fields.scene import Rendering, Scene
 from svv.train.ink import PAPER, Ink
 from svv.train.pipeline import stylize_scene
@@ -340,3 +344,31 @@ def test_paintings_keep_their_styles_when_regions_split(two: Scene) -> None:
     assert [r.style for r in back.with_variant("oil").redone().regions] == ["oil", None, "oil"]
     other = back.split_at(in_world(RIGHT))  # what was undone is forgotten
     assert [r.style for r in other.with_variant("oil").with_variant("part").regions] == [None, None, None]
+
+
+@pytest.mark.parametrize("encoding", ["lattice", "hash"])
+def test_the_extinction_at_a_point_is_that_of_a_sample(encoding: str) -> None:
+    occupancy = Occupancy.full(Box((0.0,) * 3, 1.0, (1.0,) * 3), 4)
+    base = BaseField(FieldSettings(encoding, (4, 8), levels=2, log2_entries=10, width=16), occupancy)
+    for table in base.encodings:
+        table.randomize(1.0, torch.Generator().manual_seed(0))
+    rays = Rays(torch.rand(50, 3) * 0.1, torch.nn.functional.normalize(torch.rand(50, 3) + 0.1, dim=1))
+    samples = march(rays, occupancy, base.density, Marching(1 / 16, least_weight=0.0, stop=1e9))
+    assert len(samples) > 200
+    with torch.no_grad():
+        torch.testing.assert_close(base.extinction_at(samples.position), base.extinction(samples), rtol=1e-5, atol=0)
+
+
+def test_a_scene_of_the_papers_hash_grid_is_split(cube: Scene) -> None:
+    settings = FieldSettings("hash", (4, 8), levels=2, log2_entries=10, width=16)
+    torch.manual_seed(0)
+    base = BaseField(settings, cube.occupancy)
+    base.encoding.randomize(2.0, torch.Generator().manual_seed(0))
+    palette = PaletteField(settings, cube.occupancy, base.geometry_width, cube.palette_network.colours)  # type: ignore[union-attr]
+    palette.encoding.randomize(5.0, torch.Generator().manual_seed(1))
+    scene = replace(cube, settings=settings, base=base, palette_network=palette.requires_grad_(False))
+    parts = scene.split_at(scene.point_at(cube_camera(), (12, 12)), level=1.0)
+    assert len(parts.regions) == 4
+    np.testing.assert_allclose(parts.render(cube_camera()).rgba, scene.render(cube_camera()).rgba, atol=1e-6)
+    hidden = parts.hidden(3).render(cube_camera()).rgba
+    assert np.abs(hidden - scene.render(cube_camera()).rgba).max() > 0.01

@@ -163,9 +163,9 @@ def test_edits_act_as_in_images() -> None:
     regions.ravel()[matter[1].place] = matter[1].region.numpy()
 
     def factors(volume: BakedVolume) -> np.ndarray:
-        """What a volume's extinction is to the plain one's; at one point, which VTK needs to be empty, nothing."""
+        """What a volume's extinction is to the plain one's; at the two that VTK needs to be empty, nothing."""
         before, after = (depths(v.most)[v.rgba[..., 3]] for v in (plain, volume))
-        assert (before == 0).sum() <= 1
+        assert (before == 0).sum() <= 2
         return np.divide(after, before, out=np.ones_like(after), where=(before > 0) & (after > 0))
 
     hidden = baker.bake(cube.hidden(1), BakeOptions())
@@ -176,7 +176,7 @@ def test_edits_act_as_in_images() -> None:
     thinned = baker.bake(cube.edited(0, opacity=0.25), BakeOptions())
     asked = np.where(regions == 0, 0.25, 1.0)
     wrong = np.abs(np.log(factors(thinned) / asked)) > 2 * HALF_A_CODE
-    assert wrong.sum() <= 1
+    assert wrong.sum() <= 2
     red = baker.bake(cube.edited(2, colour=(1.0, 0.0, 0.0)), BakeOptions())
     assert np.array_equal(red.rgba[..., 3], plain.rgba[..., 3])
     changed = (red.rgba.astype(int) - plain.rgba)[regions == 2]

@@ -202,9 +202,9 @@ def _span_all_bytes(flat: NDArray[np.uint8]) -> None:
     """
     words = flat.view("<u4").ravel()  # the code is the last and most significant byte
     white = words.argmin()
-    code, words[white] = flat[white, 3], 0xFFFFFFFF
+    words[white] = 0xFFFFFFFF
     black = words.argmin()
-    flat[white, 3], flat[black] = code, 0
+    flat[white, 3], flat[black] = 0, 0
 
 
 def _seen_extinction(scene: Scene, matter: Matter, paint: Tensor | None) -> Tensor:

@@ -1,7 +1,7 @@
 """Accuracy and time of StyleRF Volume in ParaView's 3D view, against our images and against the original volume.
 
-``svv pvpython docs/measurements/baked_paraview.py SCENE.svv VOLUME.vti TF.json`` draws three views of 400 x 400 with the
-mapper that ParaView picks by itself. A fourth argument is a folder for the pictures.
+``svv pvpython docs/measurements/baked_paraview.py SCENE.svv VOLUME.vti TF.json`` draws three views of 400 x 400 with
+the mapper that ParaView picks by itself. A fourth argument is a folder for the pictures.
 """
 
 import statistics

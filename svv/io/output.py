@@ -206,7 +206,7 @@ def _vtk_block(array: NDArray[np.generic], progress: Progress = silent) -> bytes
 
     The header has the number of blocks, their size, that of a last smaller one or 0, and each one's compressed size.
     """
-    content = memoryview(np.ascontiguousarray(array.astype(array.dtype.newbyteorder("<"), copy=False))).cast("B")
+    content = np.ascontiguousarray(array.astype(array.dtype.newbyteorder("<"), copy=False)).data.cast("B")
     packed = []
     for first in range(0, len(content), VTK_BLOCK):
         progress(first / len(content), "compressing")

@@ -177,8 +177,8 @@ def _store_ranges(array: Any, ends: NDArray[np.float64], norms: tuple[float, flo
         for component, (low, high) in enumerate(ends.tolist()):
             components.GetInformationObject(component).Set(vtkDataArray.COMPONENT_RANGE(), (low, high), 2)
         information.Set(key, components)
-    for key in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
-        information.Set(key, norms, 2)
+    for length in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
+        information.Set(length, norms, 2)
 
 
 def camera_of(numbers: Sequence[float], width: int, height: int, parallel_scale: float = 0.0) -> Camera:

@@ -152,7 +152,9 @@ def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
     image.SetDimensions(*volume.grid.shape)
     image.SetOrigin(*volume.grid.origin)
     image.SetSpacing(*(volume.grid.spacing,) * 3)
-    image.GetPointData().SetScalars(_array(BAKED, volume.rgba.reshape(-1, 4)))
+    colours = _array(BAKED, volume.rgba.reshape(-1, 4))
+    _store_ranges(colours, *volume.ranges)  # at 256^3, VTK would look for them for seconds
+    image.GetPointData().SetScalars(colours)
     for name, values in volume.fields().items():
         image.GetFieldData().AddArray(_array(name, values))
 
@@ -164,6 +166,11 @@ def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
         return  # the ranges of all and of finite values differ, or there are no finite values
     norm = np.linalg.norm(finite.astype(np.float64), axis=1)
     ends = np.stack([np.nanmin(finite, axis=0), np.nanmax(finite, axis=0)], axis=1).astype(np.float64)
+    _store_ranges(array, ends, (float(np.nanmin(norm)), float(np.nanmax(norm))))
+
+
+def _store_ranges(array: Any, ends: NDArray[np.float64], norms: tuple[float, float]) -> None:
+    """Store ranges, of components (C, 2) and of lengths, where VTK caches them."""
     information = array.GetInformation()
     for key in (vtkDataArray.PER_COMPONENT(), vtkDataArray.PER_FINITE_COMPONENT()):
         components = vtkInformationVector()
@@ -171,8 +178,8 @@ def _tell_ranges(array: Any, values: NDArray[Any]) -> None:
         for component, (low, high) in enumerate(ends.tolist()):
             components.GetInformationObject(component).Set(vtkDataArray.COMPONENT_RANGE(), (low, high), 2)
         information.Set(key, components)
-    for norms in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
-        information.Set(norms, (float(np.nanmin(norm)), float(np.nanmax(norm))), 2)
+    for length in (vtkDataArray.L2_NORM_RANGE(), vtkDataArray.L2_NORM_FINITE_RANGE()):
+        information.Set(length, norms, 2)
 
 
 def camera_of(numbers: Sequence[float], width: int, height: int, parallel_scale: float = 0.0) -> Camera:

@@ -63,6 +63,8 @@ class BakedVolume:
     rgba: NDArray[np.uint8]
     grid: Grid
     most: float
+    ranges: tuple[NDArray[np.float64], tuple[float, float]]
+    """Smallest and largest value of each component (4, 2), and of the length of a point's vector of all four."""
 
     @property
     def empty(self) -> bool:
@@ -154,30 +156,36 @@ def baked(
     if options.light == "baked":
         lights = _mean_light(scene, matter, logs, codes > 0, part(progress, 0.0, 0.7))
     done = 0.7 if lights is not None else 0.0
+    longest = 3.0 * 255.0**2  # a white point without extinction
     for piece in matter.pieces():
         part(progress, done, 1.0)(piece.start / max(len(matter), 1), "colouring")
         rows = piece.start + np.flatnonzero(codes[piece])
         if len(rows):
             at = torch.from_numpy(rows).to(matter.region.device)
             colour = _colour(scene, matter, None if paint is None else paint[at].float(), at, network, lights)
-            flat[matter.place[rows], :3] = (colour.clamp(0.0, 1.0) * 255.0).round().byte().cpu().numpy()
+            shown = (colour.clamp(0.0, 1.0) * 255.0).round()
+            flat[matter.place[rows], :3] = shown.byte().cpu().numpy()
+            square = shown.square().sum(dim=1).cpu().numpy() + np.square(codes[rows], dtype=np.float32)
+            longest = max(longest, float(square.max()))
     flat[matter.place, 3] = codes
-    _soften_edges(scene, matter, rgba, most)
     extend_colours(rgba, matter.near)
+    if _soften_edges(scene, matter, rgba, most):
+        extend_colours(rgba, matter.near)
     _span_all_bytes(flat)
     progress(1.0, "colouring")
-    return BakedVolume(rgba, grid, most)
+    ends = np.array([[0.0, 255.0]] * 3 + [[0.0, codes.max(initial=0)]])
+    return BakedVolume(rgba, grid, most, (ends, (0.0, longest**0.5)))
 
 
-def _soften_edges(scene: Scene, matter: Matter, rgba: NDArray[np.uint8], most: float) -> None:
+def _soften_edges(scene: Scene, matter: Matter, rgba: NDArray[np.uint8], most: float) -> bool:
     """Let a visible region end half-way between its last points and the first ones of a hidden region.
 
     From a code to 0, interpolated extinction vanishes within a tenth of a voxel. If the hidden point keeps e^-1.6 of
-    it, as much lies between both as if one half were full and the other one empty.
+    it, as much lies between both as if one half were full and the other one empty. Returns whether anything changed.
     """
     hidden = [k for k, r in enumerate(scene.regions) if r.seen_opacity == 0.0]
     if not hidden:
-        return
+        return False
     rows = torch.isin(matter.region, matter.region.new_tensor(hidden)).cpu().numpy()
     scale = float(np.log(matter.grid.unit_distance / scene.occupancy.box.size))
     own = codes_of(matter.log_extinction.cpu().numpy()[rows] + scale, most)
@@ -186,6 +194,7 @@ def _soften_edges(scene: Scene, matter: Matter, rgba: NDArray[np.uint8], most: f
     drop = round(EDGE_DROP * (CODES - 1) / (most - LEAST_LOG_DEPTH))
     soften_edges(codes, matter.place[rows], own, drop, softened)
     rgba.reshape(-1, 4)[matter.place[rows], 3] = softened
+    return bool(softened.any())
 
 
 def _span_all_bytes(flat: NDArray[np.uint8]) -> None:
@@ -195,9 +204,9 @@ def _span_all_bytes(flat: NDArray[np.uint8]) -> None:
     """
     words = flat.view("<u4").ravel()  # the code is the last and most significant byte
     white = words.argmin()
-    flat[white, :3] = 255
+    words[white] = 0xFFFFFFFF
     black = words.argmin()
-    flat[black] = 0
+    flat[white, 3], flat[black] = 0, 0
 
 
 def _seen_extinction(scene: Scene, matter: Matter, paint: Tensor | None) -> Tensor:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -34,6 +35,10 @@ LEAST_SIGHT = 0.02
 
 RIDGE = 1e-3
 """Weight of the squared coefficients, for vertices that are seen from few directions."""
+
+MOST_AXES, LEFT_OUT = 12, 0.06
+"""Most numbers that describe a vertex's light, and the root of the mean square that they may leave out. The harmonics
+are orthonormal: in light, that is LEFT_OUT / sqrt(4 pi), or 0.017."""
 
 VERTICES_AT_A_TIME = 1 << 13
 """Vertices that are fitted together, to bound the memory."""
@@ -61,6 +66,28 @@ def fitted_light(scene: Scene, places: Tensor, progress: Progress = silent) -> T
         seen = sight[:, cell[:, 0], cell[:, 1], cell[:, 2]].T  # (V, D)
         found.append(_fit(scene, own, _directions(scene, cameras, own), seen))
     return torch.cat(found)
+
+
+def principal(
+    light: NDArray[np.float32], seen: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Describe coefficients by few numbers each: their mean, and amounts of a few common directions (PCA).
+
+    Args:
+        light: Coefficients. (V, 2 K)
+        seen: Weight of each vertex. (V,)
+
+    Returns:
+        The mean (2 K,), at most :data:`MOST_AXES` axes (A, 2 K), orthonormal, and amounts (V, A).
+    """
+    mean = np.average(light, axis=0, weights=seen + 1e-3)
+    weighted = (light - mean) * np.sqrt(seen + 1e-3)[:, None]
+    power, axes = np.linalg.eigh(weighted.T @ weighted / (seen + 1e-3).sum())
+    power, axes = power[::-1], axes.T[::-1]
+    left = np.sqrt(np.maximum(power.sum() - power.cumsum(), 0.0))  # error with 1, 2 ... axes
+    count = min(1 + int((left > LEFT_OUT).sum()), MOST_AXES)
+    axes = np.ascontiguousarray(axes[:count], np.float32)
+    return mean.astype(np.float32), axes, (light - mean).astype(np.float32) @ axes.T
 
 
 def geometry_at(scene: Scene, places: Tensor) -> tuple[Tensor, Tensor]:

@@ -61,9 +61,9 @@ def write_html(
     check_writable(path)
     scene = scene.on(torch.device("cpu"))
     front = _front(scene, background, part(progress, 0.0, 0.1))
-    fields = fields_of(scene, part(progress, 0.1, 0.9))
+    fields, light = fields_of(scene, part(progress, 0.1, 0.9))
     progress(0.9, "compressing")
-    header = _header(scene, fields) | {"file": path.stem, "background": list(background)}
+    header = _header(scene, fields) | {"light": light, "file": path.stem, "background": list(background)}
     page = _page(header, _packed(scene, fields), front, title)
     with atomic_path(path) as temporary:
         temporary.write_bytes(page)
@@ -123,7 +123,7 @@ def _header(scene: Scene, fields: Sequence[Field]) -> dict[str, Any]:
         "regions": _regions(scene),
         "painting": None if scene.variant is None else shown.index(scene.variant),
         "paintings": [_painting(scene.with_variant(name)) for name in shown],
-        "fields": [{"name": f.name, "resolution": f.resolution, "low": f.low, "high": f.high} for f in fields],
+        "fields": [{k: v for k, v in vars(field).items() if k != "codes"} for field in fields],
     }
 
 

@@ -49,24 +49,24 @@ function shifter(palette, target) {
 // Return a function from a vertex to a channel's value there.
 function valuesOf(field, channel) {
   const low = field.low[channel], step = (field.high[channel] - low) / 255, start = channel * field.count;
-  return (k) => low + step * field.codes[start + k];
+  return (k) => low + step * field.bytes[start + k];
 }
 
 // The diffuse colours I sum_i w_i c_i of the palette's colours c_i as they are edited, vertex by vertex.
 class Palette {
-  // material: intensity, then a weight a region; colours: three channels a region.
-  constructor(material, colours, regions) {
-    this.material = material, this.colours = colours, this.count = material.count;
+  // material: intensity, then three channels a region; weights: one a region.
+  constructor(material, weights, regions) {
+    this.material = material, this.count = material.count;
     this.parts = regions.map(() => null); // the contribution of each region, as long as its colour stays
     this.codes = regions.map(() => undefined);
     const share = new Float32Array(this.count);
     this.weights = regions.map((_, region) => {
-      const at = valuesOf(material, 1 + region), weights = new Float32Array(this.count);
-      for (let k = 0; k < this.count; k++) share[k] += weights[k] = at(k);
-      return weights;
+      const at = valuesOf(weights, region), own = new Float32Array(this.count);
+      for (let k = 0; k < this.count; k++) share[k] += own[k] = at(k);
+      return own;
     });
     const intensity = valuesOf(material, 0);
-    for (const weights of this.weights) for (let k = 0; k < this.count; k++) weights[k] *= intensity(k) / share[k];
+    for (const own of this.weights) for (let k = 0; k < this.count; k++) own[k] *= intensity(k) / share[k];
   }
 
   // Return the diffuse colours, three numbers a vertex.
@@ -85,7 +85,7 @@ class Palette {
 
   // Return what a region adds to the diffuse colours.
   part(region, index) {
-    const [red, green, blue] = [0, 1, 2].map((c) => valuesOf(this.colours, 3 * index + c));
+    const [red, green, blue] = [0, 1, 2].map((c) => valuesOf(this.material, 1 + 3 * index + c));
     const weights = this.weights[index], out = new Float32Array(3 * this.count), rgb = [0, 0, 0];
     const shift = region.edited === null ? null : shifter(region.colour, region.edited);
     for (let k = 0; k < this.count; k++) {

@@ -92,16 +92,20 @@ function leapsOf(occupied, shape) {
   return out;
 }
 
-// Undo the differences between a channel's neighbours, in place.
-function summed(codes, start, count) {
-  for (let k = start + 1; k < start + count; k++) codes[k] = (codes[k] + codes[k - 1]) & 255;
+// Turn the differences between a channel's neighbouring codes into the bytes of their levels, in place.
+function bytesOf(codes, start, count, levels) {
+  let code = 0;
+  for (let k = start; k < start + count; k++) {
+    code = (code + codes[k]) & 255;
+    codes[k] = levels[code];
+  }
 }
 
-// Return the scene's occupancy, leaps, grids and fields. A field has channels of codes in the order of its grid's places;
-// the value of a code is low + code / 255 (high - low).
-function decoded(header, bytes) {
+// Return the shape of the occupancy, its leaps, and the fields. A field has channels of bytes in the order of its grid's
+// places; the value of a byte is low + byte / 255 (high - low).
+function decoded(header, content) {
   let at = 0;
-  const take = (count) => bytes.subarray(at, (at += count));
+  const take = (count) => content.subarray(at, (at += count));
   const shape = header.shape;
   const occupied = cellsFromBits(take(Math.ceil((shape[0] * shape[1] * shape[2]) / 8)), shape);
   const grids = new Map(), fields = {};
@@ -111,9 +115,9 @@ function decoded(header, bytes) {
       grids.set(told.resolution, { resolution: told.resolution, ...verticesOf(finer.occupied, finer.shape) });
     }
     const grid = grids.get(told.resolution), count = grid.places.length;
-    const codes = take(count * told.low.length);
-    told.low.forEach((_, channel) => summed(codes, channel * count, count));
-    fields[told.name] = { ...told, grid, count, channels: told.low.length, codes };
+    const bytes = take(count * told.low.length);
+    told.levels.forEach((levels, channel) => bytesOf(bytes, channel * count, count, levels));
+    fields[told.name] = { ...told, grid, count, channels: told.low.length, bytes };
   }
   return { shape, leaps: leapsOf(occupied, shape), fields };
 }

@@ -10,10 +10,11 @@ class Painter {
     const finest = Math.max(...shape, ...Object.values(this.fields).flatMap((field) => field.grid.size));
     if (finest > most) throw new Unable(`this browser's graphics hold ${most} points a side and the scene has ${finest}`);
     this.upload("Leaps", gl.R8UI, gl.RED_INTEGER, shape, leaps, gl.NEAREST);
-    this.uploadField("Extinction", this.fields.extinction, 0, 1);
-    this.weights = this.split("Weights", header.regions.length > 1 ? this.fields.material : null, 1);
-    this.lights = this.split("Light", this.fields.light ?? null, 0);
-    this.palette = new Palette(this.fields.material, this.fields.colours, header.regions);
+    this.uploadField("Extinction", this.fields.extinction, 0, 1, 1);
+    this.weights = this.split("Weights", header.regions.length > 1 ? this.fields.weights : null);
+    this.lights = this.split("Light", this.fields.light ?? null);
+    this.basis = header.lighting === "network" ? basisOf(header.light, this.fields.light, this.lights) : null;
+    this.palette = new Palette(this.fields.material, this.fields.weights, header.regions);
     this.vertices = gl.createVertexArray();
   }
 
@@ -28,23 +29,23 @@ class Painter {
       gl.texParameteri(gl.TEXTURE_3D, axis, gl.CLAMP_TO_EDGE);
   }
 
-  // Upload some channels of a field: its codes on the whole grid, zero at the vertices that it does not have.
-  uploadField(name, field, first, count) {
-    const gl = this.gl, each = count > 1 ? CHANNELS : 1, { size, places } = field.grid;
+  // Upload some channels of a field, `each` a texel: its bytes on the whole grid, zero at vertices that it does not have.
+  uploadField(name, field, first, count, each) {
+    const gl = this.gl, { size, places } = field.grid;
     const data = new Uint8Array(each * size[0] * size[1] * size[2]);
     for (let c = 0; c < count; c++) {
-      const codes = field.codes.subarray((first + c) * field.count, (first + c + 1) * field.count);
-      for (let k = 0; k < codes.length; k++) data[each * places[k] + c] = codes[k];
+      const bytes = field.bytes.subarray((first + c) * field.count, (first + c + 1) * field.count);
+      for (let k = 0; k < bytes.length; k++) data[each * places[k] + c] = bytes[k];
     }
     this.upload(name, each > 1 ? gl.RGBA8 : gl.R8, each > 1 ? gl.RGBA : gl.RED, size, data, gl.LINEAR);
   }
 
-  // Upload the channels of a field from `first` on to as many textures as they need, and return how many.
-  split(name, field, first) {
+  // Upload the channels of a field to as many textures as they need, and return how many.
+  split(name, field) {
     if (field === null) return 0;
-    const end = name === "Weights" ? 1 + this.header.regions.length : field.channels;
-    let textures = 0;
-    for (let c = first; c < end; c += CHANNELS) this.uploadField(name + textures++, field, c, Math.min(CHANNELS, Math.max(end - c, 2)));
+    const textures = Math.ceil(field.channels / CHANNELS);
+    for (let t = 0; t < textures; t++)
+      this.uploadField(name + t, field, CHANNELS * t, Math.min(CHANNELS, field.channels - CHANNELS * t), CHANNELS);
     return textures;
   }
 
@@ -63,7 +64,7 @@ class Painter {
       this.wanted = wanted;
     }
     if (state.painting !== null && this.painting !== state.painting) {
-      this.uploadField("Paint", this.fields[`paint${state.painting}`], 0, 3);
+      this.uploadField("Paint", this.fields[`paint${state.painting}`], 0, 3, CHANNELS);
       this.painting = state.painting;
     }
   }
@@ -75,7 +76,7 @@ class Painter {
     const byRegion = !same(lights) || !same(opacitiesOf(state)) || (state.painting !== null && (!same(sharesOf(state, this.header)) || strokesOf(state, this.header).flat().some((v) => v)));
     const defines = {
       REGIONS: regions, WEIGHTS: this.weights, LIGHTS: Math.max(this.lights, 1), LIT: lit,
-      BASIS: lit === 1 ? this.fields.light.channels / 2 : 4, PAINTED: state.painting === null ? 0 : 1, BY_REGION: byRegion ? 1 : 0,
+      BASIS: lit === 1 ? this.header.light.harmonics : 1, PAINTED: state.painting === null ? 0 : 1, BY_REGION: byRegion ? 1 : 0,
       SOFTNESS: this.header.normal_softness.toFixed(6), RIM: this.header.rim_cosine.toFixed(6),
     };
     const key = JSON.stringify(defines);
@@ -142,11 +143,13 @@ class Painter {
     grid("uExtinctionGrid", extinction), grid("uColourGrid", material);
     gl.uniform2f(at.uExtinctionCode, extinction.low[0], extinction.high[0] - extinction.low[0]);
     gl.uniform2f(at.uDiffuseCode, 0, this.diffuseTop);
-    if (light) {
-      grid("uLightGrid", light);
-      const padded = (list) => Float32Array.from({ length: CHANNELS * this.lights }, (_, k) => list[k] ?? 0);
-      gl.uniform4fv(at.uLightLow, padded(light.low));
-      gl.uniform4fv(at.uLightRange, padded(light.high.map((v, k) => v - light.low[k])));
+    if (light) grid("uLightGrid", light);
+    if (this.header.lighting === "network") {
+      gl.uniform4fv(at.uShade, this.basis.shade), gl.uniform4fv(at.uSpecular, this.basis.specular);
+      gl.uniform2fv(at.uLightZero, this.basis.zero);
+    } else if (this.header.lighting === "phong") {
+      gl.uniform3fv(at.uNormalLow, light.low);
+      gl.uniform3fv(at.uNormalRange, light.high.map((v, k) => v - light.low[k]));
     }
     if (this.painting !== undefined) grid("uPaintGrid", this.fields[`paint${this.painting}`]);
   }
@@ -171,6 +174,21 @@ class Painter {
 
 // Why a scene cannot be shown here, as the end of a sentence.
 class Unable extends Error {}
+
+// What a byte of each channel of the light counts for, harmonic by harmonic, and what the light is where all bytes are 0.
+function basisOf({ harmonics, mean, axes }, field, textures) {
+  const shade = new Float32Array(CHANNELS * textures * harmonics), specular = shade.slice(), zero = new Float32Array(2 * harmonics);
+  for (let k = 0; k < harmonics; k++) {
+    zero[2 * k] = mean[k], zero[2 * k + 1] = mean[harmonics + k];
+    axes.forEach((axis, channel) => {
+      const range = field.high[channel] - field.low[channel], low = field.low[channel];
+      const at = CHANNELS * (Math.floor(channel / CHANNELS) * harmonics + k) + (channel % CHANNELS);
+      shade[at] = range * axis[k], specular[at] = range * axis[harmonics + k];
+      zero[2 * k] += low * axis[k], zero[2 * k + 1] += low * axis[harmonics + k];
+    });
+  }
+  return { shade, specular, zero };
+}
 
 // Return the rotation, column by column, from directions towards the camera to directions towards the light (Lamp.turn).
 function lampTurn(lamp, axes) {

@@ -26,9 +26,10 @@ uniform vec2 uExtinctionCode, uDiffuseCode;                        // value of c
 uniform float uOpacity[REGIONS];
 uniform vec3 uLight[REGIONS];   // how each region responds to light: factor, scale of the shade, less specular
 #if LIT == 1
-uniform vec4 uLightLow[LIGHTS], uLightRange[LIGHTS];
+uniform vec4 uShade[LIGHTS * BASIS], uSpecular[LIGHTS * BASIS]; // what a texture's channels count for, in each harmonic
+uniform vec2 uLightZero[BASIS];                                 // shade and specular light where all channels are 0
 #elif LIT == 2
-uniform vec4 uLightLow[1], uLightRange[1];
+uniform vec3 uNormalLow, uNormalRange;
 uniform vec4 uReflects[REGIONS]; // ambient, diffuse, specular, shininess
 uniform mat3 uLamp;              // turns directions towards the viewer into directions towards the light
 uniform vec4 uSun;               // direction towards a light that stays in the world; w is 1 if there is one
@@ -47,32 +48,30 @@ const float CEILING = 9.0; // greatest logarithm of the extinction
 vec3 place(vec3 p, vec4 grid) { return (p.zyx * grid.x + 0.5) / grid.yzw; }
 
 #if LIT == 1
-// Harmonics of a direction, bands 0 to 2, times the ranges of their coefficients: what each texture's codes count for.
+// What each texture's channels count for along the ray.
 vec4 shadeOf[LIGHTS], specularOf[LIGHTS];
 vec2 lightAtZero;
 
 void prepare(vec3 d) {
-  float basis[BASIS];
+  float basis[9]; // spherical harmonics, bands 0 to 2 (svv/core/encodings.py)
   basis[0] = 0.28209479177387814;
   basis[1] = -0.48860251190291987 * d.y;
   basis[2] = 0.48860251190291987 * d.z;
   basis[3] = -0.48860251190291987 * d.x;
-#if BASIS > 4
   basis[4] = 1.0925484305920792 * d.x * d.y;
   basis[5] = -1.0925484305920792 * d.y * d.z;
   basis[6] = 0.94617469575755997 * d.z * d.z - 0.31539156525251999;
   basis[7] = -1.0925484305920792 * d.x * d.z;
   basis[8] = 0.54627421529603959 * (d.x * d.x - d.y * d.y);
-#endif
   lightAtZero = vec2(0.0);
-  for (int t = 0; t < LIGHTS; t++)
-    for (int k = 0; k < 4; k++) {
-      int c = 4 * t + k;
-      float m = c < BASIS ? basis[c] : 0.0, s = c >= BASIS && c < 2 * BASIS ? basis[c - BASIS] : 0.0;
-      lightAtZero += vec2(m, s) * uLightLow[t][k];
-      shadeOf[t][k] = m * uLightRange[t][k];
-      specularOf[t][k] = s * uLightRange[t][k];
+  for (int k = 0; k < BASIS; k++) lightAtZero += basis[k] * uLightZero[k];
+  for (int t = 0; t < LIGHTS; t++) {
+    shadeOf[t] = specularOf[t] = vec4(0.0);
+    for (int k = 0; k < BASIS; k++) {
+      shadeOf[t] += basis[k] * uShade[t * BASIS + k];
+      specularOf[t] += basis[k] * uSpecular[t * BASIS + k];
     }
+  }
 }
 
 // Shade and specular grey at a place.
@@ -93,7 +92,7 @@ void prepare(vec3 d) {
 
 // Shade and specular grey of a surface that reflects with these coefficients (svv/core/light.py, blinn_phong).
 vec2 lightAt(vec3 p, vec4 reflects) {
-  vec3 v = uLightLow[0].xyz + uLightRange[0].xyz * texture(uLight0, place(p, uLightGrid)).xyz;
+  vec3 v = uNormalLow + uNormalRange * texture(uLight0, place(p, uLightGrid)).xyz;
   vec3 normal = v * inversesqrt(SOFTNESS * SOFTNESS + dot(v, v));
   float rim = RIM * clamp(1.0 - dot(facing, toward), 0.0, 1.0);
   float side = dot(normal, facing) < -rim ? -1.0 : 1.0;

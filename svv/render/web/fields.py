@@ -40,7 +40,7 @@ VISIBLE_LENGTH = 1.0 / 16.0
 LEAST_WEIGHT = 0.05
 """Palette weight below which a colour's offset is left out: it cannot be seen."""
 
-EXTINCTION_STEP, MOST_EXTINCTION_STEP, EXTINCTION_LENGTH = 0.15, 0.6, 1.0 / 64.0
+EXTINCTION_STEP, MOST_EXTINCTION_STEP, EXTINCTION_LENGTH = 0.18, 0.7, 1.0 / 64.0
 """Distance between levels of the logarithm of the extinction, where it matters most, and elsewhere: it matters most
 where the optical depth over EXTINCTION_LENGTH box units is 1, little in haze and little in what is opaque anyway."""
 
@@ -64,9 +64,9 @@ class Steps:
 
 
 MATERIAL = Steps(0.02, 0.02, 0.1)
-LIGHT = Steps(0.06, 0.04, 0.2)
+LIGHT = Steps(0.08, 0.04, 0.3)
 NORMALS = Steps(0.03, 0.015, 0.15)
-PAINT = Steps(1.0 / 24.0, 0.04, 0.15)
+PAINT = Steps(1.0 / 20.0, 0.05, 0.2)
 """Of the intensity and the palette's colours, as fractions; of the amounts of light, in units of harmonics; of vectors
 whose direction is a normal; and of paint."""
 

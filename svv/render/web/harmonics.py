@@ -36,9 +36,9 @@ LEAST_SIGHT = 0.02
 RIDGE = 1e-3
 """Weight of the squared coefficients, for vertices that are seen from few directions."""
 
-MOST_AXES, LEFT_OUT = 12, 0.06
+MOST_AXES, LEFT_OUT = 12, 0.1
 """Most numbers that describe a vertex's light, and the root of the mean square that they may leave out. The harmonics
-are orthonormal: in light, that is LEFT_OUT / sqrt(4 pi), or 0.017."""
+are orthonormal: in light, that is LEFT_OUT / sqrt(4 pi), or 0.03."""
 
 VERTICES_AT_A_TIME = 1 << 13
 """Vertices that are fitted together, to bound the memory."""

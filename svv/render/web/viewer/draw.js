@@ -71,13 +71,14 @@ class Painter {
 
   // Return the program for a state; compiling takes a moment, so each kind is compiled once.
   program(state) {
-    const regions = state.regions.length, lit = { none: 0, network: 1, phong: 2 }[this.header.lighting];
-    const lights = lightsOf(state, this.header), same = (list) => list.every((v) => `${v}` === `${list[0]}`);
-    const byRegion = !same(lights) || !same(opacitiesOf(state)) || (state.painting !== null && (!same(sharesOf(state, this.header)) || strokesOf(state, this.header).flat().some((v) => v)));
+    const { header } = this, lit = { none: 0, network: 1, phong: 2 }[header.lighting], painted = state.painting !== null;
+    const strokes = painted && strokesOf(state, header).flat().some((v) => v !== 0);
+    const alike = [lightsOf(state, header), opacitiesOf(state), sharesOf(state, header)].every((list) =>
+      list.every((v) => `${v}` === `${list[0]}`));
     const defines = {
-      REGIONS: regions, WEIGHTS: this.weights, LIGHTS: Math.max(this.lights, 1), LIT: lit,
-      BASIS: lit === 1 ? this.header.light.harmonics : 1, PAINTED: state.painting === null ? 0 : 1, BY_REGION: byRegion ? 1 : 0,
-      SOFTNESS: this.header.normal_softness.toFixed(6), RIM: this.header.rim_cosine.toFixed(6),
+      REGIONS: state.regions.length, WEIGHTS: this.weights, LIGHTS: Math.max(this.lights, 1), LIT: lit,
+      BASIS: lit === 1 ? header.light.harmonics : 1, PAINTED: Number(painted), STROKES: Number(strokes),
+      BY_REGION: Number(strokes || !alike), SOFTNESS: header.normal_softness.toFixed(6), RIM: header.rim_cosine.toFixed(6),
     };
     const key = JSON.stringify(defines);
     if (!this.programs.has(key)) this.programs.set(key, this.compiled(defines));
@@ -104,8 +105,9 @@ class Painter {
     return { program, at };
   }
 
-  // Draw the rows [from, to) of a camera's picture, at `part` of its size, into the bound framebuffer.
-  draw(state, camera, part, from, to) {
+  // Draw the rows [from, to) of a camera's picture, at `part` of its size and with samples `stride` times as far apart,
+  // into the bound framebuffer.
+  draw(state, camera, part, from, to, stride = 1) {
     const gl = this.gl, { program, at } = this.program(state), header = this.header;
     const width = Math.max(1, Math.round(camera.width * part)), height = Math.max(1, Math.round(camera.height * part));
     gl.useProgram(program);
@@ -117,7 +119,7 @@ class Painter {
     gl.uniform2f(at.uPixel, camera.width / width, camera.height / height);
     gl.uniform3fv(at.uExtent, header.box.extent);
     gl.uniform1f(at.uCells, header.cells);
-    gl.uniform3f(at.uMarch, header.step, header.joined, Math.exp(-header.stop));
+    gl.uniform3f(at.uMarch, stride * header.step, stride * header.joined, Math.exp(-header.stop));
     gl.uniform3fv(at.uBackground, state.background);
     this.setRegions(at, state);
     if (header.lighting === "phong") this.setLamp(at, state, axes);
@@ -142,7 +144,7 @@ class Painter {
     const { extinction, material, light } = this.fields;
     grid("uExtinctionGrid", extinction), grid("uColourGrid", material);
     gl.uniform2f(at.uExtinctionCode, extinction.low[0], extinction.high[0] - extinction.low[0]);
-    gl.uniform2f(at.uDiffuseCode, 0, this.diffuseTop);
+    gl.uniform1f(at.uDiffuseTop, this.diffuseTop);
     if (light) grid("uLightGrid", light);
     if (this.header.lighting === "network") {
       gl.uniform4fv(at.uShade, this.basis.shade), gl.uniform4fv(at.uSpecular, this.basis.specular);

@@ -1,7 +1,7 @@
 #version 300 es
 // One ray a pixel through the scene's fields; the same optics as the renderer of the scene (svv/fields/rendering.py).
 // Before compiling, draw.js sets REGIONS, WEIGHTS and LIGHTS (numbers of textures), LIT (0 none, 1 harmonics, 2 Blinn-Phong),
-// PAINTED, BY_REGION and constants; it repeats a line that begins with @WEIGHTS or @LIGHTS for each texture, # being its
+// PAINTED, STROKES, BY_REGION and constants; it repeats a line that begins with @WEIGHTS or @LIGHTS for each texture, # being its
 // number. Textures are (z, y, x): the scene's arrays are in raster order with z fastest.
 precision highp float;
 precision highp int;
@@ -20,7 +20,8 @@ uniform vec3 uBackground;
 uniform usampler3D uLeaps;
 uniform sampler3D uExtinction, uDiffuse;
 uniform vec4 uExtinctionGrid, uColourGrid, uLightGrid, uPaintGrid; // cells per box unit, number of vertices along z, y, x
-uniform vec2 uExtinctionCode, uDiffuseCode;                        // value of code 0, range of values
+uniform vec2 uExtinctionCode; // value where the texture is 0, range of values
+uniform float uDiffuseTop;    // value where the texture is 1
 @WEIGHTS uniform sampler3D uWeights#;
 @LIGHTS uniform sampler3D uLight#;
 uniform float uOpacity[REGIONS];
@@ -37,8 +38,8 @@ uniform vec2 uLampHow;           // brightness; 1 if the headlight shines along 
 #endif
 #if PAINTED
 uniform sampler3D uPaint;
-uniform float uShare[REGIONS];   // how strongly paint covers each region
-uniform vec4 uStrokes[REGIONS];  // how extinction follows strokes: gain, slope, mean, reach
+uniform float uShare[REGIONS];  // how strongly paint covers each region
+uniform vec4 uStrokes[REGIONS]; // how extinction follows strokes: gain, slope, mean, reach
 #endif
 
 out vec4 pixel;
@@ -106,7 +107,6 @@ vec2 lightAt(vec3 p, vec4 reflects) {
 // The colour of a place and, in w, the factor on its extinction.
 vec4 shaded(vec3 p) {
   vec3 q = place(p, uColourGrid);
-  vec3 colour = uDiffuseCode.x + uDiffuseCode.y * texture(uDiffuse, q).rgb;
   int region = 0;
 #if WEIGHTS > 0 && (BY_REGION || LIT == 2)
   float weight[4 * WEIGHTS];
@@ -116,17 +116,27 @@ vec4 shaded(vec3 p) {
   for (int k = 1; k < REGIONS; k++) if (weight[k] > weight[region]) region = k;
 #endif
   float factor = uOpacity[region];
+  vec3 colour = vec3(0.0);
 #if PAINTED
-  vec3 paint = texture(uPaint, place(p, uPaintGrid)).rgb;
-  vec4 s = uStrokes[region];
-  factor *= exp(s.x + clamp(s.y * (s.z - dot(paint, vec3(0.2126, 0.7152, 0.0722))), -s.w, s.w));
-  colour = mix(colour, paint, uShare[region]);
+  float share = uShare[region];
+  if (share < 1.0) colour = uDiffuseTop * texture(uDiffuse, q).rgb;
+  if (share > 0.0) {
+    vec3 paint = texture(uPaint, place(p, uPaintGrid)).rgb;
+    colour = mix(colour, paint, share);
+#if STROKES
+    vec4 s = uStrokes[region];
+    factor *= exp(s.x + clamp(s.y * (s.z - dot(paint, vec3(0.2126, 0.7152, 0.0722))), -s.w, s.w));
+#endif
+  }
+#else
+  colour = uDiffuseTop * texture(uDiffuse, q).rgb;
 #endif
 #if LIT > 0
+  vec3 how = uLight[region];
+  if (how.x == 0.0) return vec4(colour, factor);
 #if LIT == 1
   vec2 light = lightAt(p);
-#else
-#if WEIGHTS > 0
+#elif WEIGHTS > 0
   vec4 reflects = vec4(0.0);
   float whole = 0.0;
   for (int k = 0; k < REGIONS; k++) { reflects += weight[k] * uReflects[k]; whole += weight[k]; }
@@ -134,8 +144,6 @@ vec4 shaded(vec3 p) {
 #else
   vec2 light = lightAt(p, uReflects[0]);
 #endif
-#endif
-  vec3 how = uLight[region];
   colour = colour * max(1.0 + how.x * (how.y * light.x - 1.0), 0.0) + how.x * (light.y - how.z);
 #endif
   return vec4(colour, factor);
@@ -157,10 +165,11 @@ void main() {
 #if LIT > 0
     prepare(d);
 #endif
-    float pace = uMarch.x, waiting = 0.0; // optical depth since the last sample that was shaded
+    float pace = uMarch.x, waiting = 0.0, factor = -1.0; // optical depth since the last shaded sample, and its factor
+    vec3 p;
     int i = int(ceil(near / pace - 0.5)), last = int(floor(far / pace - 0.5));
     while (i <= last) {
-      vec3 p = o + (float(i) + 0.5) * pace * d;
+      p = o + (float(i) + 0.5) * pace * d;
       ivec3 cell = clamp(ivec3(p * uCells), ivec3(0), most);
       float empty = float(texelFetch(uLeaps, cell.zyx, 0).r);
       if (empty > 0.0) {
@@ -178,12 +187,13 @@ void main() {
       if (front * thickness < uMarch.y || front * (1.0 - exp(-thickness)) < uMarch.y) continue;
       waiting = 0.0;
       vec4 found = shaded(p);
-      float through = exp(-thickness * found.a);
+      factor = found.a;
+      float through = exp(-thickness * factor);
       sum += front * (1.0 - through) * found.rgb;
       front *= through;
       if (front < uMarch.z) break;
     }
-    front *= exp(-waiting);
+    if (waiting > 0.0) front *= exp(-waiting * (factor < 0.0 ? shaded(clamp(p, vec3(0.0), uExtent)).a : factor));
   }
   float alpha = 1.0 - front;
   vec3 mean = alpha > 1.0 / 512.0 ? clamp(sum / alpha, 0.0, 1.0) * alpha : vec3(0.0);

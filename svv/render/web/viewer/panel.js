@@ -40,7 +40,7 @@ class Panel {
 
   // A slider with its label and value in words.
   slider(label, [least, most, step], format, read, write, spoken = label) {
-    const said = made("output");
+    const said = made("span", { class: "value", "aria-hidden": "true" });
     const input = made("input", {
       type: "range", min: least, max: most, step, "aria-label": spoken,
       oninput: () => this.set(() => write(Number(input.value))),
@@ -50,7 +50,7 @@ class Panel {
       said.textContent = format(read());
       input.setAttribute("aria-valuetext", said.textContent);
     });
-    return made("div", { class: "slider" }, made("span", { "aria-hidden": "true" }, label), input, said);
+    return made("div", { class: "slider" }, made("span", { class: "label", "aria-hidden": "true" }, label), input, said);
   }
 
   colour(label, read, write) {

@@ -10,6 +10,7 @@ import base64
 import io
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -21,6 +22,7 @@ import torch
 from PIL import Image
 
 from svv._version import __version__
+from svv.core.cameras import CameraRig
 from svv.core.colour import WHITE, over
 from svv.core.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
 from svv.errors import BadInput, Progress, part, silent
@@ -28,7 +30,6 @@ from svv.fields.scene import Scene
 from svv.fields.stroke_opacity import strokes_of
 from svv.io.atomic import atomic_path, check_writable, to_json
 from svv.io.output import to_bytes
-from svv.render.frames import orbit
 from svv.render.web.fields import Field, fields_of
 
 SCRIPTS = ("decode.js", "colours.js", "state.js", "camera.js", "draw.js", "show.js", "panel.js", "hands.js", "main.js")
@@ -36,6 +37,9 @@ SCRIPTS = ("decode.js", "colours.js", "state.js", "camera.js", "draw.js", "show.
 
 FRONT_SIZE, FRONT_QUALITY = 720, 88
 """Side in pixels and JPEG quality of the picture from the front."""
+
+CLOSER_SIZE, LEAST_SHOWN, MARGIN = 64, 0.05, 1.1
+"""Side in pixels of the views that tell how large the scene appears, the alpha that counts, and the margin around."""
 
 
 def write_html(
@@ -60,10 +64,11 @@ def write_html(
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     check_writable(path)
     scene = scene.on(torch.device("cpu"))
-    front = _front(scene, background, part(progress, 0.0, 0.1))
+    rig = _closer(scene)
+    front = _front(scene, rig, background, part(progress, 0.0, 0.1))
     fields, light = fields_of(scene, part(progress, 0.1, 0.9))
     progress(0.9, "compressing")
-    header = _header(scene, fields) | {"light": light, "file": path.stem, "background": list(background)}
+    header = _header(scene, rig, fields) | {"light": light, "file": path.stem, "background": list(background)}
     page = _page(header, _packed(scene, fields), front, title)
     with atomic_path(path) as temporary:
         temporary.write_bytes(page)
@@ -95,10 +100,22 @@ def _said(header: dict[str, Any]) -> str:
     return said + (f", {paintings} painting{'s' * (paintings != 1)}" if paintings else "")
 
 
-def _header(scene: Scene, fields: Sequence[Field]) -> dict[str, Any]:
+def _closer(scene: Scene) -> CameraRig:
+    """Return the scene's camera rig with an angle of view that it fills, however it is turned."""
+    rig, reach = scene.rig, 0.0
+    for camera in rig.sphere(12, CLOSER_SIZE):
+        row, column = np.nonzero(scene.render(camera).rgba[..., 3] > LEAST_SHOWN)
+        away = np.hypot(row + 0.5 - CLOSER_SIZE / 2, column + 0.5 - CLOSER_SIZE / 2)
+        reach = max(reach, float(away.max(initial=0.0)) / (CLOSER_SIZE / 2))
+    part = min(max(MARGIN * reach, 0.1), 1.0) if reach else 1.0
+    fov = 2.0 * np.arctan(part * np.tan(rig.fov_x / 2.0))
+    return replace(rig, fov_x=float(fov), span_x=None if rig.span_x is None else part * rig.span_x)
+
+
+def _header(scene: Scene, rig: CameraRig, fields: Sequence[Field]) -> dict[str, Any]:
     """Return everything but the fields' codes, as plain values."""
     occupancy, how = scene.occupancy, scene.marching_for_images
-    rig, box = scene.rig, occupancy.box
+    box = occupancy.box
     room = rig.radius - 0.5 * float(np.linalg.norm(box.bounds[1] - box.bounds[0]))  # between the camera and the box
     shown = [variant.name for variant in scene.every_variant]
     return {
@@ -158,9 +175,10 @@ def _packed(scene: Scene, fields: Sequence[Field]) -> str:
     return base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in content), 9)).decode()
 
 
-def _front(scene: Scene, background: Sequence[float], progress: Progress) -> str:
+def _front(scene: Scene, rig: CameraRig, background: Sequence[float], progress: Progress) -> str:
     """Return the picture from the front as a data URI."""
-    view = scene.render(orbit(scene, 181, FRONT_SIZE, FRONT_SIZE)[90], progress=progress)
+    (camera,) = rig.orbit(181, FRONT_SIZE, frames=[90])
+    view = scene.render(camera, progress=progress)
     buffer = io.BytesIO()
     Image.fromarray(to_bytes(over(view.rgba, background))).save(buffer, format="JPEG", quality=FRONT_QUALITY)
     return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -46,7 +46,7 @@ out vec4 pixel;
 
 const float CEILING = 9.0; // greatest logarithm of the extinction
 
-vec3 place(vec3 p, vec4 grid) { return (p.zyx * grid.x + 0.5) / grid.yzw; }
+vec3 onGrid(vec3 p, vec4 grid) { return (p.zyx * grid.x + 0.5) / grid.yzw; }
 
 #if LIT == 1
 // What each texture's channels count for along the ray.
@@ -77,7 +77,7 @@ void prepare(vec3 d) {
 
 // Shade and specular grey at a place.
 vec2 lightAt(vec3 p) {
-  vec3 q = place(p, uLightGrid);
+  vec3 q = onGrid(p, uLightGrid);
   vec2 light = lightAtZero;
   vec4 v;
 @LIGHTS   v = texture(uLight#, q); light += vec2(dot(shadeOf[#], v), dot(specularOf[#], v));
@@ -93,7 +93,7 @@ void prepare(vec3 d) {
 
 // Shade and specular grey of a surface that reflects with these coefficients (svv/core/light.py, blinn_phong).
 vec2 lightAt(vec3 p, vec4 reflects) {
-  vec3 v = uNormalLow + uNormalRange * texture(uLight0, place(p, uLightGrid)).xyz;
+  vec3 v = uNormalLow + uNormalRange * texture(uLight0, onGrid(p, uLightGrid)).xyz;
   vec3 normal = v * inversesqrt(SOFTNESS * SOFTNESS + dot(v, v));
   float rim = RIM * clamp(1.0 - dot(facing, toward), 0.0, 1.0);
   float side = dot(normal, facing) < -rim ? -1.0 : 1.0;
@@ -106,7 +106,7 @@ vec2 lightAt(vec3 p, vec4 reflects) {
 
 // The colour of a place and, in w, the factor on its extinction.
 vec4 shaded(vec3 p) {
-  vec3 q = place(p, uColourGrid);
+  vec3 q = onGrid(p, uColourGrid);
   int region = 0;
 #if WEIGHTS > 0 && (BY_REGION || LIT == 2)
   float weight[4 * WEIGHTS];
@@ -121,7 +121,7 @@ vec4 shaded(vec3 p) {
   float share = uShare[region];
   if (share < 1.0) colour = uDiffuseTop * texture(uDiffuse, q).rgb;
   if (share > 0.0) {
-    vec3 paint = texture(uPaint, place(p, uPaintGrid)).rgb;
+    vec3 paint = texture(uPaint, onGrid(p, uPaintGrid)).rgb;
     colour = mix(colour, paint, share);
 #if STROKES
     vec4 s = uStrokes[region];
@@ -166,10 +166,10 @@ void main() {
     prepare(d);
 #endif
     float pace = uMarch.x, waiting = 0.0, factor = -1.0; // optical depth since the last shaded sample, and its factor
-    vec3 p;
+    vec3 place;
     int i = int(ceil(near / pace - 0.5)), last = int(floor(far / pace - 0.5));
     while (i <= last) {
-      p = o + (float(i) + 0.5) * pace * d;
+      vec3 p = o + (float(i) + 0.5) * pace * d;
       ivec3 cell = clamp(ivec3(p * uCells), ivec3(0), most);
       float empty = float(texelFetch(uLeaps, cell.zyx, 0).r);
       if (empty > 0.0) {
@@ -180,20 +180,20 @@ void main() {
         continue;
       }
       i++;
-      p = clamp(p, vec3(0.0), uExtent);
-      float code = texture(uExtinction, place(p, uExtinctionGrid)).r;
+      place = clamp(p, vec3(0.0), uExtent);
+      float code = texture(uExtinction, onGrid(place, uExtinctionGrid)).r;
       float thickness = exp(min(uExtinctionCode.x + uExtinctionCode.y * code, CEILING)) * pace + waiting;
       waiting = thickness;
       if (front * thickness < uMarch.y || front * (1.0 - exp(-thickness)) < uMarch.y) continue;
       waiting = 0.0;
-      vec4 found = shaded(p);
+      vec4 found = shaded(place);
       factor = found.a;
       float through = exp(-thickness * factor);
       sum += front * (1.0 - through) * found.rgb;
       front *= through;
       if (front < uMarch.z) break;
     }
-    if (waiting > 0.0) front *= exp(-waiting * (factor < 0.0 ? shaded(clamp(p, vec3(0.0), uExtent)).a : factor));
+    if (waiting > 0.0) front *= exp(-waiting * (factor < 0.0 ? shaded(place).a : factor));
   }
   float alpha = 1.0 - front;
   vec3 mean = alpha > 1.0 / 512.0 ? clamp(sum / alpha, 0.0, 1.0) * alpha : vec3(0.0);

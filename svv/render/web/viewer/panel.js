@@ -116,7 +116,7 @@ class Panel {
   lights() {
     const { lighting } = this.header, { state } = this;
     if (lighting === "none") return [];
-    const content = [this.slider("Light", [0, 1, 0.01], (v) => (v === 0 ? "off" : percent(v)), () => state.light, (v) => (state.light = v))];
+    const content = [this.slider("Amount", [0, 1, 0.01], (v) => (v === 0 ? "off" : percent(v)), () => state.light, (v) => (state.light = v), "Light")];
     if (lighting === "phong") {
       const move = (name) => (v) => (state.lamp = { ...state.lamp, direction: null, [name]: v });
       content.push(

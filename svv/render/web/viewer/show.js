@@ -1,7 +1,7 @@
 // The picture on the page: coarse while something moves, then drawn again in full, a few rows at a time.
 
 const MOVING_MS = 60; // time aimed at for a picture while something moves
-const MOVING_STRIDE = 2; // distance between samples while something moves, as a multiple of that at rest
+const MOVING_STRIDE = 1.5; // distance between samples while something moves, as a multiple of that at rest
 const ROWS_MS = 40; // time aimed at for the rows that are drawn at once at rest, so that the page stays responsive
 const REST_MS = 160; // time without a movement after which the picture is drawn in full
 const SMALLEST = 0.15; // size of the coarsest picture, as a part of the canvas's

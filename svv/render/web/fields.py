@@ -40,14 +40,14 @@ VISIBLE_LENGTH = 1.0 / 16.0
 LEAST_WEIGHT = 0.05
 """Palette weight below which a colour's offset is left out: it cannot be seen."""
 
-EXTINCTION_STEP, MOST_EXTINCTION_STEP, EXTINCTION_LENGTH = 0.18, 0.7, 1.0 / 64.0
+EXTINCTION_STEP, MOST_EXTINCTION_STEP, EXTINCTION_LENGTH = 0.2, 0.8, 1.0 / 64.0
 """Distance between levels of the logarithm of the extinction, where it matters most, and elsewhere: it matters most
 where the optical depth over EXTINCTION_LENGTH box units is 1, little in haze and little in what is opaque anyway."""
 
 HOLD = 0.75
 """Tolerance of the extinction in levels; 0.5 would round."""
 
-SHARE_STEP = 1.0 / 31.0
+SHARE_STEP = 1.0 / 63.0
 """Distance between levels of the palette weights."""
 
 

@@ -58,12 +58,17 @@ class Opened:
         page, wrong = opened.page, opened.wrong
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None)
-        page.on("dialog", lambda dialog: (wrong.append(dialog.message), dialog.dismiss()))
+        page.on("dialog", opened.refuse)
         page.on("request", lambda request: opened.asked.append(request.url))
         if script:
             page.add_init_script(script)
         page.goto(path.resolve().as_uri())
         return opened
+
+    def refuse(self, dialog: Any) -> None:
+        """Close a dialog, which is always wrong."""
+        self.wrong.append(dialog.message)
+        dialog.dismiss()
 
     def picture(self, camera: Camera) -> np.ndarray:
         """The browser's picture of a camera. (H, W, 3) in [0, 1]"""

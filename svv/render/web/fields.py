@@ -122,8 +122,9 @@ class Field:
 
     def values(self) -> NDArray[np.float32]:
         """Return what a viewer makes of the codes. (V, C)"""
-        parts = [np.float32(levels)[codes] / 255.0 for levels, codes in zip(self.levels, self.codes, strict=True)]
-        return np.float32(self.low) + (np.float32(self.high) - np.float32(self.low)) * np.stack(parts, axis=1)
+        parts = [np.array(levels)[codes] / 255.0 for levels, codes in zip(self.levels, self.codes, strict=True)]
+        low, high = np.array(self.low), np.array(self.high)
+        return (low + (high - low) * np.stack(parts, axis=1)).astype(np.float32)
 
 
 class Baker:
@@ -156,7 +157,7 @@ class Baker:
             levels.append(levels[-1] + min(least, MOST_EXTINCTION_STEP))
         number = np.interp(exponent, levels, np.arange(len(levels)))
         codes = held(number, np.full(len(number), HOLD))
-        self.found.append(Field.of("extinction", grid.resolution, [(np.float32(levels), codes)]))
+        self.found.append(Field.of("extinction", grid.resolution, [(np.array(levels, np.float32), codes)]))
         opacity = np.zeros(grid.shape, np.uint8)
         opacity[tuple(grid.vertices.T)] = np.rint(255.0 * -np.expm1(-VISIBLE_LENGTH * np.exp(exponent)))
         self._opacity = grid.resolution, opacity
@@ -208,7 +209,7 @@ class Baker:
         if phong is not None:
             grid = self.grid(phong.normals)
             vectors = torch.cat([phong.normals(places).view(len(places), -1, 3).sum(dim=1) for places in grid.pieces()])
-            channels = self.stored(grid, NORMAL_SCALE * vectors.numpy(), NORMALS)
+            channels = self.stored(grid, (NORMAL_SCALE * vectors).numpy(), NORMALS)
             self.found.append(Field.of("light", grid.resolution, channels))
         elif self.palette.lighting_mlp is not None:
             grid = self.grid(self.palette.encoding)

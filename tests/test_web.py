@@ -13,11 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from typer.testing import CliRunner
 
+from svv.cli.app import app
 from svv.core.cameras import Camera
+from svv.core.encodings import spherical_harmonics
+from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.errors import BadInput
-from svv.fields.networks import PaletteField, UnrestrictedField
+from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.scene import Scene
+from svv.render.web.fields import HOLD, MATERIAL, MOST_EXTINCTION_STEP, SHARE_STEP, Grid, fields_of
+from svv.render.web.harmonics import geometry_at
 from svv.render.web.page import write_html
 from tests.browser import LIVE, Opened, browser, program
 from tests.cube import cube_scene
@@ -226,3 +232,59 @@ def test_the_page_asks_for_nothing(painted: Scene, tmp_path: Path) -> None:
     assert re.findall(r"(?:https?:)?//[\w.]+\.\w+", re.sub(r'id="arrays">[^<]*', "", text)) == []
     header = json.loads(re.findall(r'id="scene">([^<]*)<', text)[0])
     assert header["paintings"][0]["name"] == EVIL
+
+
+def test_the_commands_write_and_open_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cube_scene().save(tmp_path / "cube.svv")
+    scene, page = str(tmp_path / "cube.svv"), str(tmp_path / "a page.html")
+
+    def svv(*words: str) -> str:
+        done = CliRunner().invoke(app, words, standalone_mode=False, catch_exceptions=True)
+        if isinstance(done.exception, BadInput):
+            raise done.exception
+        assert done.exception is None, done.exception
+        return done.stdout
+
+    assert svv("export", scene, "--out", page).startswith(f"{page}: 0.1 MB")
+    assert "<title>a page</title>" in Path(page).read_text()
+    with pytest.raises(BadInput, match="Cinema database"):
+        svv("export", scene, "--out", page, "--phi", "3")
+    with pytest.raises(BadInput, match=r"FILE\.html or a Cinema database NAME\.cdb"):
+        svv("export", scene, "--out", str(tmp_path / "scene.obj"))
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    shown = svv("view", scene).strip()
+    assert opened == [Path(shown).as_uri()] and Path(shown).name == "cube.html" and Path(shown).is_relative_to(tmp_path)
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
+    assert "open this file in one" in svv("view", scene)
+
+
+@pytest.mark.parametrize("encoding", ["lattice", "hash"])
+def test_fields_hold_what_the_networks_say_to_within_their_steps(encoding: str) -> None:
+    scene = cube_scene()
+    if encoding == "hash":
+        torch.manual_seed(0)
+        settings = FieldSettings("hash", (4, 16), features=2, levels=3, log2_entries=8, width=16)
+        base = BaseField(settings, scene.occupancy)
+        palette = PaletteField(settings, scene.occupancy, base.geometry_width, torch.rand(3, 3))
+        for network in (base, palette):
+            network.encoding.randomize(1.0, torch.Generator().manual_seed(1))
+        scene = replace(scene, settings=settings, base=base, palette_network=palette.requires_grad_(False))
+        base.requires_grad_(False)
+    fields, light = fields_of(scene)
+    found = {field.name: torch.from_numpy(field.values()) for field in fields}
+    grid = Grid(scene.occupancy, fields[0].resolution)
+    exponent, features = geometry_at(scene, grid.places)
+    off = (found["extinction"][:, 0] - exponent.clamp(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION)).abs()
+    assert off.max() <= (HOLD + 0.01) * MOST_EXTINCTION_STEP
+    assert scene.palette_network is not None
+    intensity, weights, _ = scene.palette_network.material(grid.places)
+    assert (found["weights"] - weights).abs().max() <= 0.5 * SHARE_STEP + 0.5 / 255
+    assert (found["material"][:, 0] - intensity).abs().max() <= MATERIAL.most + 0.01
+    ray = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.8]]), dim=1)
+    harmonics = spherical_harmonics(ray, 4).expand(len(grid.places), -1)
+    specular, shade = scene.palette_network.lighting(features, harmonics)
+    told = (torch.tensor(light["mean"]) + found["light"] @ torch.tensor(light["axes"])).view(-1, 2, 9)
+    for kept, wanted in zip((told @ harmonics[0, :9]).unbind(1), (shade, specular)):
+        assert (kept - wanted).square().mean().sqrt() < 0.15

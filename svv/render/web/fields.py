@@ -28,9 +28,6 @@ from svv.fields.scene import Scene
 from svv.kernels.numba_holding import held
 from svv.render.web.harmonics import BANDS, fitted_light, geometry_at, principal
 
-HASH_CELLS = 128
-"""Cells per box unit of the grids of a scene whose encoding is a hash grid, which has no vertices of its own."""
-
 VERTICES_AT_A_TIME = 1 << 17
 """Vertices whose values are computed together, to bound the memory."""
 
@@ -139,10 +136,14 @@ class Baker:
         self._opacity: tuple[int, NDArray[np.uint8]] | None = None
 
     def grid(self, encoding: Encoding | None) -> Grid:
-        """Return the grid on which an encoding's values are stored: that of its finest level."""
-        resolution = encoding.resolutions[-1] if isinstance(encoding, SparseLattice) else HASH_CELLS
+        """Return the grid on which an encoding's values are stored: that of its finest level.
+
+        A hash grid has no vertices of its own: its values are stored at the corners of the occupied cells.
+        """
+        finest = encoding.resolutions[-1] if isinstance(encoding, SparseLattice) else self.scene.occupancy.cells
+        resolution = int(finest)
         if resolution not in self.grids:
-            self.grids[resolution] = Grid(self.scene.occupancy, int(resolution))
+            self.grids[resolution] = Grid(self.scene.occupancy, resolution)
         return self.grids[resolution]
 
     def extinction(self) -> None:

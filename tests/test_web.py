@@ -21,6 +21,7 @@ from svv.core.encodings import spherical_harmonics
 from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.errors import BadInput
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.render.web.fields import HOLD, MATERIAL, MOST_EXTINCTION_STEP, SHARE_STEP, Grid, fields_of
 from svv.render.web.harmonics import geometry_at
@@ -32,6 +33,9 @@ EVIL = '"><script>alert(1)</script>'
 
 CLOSE = 38.0
 """Least PSNR of the browser's pictures against the renderer's, in dB."""
+
+RANDOM = 28.0
+"""The same for regions at random, whose borders, which follow no surface, are not where a grid has vertices."""
 
 
 @pytest.fixture(scope="module")
@@ -60,17 +64,18 @@ def open_page(chromium: Any) -> Iterator[Callable[..., Opened]]:
         assert [url.partition(":")[0] for url in opened.asked if not url.startswith(("data:", "blob:"))] == ["file"]
 
 
+def paint(scene: Scene, seed: int) -> UnrestrictedField:
+    """Paint of colours that come as they may."""
+    network = UnrestrictedField(scene.settings, scene.occupancy, (16,), direct=True).requires_grad_(False)
+    network.encoding.table.copy_(torch.rand(network.encoding.table.shape, generator=torch.manual_seed(seed)))
+    return network
+
+
 @pytest.fixture(scope="module")
 def painted(balls: Scene) -> Scene:
     """The balls with two paintings, whose names and styles are as bad as names can be."""
-
-    def paint(seed: int) -> UnrestrictedField:
-        network = UnrestrictedField(balls.settings, balls.occupancy, (16,), direct=True).requires_grad_(False)
-        network.encoding.table.copy_(torch.rand(network.encoding.table.shape, generator=torch.manual_seed(seed)))
-        return network
-
-    scene = balls.painted(paint(1), {0: EVIL, 1: "ink"}, {}, EVIL)
-    return scene.painted(paint(2), {1: "b"}, {}, "second & last")
+    scene = balls.painted(paint(balls, 1), {0: EVIL, 1: "ink"}, {}, EVIL)
+    return scene.painted(paint(balls, 2), {1: "b"}, {}, "second & last")
 
 
 def lit(scene: Scene) -> Scene:
@@ -159,6 +164,24 @@ def test_paintings_are_shown_in_turn_and_their_names_are_only_text(
     page.get_by_label("Painting", exact=True).select_option("")
     assert opened.psnr(painted, camera, "pcn") > CLOSE
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_eight_regions_and_five_paintings(open_page: Callable[..., Opened], balls: Scene, tmp_path: Path) -> None:
+    torch.manual_seed(2)
+    palette = PaletteField(balls.settings, balls.occupancy, balls.base.geometry_width, torch.rand(8, 3))
+    palette.encoding.randomize(2.0, torch.Generator().manual_seed(3))
+    regions = tuple(Region(tuple(colour), 0.125) for colour in palette.colours.tolist())
+    scene = replace(balls, palette_network=palette.requires_grad_(False), regions=regions)
+    for number in range(5):
+        scene = scene.painted(paint(scene, number), {number: "a", 7: "b"}, {}, f"painting {number}")
+    write_html(tmp_path / "many.html", scene, "many")
+    opened = open_page(tmp_path / "many.html")
+    ready(opened)
+    for name in ("painting 1", "painting 4"):
+        opened.page.get_by_label("Painting", exact=True).select_option(name)
+        assert opened.psnr(scene.with_variant(name), front(scene)) > RANDOM
+    opened.page.get_by_label("Show only Region 7").click()
+    assert opened.psnr(scene.with_variant("painting 4").isolated(7), front(scene)) > RANDOM
 
 
 def test_keys_turn_and_reset_the_view_and_a_picture_is_saved(open_page: Any, tmp_path: Path) -> None:

@@ -275,7 +275,7 @@ def test_the_commands_write_and_open_pages(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(BadInput, match=r"FILE\.html or a Cinema database NAME\.cdb"):
         svv("export", scene, "--out", str(tmp_path / "scene.obj"))
     opened: list[str] = []
-    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr("webbrowser.open", lambda address: not opened.append(address))  # type: ignore[func-returns-value]
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     shown = svv("view", scene).strip()
     assert opened == [Path(shown).as_uri()] and Path(shown).name == "cube.html" and Path(shown).is_relative_to(tmp_path)

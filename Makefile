@@ -28,15 +28,15 @@ PIP       := "$(BIN)/python" -m pip install -qq --disable-pip-version-check --no
 PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow test-processors coverage check docs tools install paraview clean
+.PHONY: demo test test-slow test-processors coverage check docs tools install paraview browser clean
 
 demo: $(INSTALLED)
 	"$(BIN)/svv" demo --out "$(OUT)" $(OPTIONS)
 
-test: check paraview
+test: check paraview browser
 	$(PYTEST) -m "not slow"
 
-test-slow: paraview
+test-slow: paraview browser
 	$(PYTEST) -m slow
 
 # Every CPU rounds sums in a different order, and some have half precision. These runs imitate a CPU without AVX on one
@@ -48,7 +48,7 @@ test-processors: $(TOOLS)
 		$(PYTEST) --ignore=tests/paraview
 	$(PYTEST) --ignore=tests/paraview -p tests.amx
 
-coverage: $(TOOLS) paraview
+coverage: $(TOOLS) paraview browser
 	$(PYTEST) --cov --cov-report=html:build/coverage --cov-report=term:skip-covered
 
 check: $(TOOLS)
@@ -68,6 +68,10 @@ tools: $(TOOLS)
 paraview: $(INSTALLED)
 	@.ci/paraview "$(SVV_PARAVIEW)"
 	@"$(BIN)/svv" paraview --prepare
+
+# Tests of scenes' pages need it; where it can neither be found nor installed, they are skipped.
+browser:
+	@.ci/browser
 
 clean:
 	rm -rf "$(VENV)" .venv-paraview build svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -72,6 +72,12 @@ def test_who_may_not_install_is_told_how_to_get_paraview_without_root(run: Calla
         assert word in advice
 
 
+def test_without_a_browser_the_tests_go_on(run: Callable, tmp_path: Path) -> None:
+    done = run("browser", apt="exit 100", root=False)
+    assert done.returncode == 0
+    assert "sudo apt-get install chromium" in done.stderr and "skipped" in done.stderr
+
+
 @pytest.mark.parametrize("target", ["install", "check", "paraview", "demo", "clean"])
 def test_make_quotes_paths_with_spaces(target: str, tmp_path: Path) -> None:
     venv, out = tmp_path / "my env", "my demo"

@@ -236,7 +236,9 @@ def test_the_demo_leaves_what_it_promises(finished: Path) -> None:
     assert there >= {
         "volume.vti", "tf.json", "watercolour.png", "woodcut.png", "impasto.png", "views", "scene.svv",
         "recoloured.svv", "styled.svv", "orbit", "orbit.mp4", "contact.png", "unseen.png", "regions.png", "report.html",
+        "scene.html",
     }  # fmt: skip
+    assert 'href="scene.html"' in (finished / "report.html").read_text()
     assert not [name for name in there if name.endswith("checkpoint") or name.startswith(".")]
     orbits = {path.name: len(list(path.iterdir())) for path in (finished / "orbit").iterdir()}
     assert orbits == {"volume-rendering": 4, "palette-network": 4, "recoloured": 4, "styled": 4}

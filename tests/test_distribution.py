@@ -39,13 +39,14 @@ def test_both_hold_the_package_the_plugin_and_its_types(built: Path) -> None:
     assert wheel.name == f"svv-{__version__}-py3-none-any.whl" and sdist.name == f"svv-{__version__}.tar.gz"
     inside = zipfile.ZipFile(wheel).namelist()
     modules = {p.relative_to(ROOT).as_posix() for p in (ROOT / "svv").rglob("*.py")}
-    assert modules | {"svv/py.typed"} <= set(inside)
+    viewer = {p.relative_to(ROOT).as_posix() for p in (ROOT / "svv/render/web/viewer").iterdir()}
+    assert modules | viewer | {"svv/py.typed"} <= set(inside)
     assert not [name for name in inside if name.startswith(("tests/", "docs/"))]
     data = f"svv-{__version__}.data/data/share/svv"
     assert {f"{data}/constraints.txt", f"{data}/plugin/StyleRF.py"} <= set(inside)
     with tarfile.open(sdist) as file:
         packed = {name.partition("/")[2] for name in file.getnames()}
-    assert modules | {"pyproject.toml", "LICENSE", "README.md"} <= packed
+    assert modules | viewer | {"pyproject.toml", "LICENSE", "README.md"} <= packed
 
 
 def test_the_wheel_runs_without_the_checkout(built: Path, tmp_path: Path) -> None:

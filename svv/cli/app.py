@@ -70,6 +70,7 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "render": (render.render, render.RENDER),
     "evaluate": (scene.evaluate, scene.EVALUATE),
     "export": (cinema.export, cinema.EXPORT),
+    "view": (cinema.view, cinema.VIEW),
     "info": (scene.info, scene.INFO),
     "styles": (style.styles, style.STYLES),
     "style-mask": (style.style_mask, style.STYLE_MASK),

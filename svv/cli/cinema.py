@@ -1,10 +1,13 @@
-"""Scenes and views for and from other programs: ``svv import`` and ``svv export``; see :mod:`svv.cli.app`."""
+"""The commands for other programs: ``svv import``, ``svv export`` and ``svv view``; see :mod:`svv.cli.app`."""
 
 from __future__ import annotations
 
 import sys
+import tempfile
+import webbrowser
+from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +16,7 @@ import typer
 from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
 from svv.cli.options import Out, SceneFile
-from svv.errors import BadInput, part
+from svv.errors import BadInput, Progress, part
 from svv.options.baking import BakeOptions
 from svv.options.cinema import DatabaseOptions, ExportOptions
 from svv.progress import shown
@@ -28,12 +31,17 @@ IMPORT = (
 )
 """Examples in the help."""
 EXPORT = (
+    "svv export scene.svv --out scene.html",
     "svv export scene.svv --out scene.cdb",
     "svv export scene.svv --out scene.cdb --phi 24 --theta 12 --size 400 --no-layers",
     "torchrun --nproc-per-node 4 -m svv export scene.svv --out scene.cdb",
     "svv export scene.svv --out scene.vti",
     "svv export scene.svv --out scene.vti --resolution 128 --light baked --regions 0,2",
 )
+"""Examples in the help."""
+
+
+VIEW = ("svv view scene.svv",)
 """Examples in the help."""
 
 
@@ -63,44 +71,84 @@ def import_(
 @spread
 def export(
     scene: SceneFile,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="NAME.cdb|NAME.vti", help="What to write.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.html|NAME.cdb|NAME.vti", help="What to write.")],
     options: ExportOptions = ExportOptions(),
     baking: BakeOptions = BakeOptions(),
 ) -> None:
-    """Write a scene for other programs: as a Cinema database (.cdb), or as a volume for ParaView's 3D view (.vti).
+    """Write a scene for other programs: a page for browsers, a Cinema database, or a volume for ParaView's 3D view.
 
-    A database holds images by phi and theta, with depth and a layer for each region; `svv train` learns from it. After
-    Ctrl-C, the same command resumes, and processes that torchrun starts share the images. A volume holds colours and
-    extinction; its opacity function is in a .json beside it.
+    FILE.html shows the scene from all sides and edits it, without svv, a server or a network. NAME.cdb holds images by
+    phi and theta, with depth and a layer for each region; `svv train` learns from it. After Ctrl-C, the same command
+    resumes, and processes that torchrun starts share the images. NAME.vti holds colours and extinction; its opacity
+    function is in a .json beside it.
     """
     from svv.train import ranks
 
-    writers = {".cdb": _database, ".vti": _volume}
-    write = writers.get(out.suffix.lower())
-    if write is None:
-        raise BadInput(f"Cannot tell what to write to {out}: name a Cinema database NAME.cdb or a volume NAME.vti.")
-    check_targets(*([] if write is _database else [out]))
-    if ranks.place().rank and write is not _database:
-        return
-    with ranks.joined(options.device) if write is _database else nullcontext():
-        said = write(load(scene, options.device), out, options, baking)
+    writer = WRITERS.get(out.suffix.lower())
+    if writer is None:
+        raise BadInput(
+            f"Cannot tell what to write to {out}: name a page FILE.html, a Cinema database NAME.cdb or a volume "
+            "NAME.vti."
+        )
+    if not writer.shared:
+        check_targets(out)
+        if ranks.place().rank:
+            return
+    with ranks.joined(options.device) if writer.shared else nullcontext():
+        loaded = load(scene, options.device)
+        with shown("Exporting", quiet=not ranks.is_first()) as progress:
+            said = writer.write(out, loaded, options, baking, progress)
         if ranks.is_first():
-            print(said)
+            print(f"{out}: {said}")
 
 
-def _database(scene: Scene, out: Path, options: ExportOptions, baking: BakeOptions) -> str:
+def _database(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
     from svv.render.cinema import write_database
     from svv.train import ranks
 
-    with shown("Rendering", quiet=not ranks.is_first()) as progress:
-        count = write_database(out, scene, options, progress, ranks.sharing())
-    return f"{out}: {count} views"
+    return f"{write_database(out, scene, options, progress, ranks.sharing())} views"
 
 
-def _volume(scene: Scene, out: Path, options: ExportOptions, baking: BakeOptions) -> str:
+def _page(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+    from svv.render.web.page import write_html
+
+    if options != ExportOptions(device=options.device) or baking != BakeOptions():
+        raise BadInput("A page has no options: those of svv export are of Cinema databases and volumes.")
+    return f"{write_html(out, scene, out.stem, progress=progress) / 1e6:.1f} MB"
+
+
+def _volume(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
     from svv.render.baked import bake, write_baked
 
-    with shown("Baking") as progress:
-        volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.8))
-        preset = write_baked(out, volume, part(progress, 0.8, 1.0))
-    return f"{out}: {volume.told()}; its opacity function is {preset}"
+    volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.8))
+    preset = write_baked(out, volume, part(progress, 0.8, 1.0))
+    return f"{volume.told()}; its opacity function is {preset}"
+
+
+@dataclass(frozen=True)
+class Writer:
+    """How to write a scene for another program."""
+
+    write: Callable[[Path, Scene, ExportOptions, BakeOptions, Progress], str]
+    """Returns what it wrote in a few words."""
+    shared: bool = False
+    """Whether processes that torchrun starts share the work; otherwise the first one does it."""
+
+
+WRITERS = {".html": Writer(_page), ".cdb": Writer(_database, shared=True), ".vti": Writer(_volume)}
+"""Suffix of what to write -> its writer."""
+
+
+def view(scene: SceneFile) -> None:
+    """Show a scene in the browser: from all sides, with its palette, opacities, paintings and light to edit.
+
+    The page is one file in the system's folder for temporary files; `svv export` writes it elsewhere, to be kept.
+    """
+    from svv.render.web.page import write_html
+
+    loaded = load(scene)
+    out = Path(tempfile.mkdtemp(prefix="svv-")) / f"{scene.stem}.html"
+    with shown("Preparing") as progress:
+        write_html(out, loaded, scene.stem, progress=progress)
+    opened = webbrowser.open(out.as_uri())
+    print(out if opened else f"{out}: no browser could be started; open this file in one.")

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
+from urllib.parse import quote
 
 from PIL import Image
 
@@ -61,6 +62,7 @@ class Page:
         movie: An MP4 file, shown first.
         parts: Pictures and tables.
         facts: (name, value) of the conditions of the run, shown at the end.
+        link: A file beside the page, and the text of the link to it, shown after the movie.
     """
 
     title: str
@@ -69,6 +71,7 @@ class Page:
     movie: Path | None
     parts: Sequence[Picture | Table]
     facts: Sequence[tuple[str, str]] = field(default=())
+    link: tuple[Path, str] | None = None
 
 
 def write_page(path: Path, page: Page) -> None:
@@ -81,6 +84,7 @@ def write_page(path: Path, page: Page) -> None:
         f"<header><h1>{escape(page.title)}</h1><p>{escape(page.text)}</p></header>",
         _numbers(page.numbers),
         _movie(page.movie) if page.movie else "",
+        _link(*page.link) if page.link else "",
         *(_picture(part) if isinstance(part, Picture) else _table(part) for part in page.parts),
         _facts(page.facts),
         f"<footer>Made by svv {escape(__version__)}</footer>",
@@ -111,6 +115,10 @@ def _numbers(numbers: Sequence[tuple[str, str]]) -> str:
 def _movie(file: Path) -> str:
     data = base64.b64encode(file.read_bytes()).decode()
     return f'<video controls autoplay loop muted playsinline src="data:video/mp4;base64,{data}"></video>'
+
+
+def _link(file: Path, text: str) -> str:
+    return f'<p class="link"><a href="{escape(quote(file.name))}">{escape(text)}</a></p>'
 
 
 def _picture(picture: Picture) -> str:
@@ -176,6 +184,8 @@ video { width: 100%; background: #fff; border: 1px solid var(--line); border-rad
 .numbers b { display: block; font-size: 22px; font-weight: 650; white-space: nowrap; color: var(--accent);
   font-variant-numeric: tabular-nums }
 .numbers span { color: var(--soft); font-size: 14px }
+.link { margin: 16px 0 0 }
+.link a { color: var(--accent); font-weight: 600 }
 .scroll { overflow-x: auto }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
 th { text-align: right; font-weight: 600; color: var(--soft); font-size: 14px }

@@ -73,6 +73,7 @@ def write_result(path: Path, job: Job) -> None:
         job.out / "orbit.mp4",
         parts,
         _facts(job, scene, training, styling),
+        (job.out / "scene.html", "Turn and edit the scene in this browser"),
     )
     write_page(path, page)
 

@@ -59,6 +59,7 @@ def run_job(
         job.recolour()
     if styles:
         job.stylize()
+    job.share()
     job.orbits()
     job.movie()
     page = out / "report.html"

@@ -198,6 +198,19 @@ class Job:
         self.stages.do("stylize", "Stylizing", settings, files, work, ["train"])
         self.variants["styled"] = ("stylize", path)
 
+    def share(self) -> None:
+        """Write the scene, painted if there are styles, as a page that a browser turns."""
+        from svv.render.web.page import write_html
+
+        stage, path = self.variants.get("styled", ("train", self.scene))
+        page, source = self.out / "scene.html", self.source
+        title = Path(source.name).stem if isinstance(source, Drawn) else source.folder.name
+
+        def work(progress: Progress) -> None:
+            write_html(page, self.scene_at(path or self.scene), title, progress=progress)
+
+        self.stages.do("share", "Page for browsers", {}, [page], work, [stage])
+
     def orbits(self) -> None:
         """Render the orbit of each variant, frame by frame, into a separate folder."""
         source, s = self.source, self.settings.path

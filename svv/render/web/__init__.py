@@ -1,0 +1,1 @@
+"""A scene as one HTML file, which a browser draws by itself."""

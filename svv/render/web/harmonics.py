@@ -1,0 +1,145 @@
+"""A light that a network learned, as spherical harmonics at each point: what a viewer evaluates without the network.
+
+The lighting MLP gives a sample's shade m and specular c_s as functions of the direction of its ray. At each vertex of a
+grid, both are fitted by least squares in the directions from the cameras of a sphere of views. Directions from which
+the vertex can be seen count most: nobody sees a surface from behind, where a fit would lose accuracy for nothing.
+
+Letters: V vertices, D directions, K harmonics.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from svv.core.cameras import Camera
+from svv.core.encodings import spherical_harmonics
+from svv.errors import Progress, silent
+from svv.fields.rendering import RayCaster, march, not_hidden
+from svv.fields.scene import Scene
+
+BANDS = 3
+"""Bands of the harmonics: 9 functions of the direction."""
+
+VIEWS, VIEW_SIZE = 42, 96
+"""Number of views in whose directions the light is fitted, and the side in pixels of those that tell what is seen."""
+
+SIGHT_CELLS = 64
+"""Cells per box unit in which it is recorded what the views see."""
+
+LEAST_SIGHT = 0.02
+"""Weight of a direction in which a vertex cannot be seen; edits may uncover it."""
+
+RIDGE = 1e-3
+"""Weight of the squared coefficients, for vertices that are seen from few directions."""
+
+MOST_AXES, LEFT_OUT = 12, 0.1
+"""Most numbers that describe a vertex's light, and the root of the mean square that they may leave out. The harmonics
+are orthonormal: in light, that is LEFT_OUT / sqrt(4 pi), or 0.03."""
+
+VERTICES_AT_A_TIME = 1 << 13
+"""Vertices that are fitted together, to bound the memory."""
+
+
+@torch.no_grad()
+def fitted_light(scene: Scene, places: Tensor, progress: Progress = silent) -> Tensor:
+    """Return coefficients of the shade and of the specular light at places.
+
+    Args:
+        scene: A scene whose light a network provides.
+        places: Box coordinates in occupied cells. (V, 3)
+        progress: Called before each piece of the work.
+
+    Returns:
+        K coefficients of the shade and K of the specular light, which a dot product with
+        :func:`svv.core.encodings.spherical_harmonics` of a ray's direction turns into the light. (V, 2 K)
+    """
+    cameras = scene.rig.sphere(VIEWS, VIEW_SIZE)
+    sight = _sight(scene, cameras)
+    found = []
+    for number, own in enumerate(pieces := places.split(VERTICES_AT_A_TIME)):
+        progress(number / len(pieces), "light")
+        cell = (own * SIGHT_CELLS).long()
+        seen = sight[:, cell[:, 0], cell[:, 1], cell[:, 2]].T  # (V, D)
+        found.append(_fit(scene, own, _directions(scene, cameras, own), seen))
+    return torch.cat(found)
+
+
+def principal(
+    light: NDArray[np.float32], seen: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Describe coefficients by few numbers each: their mean, and amounts of a few common directions (PCA).
+
+    Args:
+        light: Coefficients. (V, 2 K)
+        seen: Weight of each vertex. (V,)
+
+    Returns:
+        The mean (2 K,), at most :data:`MOST_AXES` axes (A, 2 K), orthonormal, and amounts (V, A).
+    """
+    mean = np.average(light, axis=0, weights=seen + 1e-3)
+    weighted = (light - mean) * np.sqrt(seen + 1e-3)[:, None]
+    power, axes = np.linalg.eigh(weighted.T @ weighted / (seen + 1e-3).sum())
+    power, axes = power[::-1], axes.T[::-1]
+    left = np.sqrt(np.maximum(power.sum() - power.cumsum(), 0.0))  # error with 1, 2 ... axes
+    count = min(1 + int((left > LEFT_OUT).sum()), MOST_AXES)
+    axes = np.ascontiguousarray(axes[:count], np.float32)
+    return mean.astype(np.float32), axes, (light - mean).astype(np.float32) @ axes.T
+
+
+def geometry_at(scene: Scene, places: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the logarithm of the extinction (V,) and geometry features (V, G) at places in occupied cells (V, 3)."""
+    base = scene.base
+    features = base.encoding(places)
+    if base.density is not None:
+        return base.density(places).sum(dim=1), features
+    assert base.density_mlp is not None
+    both = base.density_mlp(features)
+    return both[:, 0], both[:, 1:]
+
+
+def _directions(scene: Scene, cameras: list[Camera], places: Tensor) -> Tensor:
+    """Return the directions of the cameras' rays through places. (V, D, 3)"""
+    if cameras[0].is_orthographic:
+        axes = places.new_tensor(np.stack([-camera.camera_to_world[:3, 2] for camera in cameras]))
+        return axes.expand(len(places), -1, 3)
+    eyes = places.new_tensor(scene.occupancy.box.to_box(np.stack([camera.position for camera in cameras])))
+    return normalize(places[:, None] - eyes, dim=-1)
+
+
+def _fit(scene: Scene, places: Tensor, directions: Tensor, seen: Tensor) -> Tensor:
+    """Fit the light at places (V, 3) in directions (V, D, 3), of which the views see a part (V, D). (V, 2 K)"""
+    palette = scene.palette_network
+    assert palette is not None
+    count, views = directions.shape[:2]
+    _, features = geometry_at(scene, places)
+    harmonics = spherical_harmonics(directions.reshape(-1, 3), 4)
+    specular, shade = palette.lighting(features.repeat_interleave(views, dim=0), harmonics)
+    wanted = torch.stack([shade, specular], dim=-1).view(count, views, 2)
+    basis = harmonics.view(count, views, -1)[:, :, : BANDS**2]
+    weight = seen / seen.amax(dim=1, keepdim=True).clamp(min=1e-6) + LEAST_SIGHT
+    weighted = (weight[:, :, None] * basis).transpose(1, 2)  # (V, K, D)
+    normal = weighted @ basis + RIDGE * torch.eye(BANDS**2)
+    return torch.linalg.solve(normal, weighted @ wanted).transpose(1, 2).flatten(1)
+
+
+def _sight(scene: Scene, cameras: list[Camera]) -> Tensor:
+    """Return how much light from each cell of the box reaches each camera, as a fraction. (D, X, Y, Z)"""
+    shape = [int(np.ceil(side * SIGHT_CELLS)) + 1 for side in scene.occupancy.box.extent]
+    sight = torch.zeros(len(cameras), int(np.prod(shape)))
+    for own, camera in zip(sight, cameras, strict=True):
+        rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
+        samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
+        if scene.base.density is None:
+            samples, _ = not_hidden(samples, scene.base.extinction(samples), scene.marching_for_images)
+        depth = (samples.skipped + samples.sigma * samples.step).double()
+        total = torch.cat([depth.new_zeros(1), depth.cumsum(0)])
+        before = total[:-1] - total[samples.start][samples.ray.long()]
+        x, y, z = (samples.position * SIGHT_CELLS).long().unbind(1)
+        cell = (x * shape[1] + y) * shape[2] + z
+        own.index_add_(0, cell, torch.exp(-before).float())
+        own /= torch.bincount(cell, minlength=len(own)).clamp(min=1)
+    return sight.view(-1, *shape)

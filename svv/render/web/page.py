@@ -1,0 +1,184 @@
+"""Writes a scene as one HTML file, which a browser draws without a server, a network or further files.
+
+The page consists of the files in ``viewer``, the scene's settings as JSON, its fields (:mod:`svv.render.web.fields`) as
+compressed text, and a picture from the front for browsers that cannot draw it.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image
+
+from svv._version import __version__
+from svv.core.cameras import CameraRig
+from svv.core.colour import WHITE, over
+from svv.core.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.scene import Scene
+from svv.fields.stroke_opacity import strokes_of
+from svv.io.atomic import atomic_path, check_writable, to_json
+from svv.io.output import to_bytes
+from svv.render.web.fields import Field, fields_of
+
+SCRIPTS = ("decode.js", "colours.js", "state.js", "camera.js", "draw.js", "show.js", "panel.js", "hands.js", "main.js")
+"""The viewer's program, in order."""
+
+FRONT_SIZE, FRONT_QUALITY = 720, 88
+"""Side in pixels and JPEG quality of the picture from the front."""
+
+CLOSER_SIZE, LEAST_SHOWN, MARGIN = 64, 0.05, 1.1
+"""Side in pixels of the views that tell how large the scene appears, the alpha that counts, and the margin around."""
+
+
+def write_html(
+    path: Path, scene: Scene, title: str, background: Sequence[float] = WHITE, progress: Progress = silent
+) -> int:
+    """Write a scene as one HTML file that shows it from all sides and edits it.
+
+    Args:
+        path: The file.
+        scene: Scene to show, with its edits and paintings.
+        title: Heading of the page.
+        background: RGB in [0, 1] behind the scene; can be changed in the page.
+        progress: Called while the scene is prepared.
+
+    Returns:
+        The size of the file in bytes.
+
+    Raises:
+        BadInput: The scene has no palette network or no cameras, or the file cannot be written.
+    """
+    if scene.palette_network is None:
+        raise BadInput("The scene has no regions because it holds no palette network; train it again.")
+    check_writable(path)
+    scene = scene.on(torch.device("cpu"))
+    rig = _closer(scene)
+    front = _front(scene, rig, background, part(progress, 0.0, 0.1))
+    fields, light = fields_of(scene, part(progress, 0.1, 0.9))
+    progress(0.9, "compressing")
+    header = _header(scene, rig, fields) | {"light": light, "file": path.stem, "background": list(background)}
+    page = _page(header, _packed(scene, fields), front, title)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(page)
+    progress(1.0, "")
+    return len(page)
+
+
+def _page(header: dict[str, Any], arrays: str, front: str, title: str) -> bytes:
+    def read(name: str) -> str:
+        return files("svv.render.web").joinpath("viewer", name).read_text(encoding="utf-8")
+
+    shader = f"const MARCH = {_script_json(read('march.glsl'))};"
+    text = Template(read("page.html")).substitute(
+        title=escape(title), text=escape(_said(header)), style=read("style.css"), version=escape(__version__),
+        front=front, header=_script_json(header), arrays=arrays,
+        script="\n".join([shader, *(read(name) for name in SCRIPTS)]),
+    )  # fmt: skip
+    return text.encode()
+
+
+def _script_json(data: object) -> str:
+    """Return JSON that may stand inside a script element: no name in it can end the element or open another."""
+    return to_json(data).replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _said(header: dict[str, Any]) -> str:
+    regions, paintings = len(header["regions"]), len(header["paintings"])
+    said = f"{regions} region{'s' * (regions != 1)}"
+    return said + (f", {paintings} painting{'s' * (paintings != 1)}" if paintings else "")
+
+
+def _closer(scene: Scene) -> CameraRig:
+    """Return the scene's camera rig with an angle of view that it fills, however it is turned."""
+    rig, reach = scene.rig, 0.0
+    for camera in rig.sphere(12, CLOSER_SIZE):
+        row, column = np.nonzero(scene.render(camera).rgba[..., 3] > LEAST_SHOWN)
+        away = np.hypot(row + 0.5 - CLOSER_SIZE / 2, column + 0.5 - CLOSER_SIZE / 2)
+        reach = max(reach, float(away.max(initial=0.0)) / (CLOSER_SIZE / 2))
+    part = min(max(MARGIN * reach, 0.1), 1.0) if reach else 1.0
+    fov = 2.0 * np.arctan(part * np.tan(rig.fov_x / 2.0))
+    return replace(rig, fov_x=float(fov), span_x=None if rig.span_x is None else part * rig.span_x)
+
+
+def _header(scene: Scene, rig: CameraRig, fields: Sequence[Field]) -> dict[str, Any]:
+    """Return everything but the fields' codes, as plain values."""
+    occupancy, how = scene.occupancy, scene.marching_for_images
+    box = occupancy.box
+    room = rig.radius - 0.5 * float(np.linalg.norm(box.bounds[1] - box.bounds[0]))  # between the camera and the box
+    shown = [variant.name for variant in scene.every_variant]
+    return {
+        "box": {"low": box.low, "size": box.size, "extent": box.extent},
+        "cells": occupancy.cells,
+        "shape": occupancy.occupied.shape,
+        "step": how.step,
+        "joined": how.least_weight,
+        "stop": how.stop,
+        "camera": {
+            "centre": rig.centre,
+            "radius": rig.radius,
+            "fov": rig.fov_x,
+            "span": rig.span_x,
+            "nearest": rig.radius / max(rig.radius - 0.9 * room, 0.1 * rig.radius),
+        },
+        "lighting": scene.settings.lighting,
+        "headlight": scene.settings.headlight,
+        "normal_softness": NORMAL_SOFTNESS,
+        "rim_cosine": RIM_COSINE,
+        "lamp": vars(scene.lamp),
+        "regions": _regions(scene),
+        "painting": None if scene.variant is None else shown.index(scene.variant),
+        "paintings": [_painting(scene.with_variant(name)) for name in shown],
+        "fields": [{k: v for k, v in vars(field).items() if k != "codes"} for field in fields],
+    }
+
+
+def _regions(scene: Scene) -> list[dict[str, Any]]:
+    reflects = scene.coefficients()
+    told = []
+    for number, r in enumerate(scene.regions):
+        values = f"{r.share:.0%}" if r.values is None else "{:.4g} to {:.4g}".format(*r.values)
+        told.append({
+            "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity, "hidden": r.hidden, "values": values,
+            "lighting": r.lighting, "strength": r.strength, "mean_light": r.mean_light,
+            "reflects": [0.0] * len(COEFFICIENTS) if reflects is None else reflects[number].tolist(),
+        })  # fmt: skip
+    return told
+
+
+def _painting(scene: Scene) -> dict[str, Any]:
+    """Return the name, the regions' styles and the effects of the painting that a scene shows."""
+    strokes = strokes_of(scene)
+    return {
+        "name": scene.variant,
+        "styles": [r.style for r in scene.regions],
+        "paint_light": [r.paint_light for r in scene.regions],
+        "strokes": None if strokes is None else strokes.tolist(),
+    }
+
+
+def _packed(scene: Scene, fields: Sequence[Field]) -> str:
+    """Return occupancy and codes as text: bits, then each channel's differences between neighbours, compressed."""
+    content = [np.packbits(scene.occupancy.occupied > 0)]
+    content += [np.diff(channel, prepend=np.uint8(0)) for field in fields for channel in field.codes]
+    return base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in content), 9)).decode()
+
+
+def _front(scene: Scene, rig: CameraRig, background: Sequence[float], progress: Progress) -> str:
+    """Return the picture from the front as a data URI."""
+    (camera,) = rig.orbit(181, FRONT_SIZE, frames=[90])
+    view = scene.render(camera, progress=progress)
+    buffer = io.BytesIO()
+    Image.fromarray(to_bytes(over(view.rgba, background))).save(buffer, format="JPEG", quality=FRONT_QUALITY)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -1,0 +1,138 @@
+// The controls beside the picture. Names come from files, so they are only ever set as text.
+
+// Return an element with attributes and children; text is text, never HTML.
+function made(name, attributes = {}, ...children) {
+  const element = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith("on")) element.addEventListener(key.slice(2), value);
+    else if (typeof value === "boolean") element.toggleAttribute(key, value);
+    else element.setAttribute(key, value);
+  }
+  element.append(...children);
+  return element;
+}
+
+const percent = (value) => `${Math.round(100 * value)} %`;
+const degrees = (value) => `${Math.round(value)}°`;
+
+class Panel {
+  // header: what the file says of the scene; state: what is set; changed: called after every change of it.
+  constructor(root, header, state, changed) {
+    Object.assign(this, { root, header, state, changed });
+    this.updates = []; // functions that bring the controls in line with the state
+    root.append(this.regions(), ...this.paintings(), ...this.lights(), this.background());
+    this.update();
+  }
+
+  update() {
+    for (const one of this.updates) one();
+  }
+
+  set(change) {
+    change();
+    this.update();
+    this.changed();
+  }
+
+  section(heading, ...content) {
+    return made("section", {}, made("h2", {}, heading), ...content);
+  }
+
+  // A slider with its label and value in words.
+  slider(label, [least, most, step], format, read, write, spoken = label) {
+    const said = made("span", { class: "value", "aria-hidden": "true" });
+    const input = made("input", {
+      type: "range", min: least, max: most, step, "aria-label": spoken,
+      oninput: () => this.set(() => write(Number(input.value))),
+    });
+    this.updates.push(() => {
+      input.value = read();
+      said.textContent = format(read());
+      input.setAttribute("aria-valuetext", said.textContent);
+    });
+    return made("div", { class: "slider" }, made("span", { class: "label", "aria-hidden": "true" }, label), input, said);
+  }
+
+  colour(label, read, write) {
+    const input = made("input", { type: "color", "aria-label": label, oninput: () => this.set(() => write(fromHex(input.value))) });
+    this.updates.push(() => (input.value = toHex(read())));
+    return input;
+  }
+
+  regions() {
+    const list = made("ul", { class: "regions" });
+    this.header.regions.forEach((told, k) => list.append(this.region(told, k)));
+    const all = made("button", { type: "button", onclick: () => this.set(() => this.state.regions.forEach((r) => (r.hidden = false))) }, "Show all");
+    this.updates.push(() => (all.disabled = !this.state.regions.some((r) => r.hidden)));
+    return this.section("Regions", list, all);
+  }
+
+  region(told, k) {
+    const region = this.state.regions[k], name = `Region ${k}`;
+    const colour = this.colour(`Colour of ${name}`, () => region.edited ?? region.colour, (rgb) => {
+      region.edited = toHex(rgb) === toHex(region.colour) ? null : rgb;
+    });
+    const style = made("span", { class: "note" });
+    this.updates.push(() => {
+      const painted = styleOf(this.state, this.header, k);
+      const covered = painted !== null && sharesOf(this.state, this.header)[k] >= 1;
+      colour.disabled = covered;
+      colour.title = covered ? "Its colours come from the style; turn the painting off to recolour it" : "";
+      style.textContent = painted ?? told.values;
+    });
+    const hide = this.toggle("Hide", `Hide ${name}`, () => region.hidden, () => (region.hidden = !region.hidden));
+    const others = () => this.state.regions.filter((r) => r !== region);
+    const only = this.toggle("Only", `Show only ${name}`, () => others().length > 0 && !region.hidden && others().every((r) => r.hidden), () => {
+      const alone = !region.hidden && others().every((r) => r.hidden);
+      for (const other of others()) other.hidden = !alone;
+      region.hidden = false;
+    });
+    const opacity = this.slider("Opacity", [0, Math.max(2, told.opacity), 0.01], percent, () => region.opacity, (v) => (region.opacity = v), `Opacity of ${name}`);
+    const item = made("li", {}, made("div", { class: "row" }, colour, made("span", { class: "name" }, name, style), only, hide), opacity);
+    this.updates.push(() => item.classList.toggle("hidden", region.hidden));
+    return item;
+  }
+
+  // A button that is pressed or not.
+  toggle(text, label, read, write) {
+    const button = made("button", { type: "button", "aria-label": label, title: label, onclick: () => this.set(write) }, text);
+    this.updates.push(() => button.setAttribute("aria-pressed", String(read())));
+    return button;
+  }
+
+  paintings() {
+    const { paintings } = this.header;
+    if (!paintings.length) return [];
+    const select = made("select", { "aria-label": "Painting", onchange: () => this.set(() => {
+      this.state.painting = select.value === "" ? null : Number(select.value);
+    }) }, made("option", { value: "" }, "None: the palette's colours"));
+    paintings.forEach((painting, k) => select.append(made("option", { value: k }, painting.name)));
+    this.updates.push(() => (select.value = this.state.painting ?? ""));
+    const strength = this.slider("Strength", [0, 1, 0.01], percent, () => this.state.strength, (v) => (this.state.strength = v), "Strength of the painting");
+    this.updates.push(() => (strength.hidden = this.state.painting === null));
+    return [this.section("Painting", select, strength)];
+  }
+
+  lights() {
+    const { lighting } = this.header, { state } = this;
+    if (lighting === "none") return [];
+    const content = [this.slider("Amount", [0, 1, 0.01], (v) => (v === 0 ? "off" : percent(v)), () => state.light, (v) => (state.light = v), "Light")];
+    if (lighting === "phong") {
+      const move = (name) => (v) => (state.lamp = { ...state.lamp, direction: null, [name]: v });
+      content.push(
+        this.slider("Right", [-180, 180, 1], degrees, () => state.lamp.azimuth, move("azimuth"), "Light from the right of the camera, in degrees"),
+        this.slider("Above", [-90, 90, 1], degrees, () => state.lamp.elevation, move("elevation"), "Light from above the camera, in degrees"),
+        this.slider("Brightness", [0, Math.max(2, state.lamp.intensity), 0.01], percent, () => state.lamp.intensity, (v) => (state.lamp = { ...state.lamp, intensity: v })),
+      );
+    }
+    return [this.section("Light", ...content)];
+  }
+
+  background() {
+    const { state } = this, choices = made("div", { class: "row" });
+    choices.append(this.colour("Colour of the background", () => state.background, (rgb) => (state.background = rgb)));
+    for (const [name, rgb] of [["White", [1, 1, 1]], ["Grey", [0.5, 0.5, 0.5]], ["Black", [0, 0, 0]]])
+      choices.append(made("button", { type: "button", "aria-label": `${name} background`, onclick: () => this.set(() => (state.background = rgb)) }, name));
+    return this.section("Background", choices);
+  }
+}

@@ -1,0 +1,138 @@
+// The picture on the page: coarse while something moves, then drawn again in full, a few rows at a time.
+
+const MOVING_MS = 60; // time aimed at for a picture while something moves
+const MOVING_STRIDE = 1.5; // distance between samples while something moves, as a multiple of that at rest
+const ROWS_MS = 40; // time aimed at for the rows that are drawn at once at rest, so that the page stays responsive
+const REST_MS = 160; // time without a movement after which the picture is drawn in full
+const SMALLEST = 0.15; // size of the coarsest picture, as a part of the canvas's
+const MOST_PIXELS = 2.2e6; // of a picture; screens with more show it enlarged
+
+class Show {
+  constructor(canvas, painter, orbit, state) {
+    Object.assign(this, { canvas, painter, orbit, state });
+    this.gl = painter.gl, this.part = 0.5, this.rows = 32;
+    this.frames = 0; // pictures shown so far
+    this.fence = null;
+    this.targets = { coarse: this.target(), full: this.target() };
+    this.change();
+    requestAnimationFrame(() => this.step());
+  }
+
+  target() {
+    const gl = this.gl, texture = gl.createTexture(), buffer = gl.createFramebuffer();
+    return { texture, buffer, width: 0, height: 0 };
+  }
+
+  // Bind a target of this size.
+  into(target, width, height) {
+    const gl = this.gl;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
+    if (target.width === width && target.height === height) return;
+    Object.assign(target, { width, height });
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, target.texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.texture, 0);
+  }
+
+  // Something was moved or edited: the picture has to be drawn again.
+  change() {
+    this.changed = this.stale = true, this.since = performance.now(), this.done = 0;
+  }
+
+  // Return the camera of the canvas, which has the size at which it is seen, within limits.
+  camera() {
+    const seen = this.canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
+    const scale = Math.min(ratio, Math.sqrt(MOST_PIXELS / Math.max(1, seen.width * seen.height)));
+    return this.orbit.camera(Math.max(1, Math.round(seen.width * scale)), Math.max(1, Math.round(seen.height * scale)));
+  }
+
+  // End for good, when the graphics were lost.
+  stop() {
+    this.stopped = true;
+  }
+
+  step() {
+    if (this.stopped) return;
+    requestAnimationFrame(() => this.step());
+    if (this.gl.isContextLost() || !this.free()) return;
+    const camera = this.camera();
+    if (camera.width !== this.canvas.width || camera.height !== this.canvas.height) {
+      this.canvas.width = camera.width, this.canvas.height = camera.height;
+      this.change();
+    }
+    if (this.changed) this.drawCoarse(camera);
+    else if (this.stale && performance.now() - this.since > REST_MS) this.drawRows(camera);
+  }
+
+  // Whether the last drawing has ended; its time sets the size of the next one.
+  free() {
+    if (this.fence === null) return true;
+    const gl = this.gl, state = gl.clientWaitSync(this.fence, 0, 0);
+    if (state === gl.TIMEOUT_EXPIRED) return false;
+    gl.deleteSync(this.fence);
+    this.fence = null;
+    this.learn(performance.now() - this.began);
+    return true;
+  }
+
+  begin(learn) {
+    this.began = performance.now(), this.learn = learn;
+  }
+
+  end() {
+    this.fence = this.gl.fenceSync(this.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    this.gl.flush();
+  }
+
+  drawCoarse(camera) {
+    this.changed = false;
+    const { state, painter } = this, height = Math.max(1, Math.round(camera.height * this.part));
+    painter.prepare(state);
+    this.begin((ms) => {
+      const better = this.part * Math.sqrt(MOVING_MS / Math.max(ms, 1));
+      this.part = Math.min(Math.max(0.5 * (this.part + better), SMALLEST), 1);
+    });
+    this.into(this.targets.coarse, Math.max(1, Math.round(camera.width * this.part)), height);
+    painter.draw(state, camera, this.part, 0, height, MOVING_STRIDE);
+    this.present(this.targets.coarse);
+    this.end();
+  }
+
+  drawRows(camera) {
+    const from = this.done, to = Math.min(camera.height, from + this.rows);
+    this.begin((ms) => (this.rows = Math.max(4, Math.round(this.rows * Math.min(Math.max(ROWS_MS / Math.max(ms, 1), 0.5), 2)))));
+    this.into(this.targets.full, camera.width, camera.height);
+    this.painter.draw(this.state, camera, 1, from, to);
+    this.done = to;
+    if (to === camera.height) {
+      this.stale = false;
+      this.present(this.targets.full);
+    }
+    this.end();
+  }
+
+  // Show a target on the canvas.
+  present(target) {
+    const gl = this.gl, { width, height } = this.canvas;
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, target.buffer);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    const filter = target.width === width && target.height === height ? gl.NEAREST : gl.LINEAR;
+    gl.blitFramebuffer(0, 0, target.width, target.height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, filter);
+    this.frames++;
+  }
+
+  // Return a camera's picture, drawn in full: RGBA bytes, row 0 at the top.
+  picture(camera) {
+    const gl = this.gl, { width, height } = camera, flipped = new Uint8Array(4 * width * height);
+    this.painter.prepare(this.state);
+    this.into(this.targets.full, width, height);
+    this.painter.draw(this.state, camera, 1, 0, height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, flipped);
+    this.change();
+    const data = new Uint8ClampedArray(flipped.length);
+    for (let row = 0; row < height; row++)
+      data.set(flipped.subarray(4 * width * row, 4 * width * (row + 1)), 4 * width * (height - 1 - row));
+    return new ImageData(data, width, height);
+  }
+}

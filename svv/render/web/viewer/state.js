@@ -1,0 +1,43 @@
+// What the user has set: the regions' edits, the painting shown, the light and the background.
+
+function stateOf(header) {
+  return {
+    regions: header.regions.map(({ colour, edited, opacity, hidden }) => ({ colour, edited, opacity, hidden })),
+    painting: header.painting,
+    strength: 1, // of all styles, on top of each region's own
+    light: 1, // of the light's effect, on top of each region's own
+    lamp: { ...header.lamp },
+    background: [...header.background],
+  };
+}
+
+// The region's style in the painting shown; null where it is not painted.
+function styleOf(state, header, region) {
+  return state.painting === null ? null : header.paintings[state.painting].styles[region];
+}
+
+function opacitiesOf(state) {
+  return state.regions.map((region) => (region.hidden ? 0 : region.opacity));
+}
+
+// How strongly paint covers each region, from 0 to 1.
+function sharesOf(state, header) {
+  return state.regions.map((_, k) => (styleOf(state, header, k) === null ? 0 : state.strength * header.regions[k].strength));
+}
+
+// How each region responds to light: factor, scale of the shade, less specular (svv/fields/paint_light.py, lights_of).
+function lightsOf(state, header) {
+  return sharesOf(state, header).map((share, k) => {
+    const { lighting, mean_light: mean } = header.regions[k], f = state.light * lighting;
+    if (share === 0) return [f, 1, 0];
+    const plain = 1 - share, paint = share * header.paintings[state.painting].paint_light[k];
+    if (plain + paint === 0) return [0, 1, 0];
+    const part = paint / (plain + paint);
+    return [f * (plain + paint), 1 - part + part / mean[0], part * mean[1]];
+  });
+}
+
+// How each region's extinction follows the strokes of its paint: gain, slope, mean and reach.
+function strokesOf(state, header) {
+  return header.paintings[state.painting].strokes ?? state.regions.map(() => [0, 0, 0, 0]);
+}

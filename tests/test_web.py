@@ -1,0 +1,313 @@
+"""A scene's page: in a real browser, against the renderer, edited by hand, and where it cannot be drawn."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from svv.cli.app import app
+from svv.core.cameras import Camera
+from svv.core.encodings import spherical_harmonics
+from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
+from svv.errors import BadInput
+from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.region import Region
+from svv.fields.scene import Scene
+from svv.render.web.fields import HOLD, MATERIAL, MOST_EXTINCTION_STEP, SHARE_STEP, Grid, fields_of
+from svv.render.web.harmonics import geometry_at
+from svv.render.web.page import write_html
+from tests.browser import LIVE, Opened, browser, program
+from tests.cube import cube_scene
+
+EVIL = '"><script>alert(1)</script>'
+
+CLOSE = 38.0
+"""Least PSNR of the browser's pictures against the renderer's, in dB."""
+
+RANDOM = 28.0
+"""The same for regions at random, whose borders, which follow no surface, are not where a grid has vertices."""
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """Chromium; where there is none, ``make test`` has said what is missing."""
+    if program() is None:
+        pytest.skip("no browser here; Debian: sudo apt-get install chromium")
+    with browser() as running:
+        yield running
+
+
+@pytest.fixture
+def open_page(chromium: Any) -> Iterator[Callable[..., Opened]]:
+    """Open a file in the browser; afterwards, nothing may have gone wrong, and nothing else have been asked for."""
+    contexts, pages = [], []
+
+    def start(path: Path, script: str = "", size: tuple[int, int] = (900, 600)) -> Opened:
+        contexts.append(chromium.new_context(viewport={"width": size[0], "height": size[1]}))
+        pages.append(Opened.at(path, contexts[-1], script))
+        return pages[-1]
+
+    yield start
+    for context, opened in zip(contexts, pages):
+        context.close()
+        assert opened.wrong == []
+        assert [url.partition(":")[0] for url in opened.asked if not url.startswith(("data:", "blob:"))] == ["file"]
+
+
+def paint(scene: Scene, seed: int) -> UnrestrictedField:
+    """Paint of colours that come as they may."""
+    network = UnrestrictedField(scene.settings, scene.occupancy, (16,), direct=True).requires_grad_(False)
+    network.encoding.table.copy_(torch.rand(network.encoding.table.shape, generator=torch.manual_seed(seed)))
+    return network
+
+
+@pytest.fixture(scope="module")
+def painted(balls: Scene) -> Scene:
+    """The balls with two paintings, whose names and styles are as bad as names can be."""
+    scene = balls.painted(paint(balls, 1), {0: EVIL, 1: "ink"}, {}, EVIL)
+    return scene.painted(paint(balls, 2), {1: "b"}, {}, "second & last")
+
+
+def lit(scene: Scene) -> Scene:
+    """The scene under an explicit light, its normals the gradient of its extinction."""
+    old = scene.palette_network
+    assert old is not None and scene.base.density is not None
+    field = replace(scene.settings, lighting="phong")
+    palette = PaletteField(field, scene.occupancy, scene.base.geometry_width, old.colours.detach())
+    for name in ("encoding", "palette_mlp"):
+        getattr(palette, name).load_state_dict(getattr(old, name).state_dict())
+    assert palette.phong is not None
+    palette.phong.start(scene.base.density, scene.occupancy, None, 0)
+    return replace(scene, settings=field, palette_network=palette.requires_grad_(False))
+
+
+def front(scene: Scene, size: int = 96, frame: int = 90) -> Camera:
+    return scene.rig.orbit(181, size, frames=[frame])[0]
+
+
+def ready(opened: Opened) -> None:
+    opened.page.wait_for_function(LIVE)
+
+
+def test_pictures_are_those_of_the_renderer_and_edits_act(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    scene = balls
+    write_html(tmp_path / "balls.html", scene, "balls")
+    opened = open_page(tmp_path / "balls.html")
+    ready(opened)
+    page = opened.page
+    cameras = [front(scene, frame=frame) for frame in (30, 90, 150)]
+    assert min(opened.psnr(scene, camera) for camera in cameras) > CLOSE
+    page.get_by_label("Colour of Region 0").fill("#20a040")
+    edited = scene.edited(0, (32 / 255, 160 / 255, 64 / 255))
+    assert opened.psnr(edited, cameras[0]) > CLOSE
+    page.get_by_label("Opacity of Region 1").fill("0.3")
+    edited = edited.edited(1, opacity=0.3)
+    assert opened.psnr(edited, cameras[1]) > CLOSE
+    page.get_by_label("Show only Region 1").click()
+    assert opened.psnr(edited.isolated(1), cameras[1]) > CLOSE
+    page.get_by_role("button", name="Show all").click()
+    page.get_by_label("Hide Region 1").click()
+    assert opened.psnr(edited.hidden(1), cameras[2]) > CLOSE
+    page.get_by_label("Hide Region 0").click()  # nothing is left
+    assert (opened.picture(cameras[0]) == 1.0).all()
+    page.get_by_role("button", name="Reset all").click()
+    assert opened.psnr(scene, cameras[2]) > CLOSE
+
+
+def test_a_movable_light_is_that_of_the_renderer(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    scene = lit(balls)
+    write_html(tmp_path / "lit.html", scene, "lit")
+    opened = open_page(tmp_path / "lit.html")
+    ready(opened)
+    assert opened.psnr(scene, front(scene)) > CLOSE
+    opened.page.get_by_label("Light from the right of the camera, in degrees").fill("70")
+    opened.page.get_by_label("Light from above the camera, in degrees").fill("-30")
+    opened.page.get_by_label("Brightness").fill("1.5")
+    assert opened.psnr(scene.with_light(70.0, -30.0, intensity=1.5), front(scene)) > CLOSE
+    opened.page.get_by_label("Light", exact=True).fill("0")
+    dark = scene
+    for region in range(len(scene.regions)):
+        dark = dark.edited(region, lighting=0.0)
+    assert opened.psnr(dark, front(scene)) > CLOSE
+
+
+def test_paintings_are_shown_in_turn_and_their_names_are_only_text(
+    open_page: Any, painted: Scene, tmp_path: Path
+) -> None:
+    write_html(tmp_path / "painted.html", painted, f"a title {EVIL} & more")
+    text = (tmp_path / "painted.html").read_text()
+    assert text.count("<script") == 3 and EVIL not in text
+    opened = open_page(tmp_path / "painted.html", size=(390, 780))
+    ready(opened)
+    page, camera = opened.page, front(painted)
+    assert page.title() == f"a title {EVIL} & more"
+    assert page.get_by_role("heading", level=1).inner_text() == f"a title {EVIL} & more"
+    names = page.get_by_label("Painting", exact=True).locator("option").all_inner_texts()
+    assert names == ["None: the palette's colours", EVIL, "second & last"]
+    assert opened.psnr(painted, camera) > CLOSE
+    page.get_by_label("Painting", exact=True).select_option(EVIL)
+    assert EVIL in page.get_by_role("list").inner_text()
+    other = painted.with_variant(EVIL)
+    assert opened.psnr(other, camera) > CLOSE
+    page.get_by_label("Strength of the painting").fill("0.4")
+    assert opened.psnr(other.with_strength(0.4), camera) > CLOSE
+    page.get_by_label("Painting", exact=True).select_option("")
+    assert opened.psnr(painted, camera, "pcn") > CLOSE
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_eight_regions_and_five_paintings(open_page: Callable[..., Opened], balls: Scene, tmp_path: Path) -> None:
+    torch.manual_seed(2)
+    palette = PaletteField(balls.settings, balls.occupancy, balls.base.geometry_width, torch.rand(8, 3))
+    palette.encoding.randomize(2.0, torch.Generator().manual_seed(3))
+    regions = tuple(Region(tuple(colour), 0.125) for colour in palette.colours.tolist())
+    scene = replace(balls, palette_network=palette.requires_grad_(False), regions=regions)
+    for number in range(5):
+        scene = scene.painted(paint(scene, number), {number: "a", 7: "b"}, {}, f"painting {number}")
+    write_html(tmp_path / "many.html", scene, "many")
+    opened = open_page(tmp_path / "many.html")
+    ready(opened)
+    for name in ("painting 1", "painting 4"):
+        opened.page.get_by_label("Painting", exact=True).select_option(name)
+        assert opened.psnr(scene.with_variant(name), front(scene)) > RANDOM
+    opened.page.get_by_label("Show only Region 7").click()
+    assert opened.psnr(scene.with_variant("painting 4").isolated(7), front(scene)) > RANDOM
+
+
+def test_keys_turn_and_reset_the_view_and_a_picture_is_saved(open_page: Any, tmp_path: Path) -> None:
+    write_html(tmp_path / "cube.html", cube_scene(), "cube", background=(0.0, 0.0, 0.0))
+    opened = open_page(tmp_path / "cube.html")
+    ready(opened)
+    page = opened.page
+
+    def camera() -> list[float]:
+        told = page.evaluate("async () => (await window.svv).orbit.camera(64, 64)")
+        return [*told["camera_to_world"], told["fov_x"]]
+
+    first = camera()
+    page.get_by_role("application").focus()
+    seen = [first]
+    for key in ("ArrowLeft", "ArrowUp", "Shift+ArrowRight", "+", "-", "]"):
+        page.keyboard.press(key)
+        seen.append(camera())
+    assert all(np.abs(np.subtract(a, b)).max() > 1e-3 for a, b in pairwise(seen))
+    page.keyboard.press("Home")
+    assert camera() == first
+    page.mouse.move(200, 200)
+    page.mouse.down()
+    page.mouse.move(260, 220)
+    page.mouse.up()
+    assert camera() != first
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save picture").click()
+    assert saved.value.suggested_filename == "cube.png"
+    assert page.get_by_role("status").inner_text() == "The picture was saved as cube.png."
+    unnamed = "[...document.querySelectorAll('button, input, select, canvas, img')].filter((e) => \
+        !(e.ariaLabel || e.alt || e.innerText)).map((e) => e.outerHTML)"
+    assert page.evaluate(unnamed) == []
+
+
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        ("HTMLCanvasElement.prototype.getContext = () => null", "no WebGL2"),
+        (
+            "const gl = WebGL2RenderingContext.prototype, real = gl.getParameter;"
+            "gl.getParameter = function (name) { return name === gl.MAX_3D_TEXTURE_SIZE ? 4 : real.call(this, name); }",
+            "hold 4 points a side and the scene has 9",
+        ),
+        ("delete window.DecompressionStream", "too old"),
+    ],
+)
+def test_a_browser_that_cannot_draw_it_says_why_and_shows_a_picture(
+    open_page: Any, tmp_path: Path, script: str, reason: str
+) -> None:
+    write_html(tmp_path / "cube.html", cube_scene(), "cube")
+    opened = open_page(tmp_path / "cube.html", script)
+    said = opened.page.get_by_role("status")
+    said.filter(has_text=reason).wait_for()
+    assert opened.page.get_by_role("img", name="cube, seen from the front").is_visible()
+    assert not opened.page.get_by_role("button", name="Save picture").is_visible()
+
+
+def test_a_scene_without_regions_is_refused(tmp_path: Path) -> None:
+    bare = replace(cube_scene(), palette_network=None, regions=())
+    with pytest.raises(BadInput, match="no regions"):
+        write_html(tmp_path / "bare.html", bare, "bare")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_page_asks_for_nothing(painted: Scene, tmp_path: Path) -> None:
+    """Neither by a link nor by a style, and it forbids itself to."""
+    write_html(tmp_path / "painted.html", painted, "painted")
+    text = (tmp_path / "painted.html").read_text()
+    assert "default-src 'none'" in text
+    assert re.findall(r"(?:https?:)?//[\w.]+\.\w+", re.sub(r'id="arrays">[^<]*', "", text)) == []
+    header = json.loads(re.findall(r'id="scene">([^<]*)<', text)[0])
+    assert header["paintings"][0]["name"] == EVIL
+
+
+def test_the_commands_write_and_open_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cube_scene().save(tmp_path / "cube.svv")
+    scene, page = str(tmp_path / "cube.svv"), str(tmp_path / "a page.html")
+
+    def svv(*words: str) -> str:
+        done = CliRunner().invoke(app, words, standalone_mode=False, catch_exceptions=True)
+        if isinstance(done.exception, BadInput):
+            raise done.exception
+        assert done.exception is None, done.exception
+        return done.stdout
+
+    assert svv("export", scene, "--out", page).startswith(f"{page}: 0.1 MB")
+    assert "<title>a page</title>" in Path(page).read_text()
+    with pytest.raises(BadInput, match="Cinema database"):
+        svv("export", scene, "--out", page, "--phi", "3")
+    with pytest.raises(BadInput, match=r"FILE\.html or a Cinema database NAME\.cdb"):
+        svv("export", scene, "--out", str(tmp_path / "scene.obj"))
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda address: not opened.append(address))  # type: ignore[func-returns-value]
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    shown = svv("view", scene).strip()
+    assert opened == [Path(shown).as_uri()] and Path(shown).name == "cube.html" and Path(shown).is_relative_to(tmp_path)
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
+    assert "open this file in one" in svv("view", scene)
+
+
+@pytest.mark.parametrize("encoding", ["lattice", "hash"])
+def test_fields_hold_what_the_networks_say_to_within_their_steps(encoding: str) -> None:
+    scene = cube_scene()
+    if encoding == "hash":
+        torch.manual_seed(0)
+        settings = FieldSettings("hash", (4, 16), features=2, levels=3, log2_entries=8, width=16)
+        base = BaseField(settings, scene.occupancy)
+        palette = PaletteField(settings, scene.occupancy, base.geometry_width, torch.rand(3, 3))
+        for network in (base, palette):
+            network.encoding.randomize(1.0, torch.Generator().manual_seed(1))
+        scene = replace(scene, settings=settings, base=base, palette_network=palette.requires_grad_(False))
+        base.requires_grad_(False)
+    fields, light = fields_of(scene)
+    found = {field.name: torch.from_numpy(field.values()) for field in fields}
+    grid = Grid(scene.occupancy, fields[0].resolution)
+    exponent, features = geometry_at(scene, grid.places)
+    off = (found["extinction"][:, 0] - exponent.clamp(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION)).abs()
+    assert off.max() <= (HOLD + 0.01) * MOST_EXTINCTION_STEP
+    assert scene.palette_network is not None
+    intensity, weights, _ = scene.palette_network.material(grid.places)
+    assert (found["weights"] - weights).abs().max() <= 0.5 * SHARE_STEP + 0.5 / 255
+    assert (found["material"][:, 0] - intensity).abs().max() <= MATERIAL.most + 0.01
+    ray = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.8]]), dim=1)
+    harmonics = spherical_harmonics(ray, 4).expand(len(grid.places), -1)
+    specular, shade = scene.palette_network.lighting(features, harmonics)
+    told = (torch.tensor(light["mean"]) + found["light"] @ torch.tensor(light["axes"])).view(-1, 2, 9)
+    for kept, wanted in zip((told @ harmonics[0, :9]).unbind(1), (shade, specular)):
+        assert (kept - wanted).square().mean().sqrt() < 0.15

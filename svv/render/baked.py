@@ -34,7 +34,7 @@ from svv.io.atomic import write_json
 from svv.io.output import write_volume
 from svv.kernels.numba_baking import extend_colours, soften_edges
 from svv.options.baking import BakeOptions
-from svv.render.voxels import Grid, Matter, as_samples, grid_of, matter_of, paint_at
+from svv.render.voxels import CHUNK, Grid, Matter, as_samples, grid_of, matter_of, paint_at
 
 OPACITY, UNIT_DISTANCE = "StyleRF Opacity", "StyleRF Unit Distance"
 """Field data of a baked volume: the opacity function, pairs of code and opacity, and its unit distance."""
@@ -248,9 +248,9 @@ def _mean_light(scene: Scene, matter: Matter, logs: Tensor, visible: NDArray[np.
     for number, side in enumerate(SIDES):
         progress(number / len(SIDES), "lighting")
         weight = LEAST_SEEN + torch.from_numpy(_seen_from(depths, side).ravel()[matter.place][rows.numpy()])
-        for first in range(0, len(rows), 1 << 18):
-            own = rows[first : first + (1 << 18)]
-            share = weight[first : first + (1 << 18), None]
+        for first in range(0, len(rows), CHUNK):
+            own = rows[first : first + CHUNK]
+            share = weight[first : first + CHUNK, None]
             lights[own] += share * _light_from(scene, palette, matter, own, side).cpu()
             total[own] += share
     lights[rows] /= total[rows]

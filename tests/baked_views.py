@@ -40,7 +40,7 @@ class BakedCaster(mappers.CpuMapper):
     def cast(self, camera: Camera) -> np.ndarray:
         """Cast rays with all threads, but look for empty blocks with one, as ParaView does.
 
-        With several, VTK (9.2 to 9.7) takes the wrong blocks of a volume of colours for empty.
+        With several, VTK (seen in 9.7) takes the wrong blocks of a volume of colours for empty.
         """
         limit = vtkMultiThreader.GetGlobalMaximumNumberOfThreads()
         vtkMultiThreader.SetGlobalMaximumNumberOfThreads(1)

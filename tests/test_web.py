@@ -272,7 +272,7 @@ def test_the_commands_write_and_open_pages(tmp_path: Path, monkeypatch: pytest.M
     assert "<title>a page</title>" in Path(page).read_text()
     with pytest.raises(BadInput, match="Cinema database"):
         svv("export", scene, "--out", page, "--phi", "3")
-    with pytest.raises(BadInput, match=r"FILE\.html or a Cinema database NAME\.cdb"):
+    with pytest.raises(BadInput, match=r"FILE\.html, a Cinema database NAME\.cdb"):
         svv("export", scene, "--out", str(tmp_path / "scene.obj"))
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda address: not opened.append(address))  # type: ignore[func-returns-value]

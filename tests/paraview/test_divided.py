@@ -194,6 +194,7 @@ assert max(image(render)[0]) == 400, status(render)
 )
 
 
+@pytest.mark.slow
 def test_filters_draw_train_and_render_on_ranks_and_on_a_server_with_ranks(
     pvpython: Callable, mpiexec: Callable, start_pvserver: Callable, tmp_path: Path
 ) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
@@ -133,6 +134,7 @@ def pixels(picture: Path) -> np.ndarray:
     return np.asarray(Image.open(picture).convert("RGB"), np.int16)
 
 
+@pytest.mark.slow
 def test_a_newcomer_paints_a_volume_from_the_menu(gui: Callable, tmp_path: Path) -> None:
     # SVV_SCREENSHOT names a folder for the pictures of the documentation: then everything is done in full.
     kept = os.environ.get("SVV_SCREENSHOT")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
 
+@pytest.mark.slow
 def test_panels_offer_the_choice_and_say_what_was_learned_from(pvpython) -> None:
     pvpython(
         VOLUME

@@ -119,6 +119,7 @@ def clear(cache: Path) -> None:
 @pytest.mark.parametrize(
     "pipeline", [pytest.param(STEPS, id="steps", marks=pytest.mark.slow), pytest.param(ONE_STEP, id="one step")]
 )
+@pytest.mark.slow
 def test_a_state_shows_its_picture_in_another_process(run: Run, tmp_path: Path, pipeline: str) -> None:
     first = run(pipeline + SAVE, "first")
     assert first["worked"] == ["make_views", "train_scene", "stylize_scene"], first["status"]
@@ -144,6 +145,7 @@ def test_a_state_shows_its_picture_in_another_process(run: Run, tmp_path: Path, 
         assert (arrays["RGBA"][:, 3] > 0).any()
 
 
+@pytest.mark.slow
 def test_a_state_shows_what_was_shown_and_not_what_the_panel_would_give_now(run: Run, tmp_path: Path) -> None:
     variants = """
 volume, display = shown()

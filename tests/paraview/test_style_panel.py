@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from svv.fields.scene import Scene
 from svv.io.output import write_png
@@ -83,6 +84,7 @@ said["under"] = [place_under(view, at) for at in ((0, 0), (256, 192), (512, 384)
     np.testing.assert_allclose(said["under"], [(-0.5, -0.5), (511.5, 383.5), (1023.5, 767.5)], atol=0.01)
 
 
+@pytest.mark.slow
 def test_regions_get_the_pictures_of_their_rows_and_paintings_stand_side_by_side(inside, tmp_path: Path) -> None:
     said = inside("""
 reader = OpenDataFile(folder + "/cube.svv")

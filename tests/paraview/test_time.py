@@ -164,6 +164,7 @@ assert counted == ["train", "draw_views"] * 4, counted
     )
 
 
+@pytest.mark.slow
 def test_each_time_step_is_trained_once_where_that_is_wished(pvpython, tmp_path) -> None:
     pvpython(
         SOURCE

@@ -93,6 +93,7 @@ def triton(
     pytest.skip(f"no triton for Python {'.'.join(map(str, paraview.python))}, so none is loaded")
 
 
+@pytest.mark.slow
 def test_the_whole_flow_outlives_triton_after_rendering(pvpython, triton: dict[str, str], tmp_path: Path) -> None:
     pvpython(VOLUME + FLOW + BOTH_LLVM, tmp_path, environ=triton, timeout=900)
 

@@ -58,6 +58,14 @@ def test_only_isolated_regions_are_seen(cube: Scene) -> None:
     assert image(cube.hidden(0, 1, 2)).max() == 0.0
 
 
+def test_haze_of_hidden_regions_goes_with_them(cube: Scene) -> None:
+    """Also what lies behind the last sample of a ray, which samples of low weight leave."""
+    thin = replace(cube, marching=replace(cube.marching, step=1 / 200), joined=1 / 64)
+    before, alpha = image(thin)[..., 3], image(thin.hidden(0, 1, 2))[..., 3]
+    assert before.max() > 0.1
+    assert alpha[before > 1 / 32].max() == 0.0
+
+
 def test_plain_and_fused_images_of_hidden_regions_agree(cube: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = cube.edited(0, opacity=2.0).hidden(1)
     fused = scene.render(cube_camera())

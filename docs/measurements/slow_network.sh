@@ -1,8 +1,8 @@
 #!/bin/sh
 # Train on two ranks in two network namespaces, joined by a link of limited bandwidth: what a slow network costs.
-# usage: sudo sh docs/measurements/slow_network.sh RATE [PYTHON]     a rate such as 1gbit or 100mbit
+# usage: sudo sh docs/measurements/slow_network.sh RATE [VIEWS]     a rate such as 1gbit or 100mbit; views as for ranks.py
 set -eu
-rate=$1 python=${2:-.venv/bin/python}
+rate=$1 views=${2:-} python=${PYTHON:-.venv/bin/python}
 cleanup() { for k in 0 1; do ip netns del svv$k 2> /dev/null || true; done; }
 trap cleanup EXIT
 cleanup
@@ -15,6 +15,6 @@ for k in 0 1; do
 done
 for k in 1 0; do
     env PYTHONPATH=. OMP_NUM_THREADS=1 RANK=$k WORLD_SIZE=2 LOCAL_RANK=0 LOCAL_WORLD_SIZE=1 MASTER_ADDR=10.77.0.1 \
-        MASTER_PORT=29511 GLOO_SOCKET_IFNAME=v$k ip netns exec svv$k "$python" docs/measurements/ranks.py &
+        MASTER_PORT=29511 GLOO_SOCKET_IFNAME=v$k ip netns exec svv$k "$python" docs/measurements/ranks.py ${views:+"$views"} &
 done
 wait

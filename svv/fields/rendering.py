@@ -6,7 +6,7 @@ Letters: R rays, S samples (of all rays, concatenated), C channels.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -135,6 +135,21 @@ def march(
         seed, occupancy.samples_a_ray, first_ray,
     )  # fmt: skip
     return samples
+
+
+@torch.no_grad()
+def ended(samples: Samples) -> Samples:
+    """Give the optical depth behind each ray's last sample to that sample, as part of its extinction.
+
+    In an image, it thus has a colour, and the edits of a region act on it; behind a hidden region it would otherwise
+    leave a grey haze. Rays without samples keep theirs.
+    """
+    rays = samples.count.nonzero()[:, 0]
+    last = samples.start[rays] + samples.count[rays] - 1
+    sigma, tail = samples.sigma.clone(), samples.tail.clone()
+    sigma[last] += tail[rays] / samples.step
+    tail[rays] = 0.0
+    return replace(samples, sigma=sigma, tail=tail)
 
 
 @torch.no_grad()

@@ -26,7 +26,7 @@ from svv.fields.networks import PaletteColours, encode_directions
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
 from svv.fields.region import Region
-from svv.fields.rendering import Marching, RayCaster, Rays, composite, empty_images, march, not_hidden
+from svv.fields.rendering import Marching, RayCaster, Rays, composite, empty_images, ended, march, not_hidden
 from svv.fields.scene_arrays import arrays_of, parts_of
 from svv.fields.stroke_opacity import fade_of, followed
 from svv.fields.variants import PaintedModel
@@ -127,6 +127,8 @@ class Scene(PaintedModel):
         samples = march(rays, self.occupancy, self.base.density, how)
         if self.base.density is None:
             samples, _ = not_hidden(samples, self.base.extinction(samples), how)
+        else:
+            samples = ended(samples)
         if not len(samples):
             return
         kernels = None if network == "base" else image_kernels_of(self)

@@ -22,7 +22,7 @@ from svv._version import __version__
 from svv.errors import BadInput
 from svv.io.atomic import make_folder, to_json, write_json
 
-GENERATION = 2
+GENERATION = 3
 """Incremented when the same input and settings give another result although the version has not changed."""
 
 DIGITS = 20

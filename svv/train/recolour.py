@@ -14,7 +14,7 @@ from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import BaseField, PaletteField, encode_directions
 from svv.fields.occupancy import Occupancy
 from svv.fields.phong import Beams
-from svv.fields.rendering import Marching, composite, ended, march, not_hidden
+from svv.fields.rendering import Marching, composite, march, not_hidden
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
@@ -77,8 +77,6 @@ class Recolouring:
         s = self.settings
         batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays))
         samples = march(batch.rays, self.occupancy, self.base.density, self.marching, number + 1, batch.first)
-        if self.base.density is not None:
-            samples = ended(samples)  # as in images
         self.budget.adjust(number, len(samples))
         with torch.no_grad():
             lit = self.field.lighting_mlp is not None

@@ -42,6 +42,9 @@ def measured() -> Iterator[Cost]:
 SPINS = "10000"
 """Iterations for which a waiting thread spins before it sleeps: about as long as waking it takes."""
 
+LAYERS = "omp tbb workqueue"
+"""Numba's threading layers in the order in which they are tried."""
+
 
 def share_cores(environ: MutableMapping[str, str]) -> None:
     """Let threads that wait for each other sleep after about ten microseconds. Call it before torch is loaded.
@@ -53,6 +56,15 @@ def share_cores(environ: MutableMapping[str, str]) -> None:
     """
     if "OMP_WAIT_POLICY" not in environ:
         environ.setdefault("GOMP_SPINCOUNT", SPINS)
+
+
+def prefer_openmp(environ: MutableMapping[str, str]) -> None:
+    """Let numba use OpenMP, as torch does, where it is there. Call it before numba is loaded.
+
+    ParaView 6.1 brings TBB, which numba would prefer, and with which the first of several ranks never ends. The user's
+    own setting is kept.
+    """
+    environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", LAYERS)
 
 
 def give_memory_back() -> None:

@@ -41,7 +41,7 @@ NOTHING = {
 }  # fmt: skip
 """Operations that start nothing on a GPU."""
 
-MOST = {"base": 60, "palette": 126, "image": 70}
+MOST = {"base": 60, "palette": 126, "image": 77}
 """Operations of a step of stage 1, of stage 2, and of a piece of an image."""
 
 

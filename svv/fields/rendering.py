@@ -144,12 +144,12 @@ def ended(samples: Samples) -> Samples:
     In an image, it thus has a colour, and the edits of a region act on it; behind a hidden region it would otherwise
     leave a grey haze. Rays without samples keep theirs.
     """
-    rays = samples.count.nonzero()[:, 0]
-    last = samples.start[rays] + samples.count[rays] - 1
-    sigma, tail = samples.sigma.clone(), samples.tail.clone()
-    sigma[last] += tail[rays] / samples.step
-    tail[rays] = 0.0
-    return replace(samples, sigma=sigma, tail=tail)
+    if not len(samples):
+        return samples
+    last = (samples.start + samples.count - 1).clamp_(min=0)
+    moved = samples.tail * (samples.count > 0)
+    sigma = samples.sigma.index_add(0, last, moved, alpha=1.0 / samples.step)
+    return replace(samples, sigma=sigma, tail=samples.tail - moved)
 
 
 @torch.no_grad()

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from svv.errors import BadInput
-from svv.measure import share_cores
+from svv.measure import prefer_openmp, share_cores
 
 PROGRAMS = ("paraview", "pvpython", "pvbatch", "pvserver")
 OLDEST = (5, 11)
@@ -217,6 +217,7 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
         "PYTHONPATH": os.pathsep.join(python_path(paraview, environment, environ)),
     }
     share_cores(ours)
+    prefer_openmp(ours)
     return ours
 
 

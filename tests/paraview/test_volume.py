@@ -117,7 +117,12 @@ LoadState(folder + "/state.pvsm")
 view = GetActiveViewOrCreate("RenderView")
 view.ViewSize = [160, 120]
 picture("restored", view)
-ResetSession()
+"""
+    )
+    # In a process of its own: ParaView 6.1 crashes on X in a window that comes after that of a state that was loaded.
+    of_file = inside(
+        VIEW
+        + """
 view = small_view()
 display = Show(OpenDataFile(folder + "/file.vti"), view)
 picture("file", view)
@@ -125,7 +130,7 @@ said["file"] = shown_as(display)
 """
     )
     unit = bake(cube_scene()).grid.unit_distance
-    assert said["display"] == said["file"] == ["Volume", 0, "RGBA", 0, unit, 1024]
+    assert said["display"] == of_file["file"] == ["Volume", 0, "RGBA", 0, unit, 1024]
     assert said["coarse"][4] == bake(cube_scene(), BakeOptions(resolution=4)).grid.unit_distance
     seen = read(tmp_path / "volume.png")
     for name, drawn, most in (("ours", "volume", 0.03), ("hidden", "edited", 0.05)):

@@ -290,4 +290,5 @@ def _close_windows() -> None:
         for view in simple.GetViews():
             simple.Delete(view)
         # Variables of a failed function may still hold a view; the session stays usable until the program ends.
-        atexit.register(simple.Disconnect)
+        if ranks_here() is None:  # other ranks would leave the session now, and again at the end, where 6.1 waits
+            atexit.register(simple.Disconnect)

@@ -45,6 +45,37 @@ class ValueRange:
 
 
 @dataclass(frozen=True, eq=False)
+class ValueGrid:
+    """Scalar values on the vertices of a grid over the visible box, and the extinction that belongs to each value.
+
+    Values count from 0 to 1 over an interval that contains all that are visible, with some space on both sides.
+
+    Raises:
+        BadInput: The number of cells, the codes, the visible part or the integral are invalid.
+    """
+
+    cells: int
+    """Cells of the grid per box unit, a power of two."""
+    codes: NDArray[np.uint16]
+    """0 outside the volume; elsewhere the value is (code - 1) / 65534. (X + 1, Y + 1, Z + 1)"""
+    visible: tuple[float, float]
+    """Smallest and largest visible value."""
+    integral: NDArray[np.float64]
+    """Integral of the extinction (1 / box unit) over the values, from 0 to evenly spaced values up to 1. (K,)"""
+
+    def __post_init__(self) -> None:
+        if self.cells < 1 or self.cells & (self.cells - 1):
+            raise BadInput(f"The cells of a grid of values must be a power of two, not {self.cells}.")
+        if self.codes.dtype != np.uint16 or self.codes.ndim != 3 or min(self.codes.shape) < 2:
+            raise BadInput("The codes of values must be uint16 on the vertices of a grid.")
+        if not 0.0 <= self.visible[0] <= self.visible[1] <= 1.0:
+            raise BadInput("The visible values must be an interval within 0 and 1.")
+        integral = self.integral
+        if integral.ndim != 1 or len(integral) < 2 or not np.isfinite(integral).all() or (np.diff(integral) < 0).any():
+            raise BadInput("The integral of an extinction must be finite and must not decrease.")
+
+
+@dataclass(frozen=True, eq=False)
 class ClassifiedVolume:
     """Extinction and range of the transfer function on the vertices of a grid over the visible box.
 
@@ -57,6 +88,7 @@ class ClassifiedVolume:
         owner: Number of the range that contributes most of a vertex's extinction; at an empty vertex, the nearest
             range in value. (X + 1, Y + 1, Z + 1) uint8
         ranges: The visible ranges of the transfer function, in ascending order of their values.
+        values: The values themselves; None for volumes that were classified without keeping them.
 
     Raises:
         BadInput: The box, the number of cells, the exponents or the owners are invalid or do not fit each other.
@@ -67,6 +99,7 @@ class ClassifiedVolume:
     exponent: NDArray[np.float16]
     owner: NDArray[np.uint8]
     ranges: tuple[ValueRange, ...]
+    values: ValueGrid | None = None
 
     def __post_init__(self) -> None:
         if self.cells < 1 or self.cells & (self.cells - 1):

@@ -19,7 +19,7 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkImagingCore import vtkImageReslice
 
 from svv.core.box import Box
-from svv.core.classified import ClassifiedVolume, ValueRange, grid_shape
+from svv.core.classified import ClassifiedVolume, ValueGrid, ValueRange, grid_shape
 from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.dvr.grids import to_array
 from svv.dvr.mappers import usable_cpus
@@ -42,6 +42,9 @@ that much."""
 
 MOST_RANGES = 8
 """Maximum number of ranges into which a transfer function is divided."""
+
+VALUES = 4097
+"""Number of values at which the integral of the extinction is known."""
 
 COUNTED_VOXELS = 4_000_000
 """Maximum number of voxels whose values are counted."""
@@ -72,11 +75,15 @@ def classified(stage: Stage) -> ClassifiedVolume:
 def grid_over(stage: Stage) -> tuple[Box, int]:
     """Return the visible box in world space, and the number of cells of the grid over it per box unit."""
     box = Box.of_bounds(*stage.bounds)
-    voxels = float((stage.visible_size / np.array(stage.image.GetSpacing()) * stage.scale).max())
-    cells = MOST_CELLS
+    voxels, cells = _voxels(stage), MOST_CELLS
     while cells > 16 and cells // 2 >= CELLS_A_VOXEL * voxels:
         cells //= 2
     return box, cells
+
+
+def _voxels(stage: Stage) -> float:
+    """Return the largest number of voxels along a side of the visible box."""
+    return float((stage.visible_size / np.array(stage.image.GetSpacing()) * stage.scale).max())
 
 
 def resampled(
@@ -135,7 +142,29 @@ def classified_grid(
         mean = np.average(colour[inside], axis=0, weights=weight[inside])
         ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
     exponent, owner = _averaged(values, known, sigma, starts)
-    return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges))
+    spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
+    kept = _value_grid(values, cells, spare, known, sigma)
+    return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
+
+
+def _value_grid(values: NDArray[np.float32], cells: int, spare: int, known: Array, sigma: Array) -> ValueGrid:
+    """Return one of every ``spare`` vertices along each axis, see :func:`classified_grid`; two at least."""
+    seen = known[sigma > 0]
+    width = max(float(seen[-1] - seen[0]), 1e-3 * float(known[-1] - known[0]), 1e-9)
+    low, high = max(known[0], seen[0] - width), min(known[-1], seen[-1] + width)
+    high = max(float(high), low + width)
+    last = [-(-(n - 1) // spare) * spare for n in values.shape]  # a grid of fewer cells may end a vertex later
+    padded = np.pad(values, [(0, end + 1 - n) for end, n in zip(last, values.shape)], mode="edge")
+    own = padded[::spare, ::spare, ::spare]
+    share = np.clip((own - low) / (high - low), 0.0, 1.0)
+    codes = np.where(np.isnan(own), 0, 1 + np.nan_to_num(np.rint(65534.0 * share))).astype(np.uint16)
+    at = np.linspace(low, high, VALUES)
+    integral = np.interp(at, known, _integral(known, sigma))
+    visible = tuple(float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in (seen[0], seen[-1]))
+    return ValueGrid(
+        cells // spare, np.ascontiguousarray(codes.transpose(2, 1, 0)), (visible[0], visible[1]),
+        np.maximum.accumulate(integral - integral[0]) / (high - low),
+    )  # fmt: skip
 
 
 def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, Array]:

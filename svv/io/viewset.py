@@ -25,7 +25,7 @@ from PIL import Image
 
 from svv.core.box import Box
 from svv.core.cameras import Camera
-from svv.core.classified import ClassifiedVolume, ValueRange
+from svv.core.classified import ClassifiedVolume, ValueGrid, ValueRange
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import atomic_path, cannot_write, make_folder, to_json
 from svv.io.transforms import file_in, intrinsics_of, mask_files, names_of, read_transforms
@@ -208,9 +208,14 @@ def read_classified(folder: str | Path) -> ClassifiedVolume | None:
 def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
     low, size, extent = (np.array(part) for part in astuple(volume.box))
     ranges = np.array([(r.low, r.high, *r.colour) for r in volume.ranges])
+    own = volume.values
+    values: dict[str, Any] = {}
+    if own is not None:
+        cells, visible = np.array(own.cells), np.array(own.visible)
+        values = {"value_cells": cells, "codes": own.codes, "visible": visible, "integral": own.integral}
     np.savez_compressed(
         file, low=low, size=size, extent=extent, cells=np.array(volume.cells), exponent=volume.exponent,
-        owner=volume.owner, ranges=ranges,
+        owner=volume.owner, ranges=ranges, **values,
     )  # fmt: skip
 
 
@@ -220,9 +225,13 @@ def _read_classified(file: Path) -> ClassifiedVolume:
         # NumPy would leave a damaged file open.
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             low, size, extent, cells, exponent, owner, values = (arrays[k] for k in names)
+            grid = None
+            if "codes" in arrays:  # files from before the values were kept have none
+                start, stop = arrays["visible"].tolist()
+                grid = ValueGrid(int(arrays["value_cells"]), arrays["codes"], (start, stop), arrays["integral"])
         box = Box(tuple(low.tolist()), float(size), tuple(extent.tolist()))
         ranges = tuple(ValueRange(start, stop, tuple(colour)) for start, stop, *colour in values.tolist())
-        return ClassifiedVolume(box, int(cells), exponent, owner, ranges)
+        return ClassifiedVolume(box, int(cells), exponent, owner, ranges, grid)
     except (BadInput, OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         what = "make the views again, or delete it to learn from them alone"
         raise BadInput(f"Cannot read {file} ({str(error).rstrip('.')}); {what}.") from error

@@ -12,7 +12,7 @@ DRAWN, PREFIX = "ink:", "gallery:"
 """Prefixes of an ink's name and of a gallery picture's name, where a style is expected."""
 
 PresetName = Literal["draft", "fast", "balanced", "paper"]
-EncodingName = Literal["lattice", "hash"]
+EncodingName = Literal["lattice", "hash", "values"]
 LightingName = Literal["network", "phong", "auto"]
 DeviceName = Literal["cpu", "cuda", "auto"]
 MapperName = Literal["auto", "gpu", "cpu", "bricks"]
@@ -85,7 +85,8 @@ class TrainOptions:
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "cpu"
     """Where to run; auto uses CUDA if PyTorch finds a GPU."""
     encoding: Annotated[EncodingName | None, Setting(advanced=True, unset="as the preset")] = None
-    """Sparse lattice, or the paper's hash grid; the preset decides by default."""
+    """Sparse lattice, the paper's hash grid, or the volume's values if the views come with them; the preset decides by
+    default."""
     lighting: Annotated[LightingName, Setting(advanced=True)] = "network"
     """What lights the scene: network stays at the camera, phong can be moved, auto is phong if unseen views lose
     nothing."""

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from svv.core.classified import ClassifiedVolume
+from svv.core.classified import ClassifiedVolume, ValueGrid
 from svv.core.extinction import MOST_LOG_EXTINCTION
 from svv.errors import Progress
 from svv.fields.encodings import SparseLattice
@@ -43,6 +43,8 @@ class Beginning:
     """Log extinction on the vertices of the occupied cells, one level; None if nothing is known about it."""
     measured: bool = False
     """Whether the log extinction was reconstructed from the views; otherwise it is the volume's."""
+    values: ValueGrid | None = None
+    """Values of the volume, if the scene is to be a function of them."""
 
     @classmethod
     def from_arrays(cls, occupancy: Occupancy, cells: int, arrays: Arrays) -> Beginning:

@@ -160,6 +160,8 @@ class Preset:
     lighting: str = "network"
     """Light of a scene that shows shading: ``network``, ``phong`` (:class:`svv.fields.phong.PhongLight`), or ``auto``:
     ``phong`` if held-out views allow it (:func:`svv.train.lighting.light_by_trial`)."""
+    values: bool = False
+    """Whether the scene is a function of the volume's values (:mod:`svv.train.from_values`)."""
     fitted: bool = True
     """Whether the lattice is fitted to the views' pixels (:func:`fitted_field`)."""
 
@@ -205,13 +207,21 @@ HOMES = {"lattice": "balanced"}
 """Encoding -> the preset whose table and learning rates were tuned for it; others use those of ``paper``."""
 
 
+VALUES = "values"
+"""Encoding of scenes that are functions of their volume's values."""
+
+VALUE_STEPS = 4, 2
+"""Parts of stage 1 and stage 2 of a preset that such scenes need."""
+
+
 def preset(name: str | Preset, encoding: str | None = None) -> Preset:
     """Look up a preset by name.
 
     Args:
         name: ``draft``, ``fast``, ``balanced`` or ``paper``; custom settings are returned unchanged.
         encoding: ``lattice`` or ``hash`` to override the preset's: the table and the learning rates then come from the
-            encoding's home preset (:data:`HOMES`); schedule, widths and losses stay the preset's.
+            encoding's home preset (:data:`HOMES`); schedule, widths and losses stay the preset's. ``values``: the
+            lattice's, with a shorter schedule, because little is left to learn.
 
     Raises:
         BadInput: The preset or the encoding does not exist.
@@ -220,6 +230,15 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
         return name
     if name not in PRESETS:
         raise BadInput(f"There is no preset '{name}'; choose one of {', '.join(PRESETS)}.")
+    if encoding == VALUES:
+        chosen = preset(name, "lattice")
+        first, second = chosen.reconstruct, chosen.recolour
+        return replace(
+            chosen,
+            reconstruct=replace(first, iterations=first.iterations // VALUE_STEPS[0]),
+            recolour=replace(second, iterations=second.iterations // VALUE_STEPS[1], feature_rate=0.0),
+            values=True,
+        )
     chosen = PRESETS[name]
     if encoding is None or encoding == chosen.field.encoding:
         return chosen

@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core.classified import ValueGrid
 from svv.core.palette import Palette, PaletteSettings, extract_palette
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import BaseField, PaletteField, encode_directions
@@ -21,6 +22,7 @@ from svv.kernels.dispatch import CPU
 from svv.train import ranks
 from svv.train.batches import Batch, RayBudget, RayPool
 from svv.train.config import RecolourSettings
+from svv.train.from_values import palette_given
 from svv.train.gradients import sum_gradients
 from svv.train.loop import Loop, Running, falling, network_adam
 from svv.train.ranges import Labelled, shares_of
@@ -172,6 +174,7 @@ def recolour(
     running: Running,
     owners: Labelled | None = None,
     given: Unmixing | None = None,
+    values: ValueGrid | None = None,
 ) -> tuple[PaletteField, NDArray[np.float64], float]:
     """Train the palette colour network for a palette (P, 3).
 
@@ -183,6 +186,7 @@ def recolour(
         running: Seed, time, progress and checkpoint.
         owners: Region of each point, if it is known.
         given: Palette shares in the pixels, for a palette made by hand or of more than three colours.
+        values: Values of the volume, if the network is to be a function of them (:mod:`svv.train.from_values`).
 
     Returns:
         The frozen network, each region's fraction of the visible light (P,), and the seconds spent.
@@ -197,6 +201,8 @@ def recolour(
     network.to(device).light_like(base)
     if network.phong is not None and base.density is not None:
         network.phong.start(base.density, occupancy, views.meta.shading, seed)
+    if values is not None:
+        palette_given(network, values, occupancy)
     ranks.alike(network)
     pool = RayPool(views, occupancy.box, seed, device)
     headlight = scene.settings.headlight

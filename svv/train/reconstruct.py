@@ -191,6 +191,7 @@ def reconstruct(
     beginning: Beginning,
     running: Running,
     device: torch.device = CPU,
+    kind: type[Reconstruction] = Reconstruction,
 ) -> tuple[BaseField, Occupancy, Marching, float, str]:
     """Train the base field.
 
@@ -201,11 +202,12 @@ def reconstruct(
         beginning: Initial occupancy and extinction (:func:`svv.train.beginning.begin`).
         running: Seed, time, progress and checkpoint.
         device: Device that trains.
+        kind: What takes the steps.
 
     Returns:
         The frozen field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
     """
-    work, checkpoint = Reconstruction(views, beginning, field, settings, running.seed, device), running.saved
+    work, checkpoint = kind(views, beginning, field, settings, running.seed, device), running.saved
     loop = Loop(settings.iterations, running.limit, running.progress, "base NeRF")
     if checkpoint is not None:
         work.go_on_from(checkpoint.extra("base"))

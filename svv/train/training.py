@@ -10,9 +10,9 @@ from dataclasses import replace
 import torch
 
 from svv.core.cameras import CameraRig
-from svv.core.classified import ClassifiedVolume
+from svv.core.classified import ClassifiedVolume, ValueGrid
 from svv.core.palette import Palette
-from svv.errors import Progress, part
+from svv.errors import BadInput, Progress, part
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import FieldSettings
 from svv.fields.occupancy import Occupancy
@@ -23,13 +23,14 @@ from svv.train import ranks
 from svv.train.beginning import Beginning, begin, first_occupancy
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field
+from svv.train.from_values import ValueReconstruction, field_of
 from svv.train.levels import with_fewest_levels
 from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
 from svv.train.loop import Running
 from svv.train.material import regions_in
 from svv.train.ranges import KnownRegions, Labelled, regions_for, regions_of
 from svv.train.recolour import palette_of, recolour
-from svv.train.reconstruct import reconstruct
+from svv.train.reconstruct import Reconstruction, reconstruct
 from svv.train.sampling import with_fewest_samples
 from svv.train.unmix import Unmixing
 
@@ -78,6 +79,22 @@ class Training:
         """The volume, if the views come with it and the settings use it; a hash grid takes only the regions from it."""
         return self.views.classified if self.chosen.reconstruct.use_volume else None
 
+    @property
+    def _values(self) -> ValueGrid | None:
+        """The volume's values, if the scene is to be a function of them.
+
+        Raises:
+            BadInput: The views do not come with them.
+        """
+        if not self.chosen.values:
+            return None
+        if self._volume is None or self._volume.values is None:
+            raise BadInput(
+                "The encoding 'values' needs the values of the volume, which these views do not come with: draw views "
+                "of the volume with `svv views`, or choose the encoding 'lattice'."
+            )
+        return self._volume.values
+
     def run(self) -> Scene:
         """Return the trained scene; stages that the checkpoint holds are not repeated."""
         scene = self._restored_base() if self.saved and "base" in self.saved.finished else self._base()
@@ -114,6 +131,7 @@ class Training:
         base, occupancy, marching, self.seconds["base"], reason = reconstruct(
             views, field, chosen.reconstruct, beginning,
             Running(self.seed, first, part(progress, 0.1, 0.7), self.saved), self.device,
+            Reconstruction if beginning.values is None else ValueReconstruction,
         )  # fmt: skip
         self.notes.append(reason)
         self.notes.append(f"{occupancy.fraction:.1%} of the box is left after pruning empty cells")
@@ -129,11 +147,14 @@ class Training:
         with self._timed("hull"):
             occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(self.progress, 0.0, 0.02))
         self.notes += [f"learned from {self.learned_from}: {reason}", *self.warnings]
-        field = chosen.field
-        if chosen.fitted:
+        field, values = chosen.field, self._values
+        if values is not None:
+            field = field_of(field, values)
+            self.notes.append(f"the scene is a function of the volume's values, on a lattice of {values.cells} cells")
+        elif chosen.fitted:
             field, reason = fitted_field(field, views.cameras, occupancy.box)
             self.notes.append(reason)
-        return field, self._beginning(occupancy, field)
+        return field, replace(self._beginning(occupancy, field), values=values)
 
     def _beginning(self, occupancy: Occupancy, field: FieldSettings) -> Beginning:
         """Return the extinction with which training starts; one that the views told is kept in the checkpoint."""
@@ -180,9 +201,13 @@ class Training:
 
     def _lit(self, scene: Scene, palette: Palette, owners: Labelled | None, given: Unmixing | None) -> Scene:
         """Return the scene, with an explicit light if one was requested."""
-        if scene.settings.lighting != "network" or self.chosen.lighting == "network":
+        values = self._values is not None
+        if scene.settings.lighting != "network" or (self.chosen.lighting == "network" and not values):
             return scene
         scene = replace(scene, settings=with_explicit_light(scene.settings, self.views))
+        if values:
+            self.notes.append("an explicit light (Blinn-Phong), with the normals of the values")
+            return scene
         if self.chosen.lighting != "auto":
             self.notes.append("as requested, an explicit light (Blinn-Phong), which can be moved, replaces the network")
             return scene
@@ -201,7 +226,7 @@ class Training:
         told = part(self.progress, 0.76 if "lighting" in self.seconds else 0.7, 1.0)
         network, shares, self.seconds["pcn"] = recolour(
             self.views, scene, palette.colours, self.chosen.recolour,
-            Running(self.seed, self._left(), told, self.saved), owners, given,
+            Running(self.seed, self._left(), told, self.saved), owners, given, self._values,
         )  # fmt: skip
         return replace(
             scene,

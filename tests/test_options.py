@@ -75,7 +75,7 @@ def test_what_cannot_be_none_says_how_it_is_unset(kind: type) -> None:
 
 def test_presets_are_those_of_the_options() -> None:
     assert tuple(config.PRESETS) == making.PRESET_NAMES
-    assert tuple(ENCODINGS) == get_args(making.EncodingName)
+    assert (*ENCODINGS, config.VALUES) == get_args(making.EncodingName)
 
 
 def test_a_new_field_is_an_option_of_the_command() -> None:

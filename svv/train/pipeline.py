@@ -20,7 +20,7 @@ from svv.options.making import PaintOptions, TrainOptions
 from svv.styles.features import load_features
 from svv.train import ranks
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import Preset, given
+from svv.train.config import VALUES, Preset, given
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.ink import Ink, Style, StyleInput
 from svv.train.order import Painting, ordered
@@ -81,7 +81,8 @@ def train_scene(
     seconds = {**training.seconds, "total": sum(training.seconds.values())}
     report = report_on(
         scene, seconds, cost, chosen, seed,
-        encoding=chosen.field.encoding, lighting=scene.settings.lighting, notes=training.notes,
+        encoding=VALUES if chosen.values else chosen.field.encoding,
+        lighting=scene.settings.lighting, notes=training.notes,
         learned_from=training.learned_from, warnings=training.warnings,
     )  # fmt: skip
     made = ranks.once(

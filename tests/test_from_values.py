@@ -1,0 +1,190 @@
+"""Scenes that are functions of their volume's values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from svv.core.classified import ValueGrid
+from svv.core.extinction import EMPTY_LOG_EXTINCTION
+from svv.dvr.grids import from_array
+from svv.dvr.views import make_views
+from svv.errors import BadInput, Cancelled
+from svv.fields.scene import Scene
+from svv.io.viewset import ViewSet
+from svv.kernels.dispatch import CPU
+from svv.train import loop
+from svv.train.config import PRESETS, Preset, ReconstructSettings, preset
+from svv.train.evaluate import evaluate_scene
+from svv.train.extinction_table import ExtinctionTable, Places, features_of
+from svv.train.pipeline import train_scene
+from tests.test_ranges import BLUE, RED, ball, bumps, volume_of
+
+TWO = bumps((0.3, 0.2, 0.1, BLUE), (0.8, 0.3, 0.8, RED))
+SHORT = replace(
+    preset("draft", "values"), reconstruct=ReconstructSettings(iterations=60, rays=512, cells=32),
+    recolour=replace(preset("draft", "values").recolour, iterations=60, rays=512),
+)  # fmt: skip
+
+
+def grid_of(values: np.ndarray, integral: np.ndarray) -> ValueGrid:
+    """A grid of values in [0, 1], all of them visible and inside the volume."""
+    return ValueGrid(4, (1 + np.rint(65534 * values)).astype(np.uint16), (0.0, 1.0), integral)
+
+
+def ramp(slope: float) -> np.ndarray:
+    """Values that rise along x by ``slope`` per cell, from 0.2. (5, 5, 5)"""
+    return np.broadcast_to(0.2 + slope * np.arange(5.0)[:, None, None], (5, 5, 5))
+
+
+@pytest.fixture(scope="module")
+def both() -> tuple[ViewSet, ViewSet]:
+    """Views of a ball, to train on and to test on."""
+    image = from_array(ball(24), (2 / 23,) * 3, (-1.0,) * 3)
+    train, test = make_views(image, TWO, n=12, test=3, size=64, mapper="cpu")
+    assert test is not None
+    return train, test
+
+
+def test_a_classified_volume_keeps_its_values() -> None:
+    """At every second vertex where there are two per voxel: the radius tells the value."""
+    volume = volume_of(TWO)
+    grid = volume.values
+    assert grid is not None and grid.cells == volume.cells // 2
+    inside = np.argwhere(grid.codes > 0)
+    radius = np.linalg.norm(volume.box.to_world(inside / grid.cells), axis=1)
+    value = (grid.codes[tuple(inside.T)] - 1) / 65534
+    # The visible values run from .2 to .95, and the interval of the grid from the least to the largest of all.
+    low, high = np.interp(grid.visible, [0, 1], [0.0, 1.0])
+    assert (low, high) == pytest.approx((0.2, 0.95), abs=2e-3)
+    assert np.abs(value - np.clip(1 - radius, 0, 1)).max() < 0.06  # a trilinear cone is blunt at its tip
+    assert np.abs(value - np.clip(1 - radius, 0, 1)).mean() < 0.005
+
+
+@given(st.floats(0.01, 0.19), st.floats(0.1, 50.0))
+def test_where_the_extinction_is_uniform_the_table_says_so(slope: float, extinction: float) -> None:
+    grid = grid_of(ramp(slope), np.linspace(0.0, extinction, 9))
+    vertices = np.argwhere(np.ones((9, 9, 9)))
+    found = ExtinctionTable(grid, CPU).at(Places(grid, vertices, 8, CPU))
+    expected = max(math.log(extinction), EMPTY_LOG_EXTINCTION)
+    assert found.numpy() == pytest.approx(np.full(len(found), expected), abs=1e-4)
+
+
+def test_the_table_starts_with_the_mean_over_the_values_of_a_cell() -> None:
+    """A thin shell between two vertices is missed by neither."""
+    integral = np.where(np.linspace(0, 1, 4097) < 0.5, 0.0, 3.0)  # all extinction at the value .5
+    slope = 0.16
+    grid = grid_of(ramp(slope), integral)  # x = 2 has the value .52
+    found = ExtinctionTable(grid, CPU).at(Places(grid, np.array([[2, 2, 2], [0, 2, 2]]), 4, CPU))
+    assert math.exp(float(found[0])) == pytest.approx(3.0 / slope, rel=0.1)
+    assert float(found[1]) == EMPTY_LOG_EXTINCTION
+
+
+def test_outside_of_the_volume_nothing_is_visible() -> None:
+    codes = np.full((5, 5, 5), 30000, np.uint16)
+    codes[3:] = 0
+    grid = ValueGrid(4, codes, (0.0, 1.0), np.linspace(0.0, 5.0, 9))
+    table, vertices = ExtinctionTable(grid, CPU), np.array([[0, 1, 1], [2, 1, 1], [3, 1, 1], [4, 4, 4]])
+    found = table.at(Places(grid, vertices, 4, CPU)).tolist()
+    assert found == pytest.approx([math.log(5.0)] * 2 + [EMPTY_LOG_EXTINCTION] * 2, abs=1e-4)
+
+
+def test_a_step_goes_against_the_gradient_where_it_was_and_nowhere_else() -> None:
+    grid = grid_of(ramp(0.1), np.linspace(0.0, 1.0, 9))
+    table, places = ExtinctionTable(grid, CPU), Places(grid, np.argwhere(np.ones((5, 5, 5))), 4, CPU)
+    before, moved = table.at(places), torch.zeros(125)
+    moved[:25] = 1.0  # the vertices at x = 0
+    table.step(moved, places, 0.1)
+    change = (table.at(places) - before).reshape(5, 25)
+    assert (change[0] < -0.05).all()
+    assert change[1:].abs().max() < 1e-6
+
+
+def test_features_are_value_and_normal() -> None:
+    grid = replace(grid_of(ramp(0.1), np.linspace(0.0, 1.0, 9)), visible=(0.3, 0.5))
+    value, normal = features_of(grid, np.array([[0, 1, 1], [2, 1, 1], [4, 1, 1]]), 4)
+    assert value.tolist() == pytest.approx([0.0, 0.5, 1.0], abs=1e-3)
+    assert normal == pytest.approx(np.array([[-1.0, 0.0, 0.0]] * 3), abs=2e-3)
+
+
+def test_the_scene_is_better_than_one_that_learns_its_features(both: tuple[ViewSet, ViewSet], tmp_path: Path) -> None:
+    """With the same number of steps, on unseen views; its file gives the same picture."""
+    train, test = both
+    scene, report = train_scene(train, SHORT)
+    other, _ = train_scene(train, replace(SHORT, values=False, recolour=replace(SHORT.recolour, feature_rate=0.02)))
+    assert report["lighting"] == "phong" and "a function of the volume's values" in " ".join(report["notes"])
+    ours, theirs = (evaluate_scene(s, test, "pcn").psnr for s in (scene, other))
+    assert ours > max(30.0, theirs)
+    assert len(scene.regions) == 2 and all(region.values for region in scene.regions)
+    scene.save(tmp_path / "a.svv")
+    assert evaluate_scene(Scene.load(tmp_path / "a.svv"), test, "pcn").psnr > ours - 1.0
+
+
+@pytest.mark.parametrize("part", [0.3, 0.9])
+def test_a_stopped_training_goes_on(
+    both: tuple[ViewSet, ViewSet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: float
+) -> None:
+    """In stage 1, with its table of the extinction, and in stage 2."""
+    monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
+    whole, _ = train_scene(both[0], SHORT)
+
+    def stop(fraction: float, label: str) -> None:
+        if fraction >= part:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        train_scene(both[0], SHORT, stop, checkpoint=tmp_path / "c")
+    again, _ = train_scene(both[0], SHORT, checkpoint=tmp_path / "c")
+    camera = both[1].cameras[0]
+    assert again.render(camera).rgba == pytest.approx(whole.render(camera).rgba, abs=2e-3)
+
+
+def test_without_values_it_is_refused(both: tuple[ViewSet, ViewSet]) -> None:
+    views = both[0]
+    assert views.classified is not None
+    for lacking in (replace(views, classified=None), replace(views, classified=replace(views.classified, values=None))):
+        with pytest.raises(BadInput, match="needs the values of the volume"):
+            train_scene(lacking, SHORT)
+    with pytest.raises(BadInput, match="needs the values of the volume"):
+        train_scene(views, SHORT, views_only=True)
+
+
+def test_views_without_shading_get_no_light(both: tuple[ViewSet, ViewSet]) -> None:
+    meta = both[0].meta
+    assert meta.shading is not None
+    flat = replace(both[0], meta=replace(meta, shading=replace(meta.shading, ambient=1.0, diffuse=0.0, specular=0.0)))
+    scene, report = train_scene(flat, SHORT)
+    assert report["lighting"] == "none" and scene.palette_network is not None and scene.palette_network.phong is None
+
+
+def test_view_sets_keep_the_values(both: tuple[ViewSet, ViewSet], tmp_path: Path) -> None:
+    views = both[0]
+    views.write(tmp_path)
+    assert views.classified is not None and views.classified.values is not None
+    again = ViewSet.read(tmp_path).classified
+    assert again is not None and again.values is not None
+    for name in ("cells", "visible"):
+        assert getattr(again.values, name) == getattr(views.classified.values, name)
+    for name in ("codes", "integral"):
+        np.testing.assert_array_equal(getattr(again.values, name), getattr(views.classified.values, name))
+
+
+@pytest.mark.parametrize("bad", [{"cells": 3}, {"visible": (0.5, 0.2)}, {"integral": np.array([1.0, 0.5])},
+                                 {"codes": np.zeros((2, 2, 2), np.int32)}])  # fmt: skip
+def test_grids_that_are_no_values_are_refused(bad: dict[str, object]) -> None:
+    with pytest.raises(BadInput):
+        replace(grid_of(ramp(0.1), np.linspace(0.0, 1.0, 9)), **bad)
+
+
+def test_every_preset_has_a_shorter_schedule_for_values() -> None:
+    for name, plain in PRESETS.items():
+        chosen: Preset = preset(name, "values")
+        assert chosen.values and chosen.field.encoding == "lattice"
+        assert chosen.reconstruct.iterations < plain.reconstruct.iterations

@@ -23,7 +23,7 @@ from svv.io.camera_file import read_camera
 
 COMMANDS = [
     "demo", "run", "views", "train", "edit", "palette", "stylize", "styles", "style-mask", "render", "evaluate", "info",
-    "features", "cache", "bench", *(f"bench {name}" for name in bench.COMMANDS),
+    "follow", "features", "cache", "bench", *(f"bench {name}" for name in bench.COMMANDS),
 ]  # fmt: skip
 
 

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import pyvista as pv
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from vtkmodules.vtkCommonDataModel import vtkImageData
 
+from svv.cli import app
 from svv.core.classified import ValueGrid
 from svv.core.extinction import EMPTY_LOG_EXTINCTION
+from svv.dvr.classify import classified_as
 from svv.dvr.grids import from_array
+from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views
 from svv.errors import BadInput, Cancelled
+from svv.fields.encodings import SparseLattice
+from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
@@ -24,6 +32,7 @@ from svv.train import loop
 from svv.train.config import PRESETS, Preset, ReconstructSettings, preset
 from svv.train.evaluate import evaluate_scene
 from svv.train.extinction_table import ExtinctionTable, Places, features_of
+from svv.train.following import at_volume
 from svv.train.pipeline import train_scene
 from tests.test_ranges import BLUE, RED, ball, bumps, volume_of
 
@@ -36,7 +45,7 @@ SHORT = replace(
 
 def grid_of(values: np.ndarray, integral: np.ndarray) -> ValueGrid:
     """A grid of values in [0, 1], all of them visible and inside the volume."""
-    return ValueGrid(4, (1 + np.rint(65534 * values)).astype(np.uint16), (0.0, 1.0), integral)
+    return ValueGrid(4, (1 + np.rint(65534 * values)).astype(np.uint16), (0.0, 1.0), (0.0, 1.0), integral)
 
 
 def ramp(slope: float) -> np.ndarray:
@@ -90,7 +99,7 @@ def test_the_table_starts_with_the_mean_over_the_values_of_a_cell() -> None:
 def test_outside_of_the_volume_nothing_is_visible() -> None:
     codes = np.full((5, 5, 5), 30000, np.uint16)
     codes[3:] = 0
-    grid = ValueGrid(4, codes, (0.0, 1.0), np.linspace(0.0, 5.0, 9))
+    grid = ValueGrid(4, codes, (0.0, 1.0), (0.0, 1.0), np.linspace(0.0, 5.0, 9))
     table, vertices = ExtinctionTable(grid, CPU), np.array([[0, 1, 1], [2, 1, 1], [3, 1, 1], [4, 4, 4]])
     found = table.at(Places(grid, vertices, 4, CPU)).tolist()
     assert found == pytest.approx([math.log(5.0)] * 2 + [EMPTY_LOG_EXTINCTION] * 2, abs=1e-4)
@@ -170,14 +179,22 @@ def test_view_sets_keep_the_values(both: tuple[ViewSet, ViewSet], tmp_path: Path
     assert views.classified is not None and views.classified.values is not None
     again = ViewSet.read(tmp_path).classified
     assert again is not None and again.values is not None
-    for name in ("cells", "visible"):
+    for name in ("cells", "interval", "visible"):
         assert getattr(again.values, name) == getattr(views.classified.values, name)
     for name in ("codes", "integral"):
         np.testing.assert_array_equal(getattr(again.values, name), getattr(views.classified.values, name))
 
 
-@pytest.mark.parametrize("bad", [{"cells": 3}, {"visible": (0.5, 0.2)}, {"integral": np.array([1.0, 0.5])},
-                                 {"codes": np.zeros((2, 2, 2), np.int32)}])  # fmt: skip
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"cells": 3},
+        {"visible": (0.5, 0.2)},
+        {"interval": (1.0, 1.0)},
+        {"integral": np.array([1.0, 0.5])},
+        {"codes": np.zeros((2, 2, 2), np.int32)},
+    ],
+)
 def test_grids_that_are_no_values_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(BadInput):
         replace(grid_of(ramp(0.1), np.linspace(0.0, 1.0, 9)), **bad)
@@ -188,3 +205,88 @@ def test_every_preset_has_a_shorter_schedule_for_values() -> None:
         chosen: Preset = preset(name, "values")
         assert chosen.values and chosen.field.encoding == "lattice"
         assert chosen.reconstruct.iterations < plain.reconstruct.iterations
+
+
+def moved_ball(shift: float) -> vtkImageData:
+    """The ball, moved along x by a fraction of its radius."""
+    axis = np.linspace(-1, 1, 24)
+    z, y, x = np.meshgrid(axis, axis, axis, indexing="ij")
+    values = np.clip(1 - np.sqrt((x - shift) ** 2 + y**2 + z**2), 0, 1)
+    return from_array(values, (2 / 23,) * 3, (-1.0,) * 3)
+
+
+@pytest.fixture(scope="module")
+def followed(both: tuple[ViewSet, ViewSet]) -> Scene:
+    """A trained scene of the ball in the middle."""
+    return train_scene(both[0], SHORT)[0]
+
+
+def tf_of(scene: Scene) -> TransferFunction:
+    return TransferFunction.from_dict(scene.made["source"]["tf"])
+
+
+def test_a_scene_follows_its_volume_without_training(followed: Scene) -> None:
+    """On views that show the volume at another time, of which the scene has seen none."""
+    image = moved_ball(0.25)
+    _, test = make_views(image, TWO, n=3, test=3, size=64, mapper="cpu")
+    assert test is not None
+    there = at_volume(followed, classified_as(image, tf_of(followed)))
+    middle = np.array(followed.occupancy.box.bounds).mean(axis=0)
+    assert np.array(there.occupancy.box.bounds).mean(axis=0) - middle == pytest.approx((0.25, 0.0, 0.0), abs=0.15)
+    assert evaluate_scene(there, test, "pcn").psnr > 29.0
+    assert evaluate_scene(followed, test, "pcn").psnr < 25.0
+
+
+def test_at_its_own_time_it_stays_the_same(followed: Scene, both: tuple[ViewSet, ViewSet], tmp_path: Path) -> None:
+    """From a file, too, and with its edits."""
+    edited = followed.edited(0, colour=(0.1, 0.8, 0.2))
+    edited.save(tmp_path / "a.svv")
+    volume = both[0].classified
+    assert volume is not None
+    camera = both[1].cameras[0]
+    again = at_volume(Scene.load(tmp_path / "a.svv"), volume)
+    assert np.abs(again.render(camera).rgba - edited.render(camera).rgba).mean() < 2e-3
+
+
+def test_paint_stays_where_it_is(followed: Scene) -> None:
+    paint = UnrestrictedField(followed.settings, followed.occupancy, direct=True)
+    lattice = paint.encoding
+    assert isinstance(lattice, SparseLattice)
+    where = followed.occupancy.occupied, followed.occupancy.cells
+    with torch.no_grad():  # red to the left of the middle, green to the right
+        vertices = lattice.vertices_of_level(0, *where)
+        right = torch.from_numpy(followed.occupancy.box.to_world(vertices / lattice.resolutions[0])[:, 0] > 0).float()
+        lattice.table.copy_(torch.stack([1 - right, right, 0 * right], dim=1))
+    painted = followed.painted(paint, {0: "a", 1: "a"}, {})
+    there = at_volume(painted, classified_as(moved_ball(0.25), tf_of(followed)))
+    assert there.styled is not None and there.variant == painted.variant
+    at = torch.tensor(there.occupancy.box.to_box(np.array([[0.0, 0.3, 0.0], [0.5, 0.3, 0.0]])), dtype=torch.float32)
+    left, right_one = there.styled(at).tolist()
+    assert right_one == pytest.approx([0.0, 1.0, 0.0], abs=1e-4)
+    assert left[2] == 0.0
+
+
+def test_the_command_follows_files(followed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    followed.save(tmp_path / "scene.svv")
+    files = []
+    for number, shift in enumerate((0.0, 0.2)):
+        files.append(tmp_path / f"ball_{number}.vti")
+        pv.wrap(moved_ball(shift)).save(files[-1])
+    words = ["svv", "follow", tmp_path / "scene.svv", *files, "--out", tmp_path / "steps"]
+    monkeypatch.setattr(sys, "argv", [str(word) for word in words])
+    with pytest.raises(SystemExit) as ended:
+        app.main()
+    assert not ended.value.code
+    bounds = [Scene.load(tmp_path / "steps" / f"ball_{n}.svv").info()["bounds"] for n in (0, 1)]
+    assert bounds[1][0][0] > bounds[0][0][0] + 0.1
+
+
+def test_what_cannot_follow_says_why(followed: Scene, both: tuple[ViewSet, ViewSet]) -> None:
+    volume = both[0].classified
+    assert volume is not None
+    with pytest.raises(BadInput, match="--encoding values"):
+        at_volume(replace(followed, values=None), volume)
+    with pytest.raises(BadInput, match="without its values"):
+        at_volume(followed, replace(volume, values=None))
+    with pytest.raises(BadInput, match="the data runs from 0.05 to 0.05"):
+        classified_as(from_array(np.full((8, 8, 8), 0.05), (1.0,) * 3, (0.0,) * 3), tf_of(followed))

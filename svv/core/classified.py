@@ -58,6 +58,8 @@ class ValueGrid:
     """Cells of the grid per box unit, a power of two."""
     codes: NDArray[np.uint16]
     """0 outside the volume; elsewhere the value is (code - 1) / 65534. (X + 1, Y + 1, Z + 1)"""
+    interval: tuple[float, float]
+    """What the values 0 and 1 are in the volume."""
     visible: tuple[float, float]
     """Smallest and largest visible value."""
     integral: NDArray[np.float64]
@@ -68,11 +70,23 @@ class ValueGrid:
             raise BadInput(f"The cells of a grid of values must be a power of two, not {self.cells}.")
         if self.codes.dtype != np.uint16 or self.codes.ndim != 3 or min(self.codes.shape) < 2:
             raise BadInput("The codes of values must be uint16 on the vertices of a grid.")
+        if not (np.isfinite(self.interval).all() and self.interval[0] < self.interval[1]):
+            raise BadInput("The values of a grid must count over a finite interval.")
         if not 0.0 <= self.visible[0] <= self.visible[1] <= 1.0:
             raise BadInput("The visible values must be an interval within 0 and 1.")
         integral = self.integral
         if integral.ndim != 1 or len(integral) < 2 or not np.isfinite(integral).all() or (np.diff(integral) < 0).any():
             raise BadInput("The integral of an extinction must be finite and must not decrease.")
+
+    def over(self, interval: tuple[float, float], visible: tuple[float, float]) -> ValueGrid:
+        """Return the same values counted over another interval, of which the part ``visible`` counts as visible."""
+        (low, high), (start, stop) = self.interval, interval
+        factor, shift = (high - low) / (stop - start), (low - start) / (stop - start)
+        value = np.clip((self.codes.astype(np.float32) - 1.0) / 65534.0 * np.float32(factor) + np.float32(shift), 0, 1)
+        codes = np.where(self.codes > 0, 1 + np.rint(65534.0 * value), 0).astype(np.uint16)
+        known = np.linspace(0.0, 1.0, len(self.integral))
+        integral = np.interp((known - shift) / factor, known, self.integral) / factor
+        return ValueGrid(self.cells, codes, interval, visible, integral)
 
 
 @dataclass(frozen=True, eq=False)

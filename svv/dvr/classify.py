@@ -8,6 +8,7 @@ Letters: K known values, V voxels; sigma is extinction in 1 / box unit.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import VTK_FLOAT
+from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkImagingCore import vtkImageReslice
 
@@ -23,7 +25,8 @@ from svv.core.classified import ClassifiedVolume, ValueGrid, ValueRange, grid_sh
 from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.dvr.grids import to_array
 from svv.dvr.mappers import usable_cpus
-from svv.dvr.stage import Stage
+from svv.dvr.stage import Stage, set_stage
+from svv.dvr.transfer_functions import TransferFunction
 
 Array = NDArray[np.float64]
 
@@ -144,11 +147,13 @@ def classified_grid(
     exponent, owner = _averaged(values, known, sigma, starts)
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
     kept = _value_grid(values, cells, spare, known, sigma)
+    low, high = ((value - stage.offset) / stage.gain for value in kept.interval)
+    kept = replace(kept, interval=(float(low), float(high)))
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
 
 
 def _value_grid(values: NDArray[np.float32], cells: int, spare: int, known: Array, sigma: Array) -> ValueGrid:
-    """Return one of every ``spare`` vertices along each axis, see :func:`classified_grid`; two at least."""
+    """Return one of every ``spare`` vertices along each axis, see :func:`classified_grid`, in the stage's values."""
     seen = known[sigma > 0]
     width = max(float(seen[-1] - seen[0]), 1e-3 * float(known[-1] - known[0]), 1e-9)
     low, high = max(known[0], seen[0] - width), min(known[-1], seen[-1] + width)
@@ -162,7 +167,7 @@ def _value_grid(values: NDArray[np.float32], cells: int, spare: int, known: Arra
     integral = np.interp(at, known, _integral(known, sigma))
     visible = tuple(float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in (seen[0], seen[-1]))
     return ValueGrid(
-        cells // spare, np.ascontiguousarray(codes.transpose(2, 1, 0)), (visible[0], visible[1]),
+        cells // spare, np.ascontiguousarray(codes.transpose(2, 1, 0)), (float(low), high), (visible[0], visible[1]),
         np.maximum.accumulate(integral - integral[0]) / (high - low),
     )  # fmt: skip
 
@@ -299,3 +304,18 @@ def _heaviest(
 def _integral(known: Array, sigma: Array) -> Array:
     """Return the integral of the extinction over the values, starting at the first one. (K,)"""
     return np.concatenate([[0.0], np.cumsum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(known))])
+
+
+def classified_as(image: vtkImageData, tf: TransferFunction) -> ClassifiedVolume:
+    """Classify a volume by a transfer function for its values.
+
+    Args:
+        image: A volume (see :func:`svv.dvr.grids.as_volume`).
+        tf: The function, with its unit distance.
+
+    Raises:
+        BadInput: The transfer function lies outside the volume's values, or shows nothing or all of it.
+    """
+    values = to_array(image)
+    fitted = tf.fitted(float(values.min()), float(values.max()), rescale=False)
+    return classified(set_stage(image, fitted))

@@ -17,6 +17,7 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.parts import Parts
 from svv.fields.region import Region
 from svv.fields.rendering import Marching
+from svv.fields.value_function import ValueFunction
 
 NETWORKS = ("base", "pcn", "styled")
 """Names of a scene's networks, the plainest first."""
@@ -46,6 +47,8 @@ class Model:
     """Weight in a pixel up to which samples are joined; chosen by :mod:`svv.train.sampling`."""
     lamp: Lamp = field(default_factory=Lamp)
     """The light of a scene whose lighting is ``phong``."""
+    values: ValueFunction | None = None
+    """Its extinction as a function of its volume's values; None for a scene that learned its extinction otherwise."""
     parts: Parts | None = None
     """Where regions that are parts of others are; None if no region was ever split."""
 

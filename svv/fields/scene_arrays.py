@@ -19,6 +19,7 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.parts import FINEST, Parts
 from svv.fields.region import Region
 from svv.fields.rendering import Marching
+from svv.fields.value_function import ValueFunction
 from svv.fields.variants import PaintedModel, Variant
 
 Arrays = dict[str, NDArray[Any]]
@@ -57,6 +58,10 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
         "made": scene.made,
     }
     tensors: Arrays = {"occupied": np.packbits(scene.occupancy.occupied > 0)}
+    if scene.values is not None:
+        own = scene.values
+        header["values"] = {"interval": own.interval, "visible": own.visible, "size": own.size}
+        tensors["extinction_table"] = own.table.cpu().numpy()
     if scene.parts is not None:
         header["parts"] = {"cells": scene.parts.cells, "undone": [vars(r) for r in scene.parts.undone]}
         tensors |= {f"parts.{name}": array for name, array in _packed(scene.parts, scene.occupancy).items()}
@@ -122,8 +127,19 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
         "styled": styled, "regions": regions, "camera_rig": rig, "made": header["made"], **images,
         "painting": header.get("painting"), "others": tuple(variants), "lamp": Lamp(**_values(header.get("lamp", {}))),
-        "parts": parts,
+        "parts": parts, "values": _value_function(header, tensors),
     }  # fmt: skip
+
+
+def _value_function(header: dict[str, Any], tensors: Arrays) -> ValueFunction | None:
+    """Return the function of the values; raises KeyError, TypeError or ValueError if the content does not fit."""
+    if "values" not in header:
+        return None
+    told, table = header["values"], torch.from_numpy(tensors["extinction_table"].astype(np.float32))
+    (low, high), (least, most), size = told["interval"], told["visible"], float(told["size"])
+    if table.ndim != 1 or not (low < high and 0.0 <= least <= most <= 1.0 and size > 0.0):
+        raise ValueError("the function of the values is damaged")
+    return ValueFunction((float(low), float(high)), (float(least), float(most)), size, table)
 
 
 def _packed(parts: Parts, occupancy: Occupancy) -> Arrays:

@@ -211,8 +211,8 @@ def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
     own = volume.values
     values: dict[str, Any] = {}
     if own is not None:
-        cells, visible = np.array(own.cells), np.array(own.visible)
-        values = {"value_cells": cells, "codes": own.codes, "visible": visible, "integral": own.integral}
+        numbers = np.array([*own.interval, *own.visible])
+        values = {"value_cells": np.array(own.cells), "codes": own.codes, "counted": numbers, "integral": own.integral}
     np.savez_compressed(
         file, low=low, size=size, extent=extent, cells=np.array(volume.cells), exponent=volume.exponent,
         owner=volume.owner, ranges=ranges, **values,
@@ -227,8 +227,9 @@ def _read_classified(file: Path) -> ClassifiedVolume:
             low, size, extent, cells, exponent, owner, values = (arrays[k] for k in names)
             grid = None
             if "codes" in arrays:  # files from before the values were kept have none
-                start, stop = arrays["visible"].tolist()
-                grid = ValueGrid(int(arrays["value_cells"]), arrays["codes"], (start, stop), arrays["integral"])
+                start, stop, least, most = arrays["counted"].tolist()
+                cells_of_values, own = int(arrays["value_cells"]), arrays["codes"]
+                grid = ValueGrid(cells_of_values, own, (start, stop), (least, most), arrays["integral"])
         box = Box(tuple(low.tolist()), float(size), tuple(extent.tolist()))
         ranges = tuple(ValueRange(start, stop, tuple(colour)) for start, stop, *colour in values.tolist())
         return ClassifiedVolume(box, int(cells), exponent, owner, ranges, grid)

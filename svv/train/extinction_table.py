@@ -61,9 +61,7 @@ class ExtinctionTable:
 
     def at(self, places: Places) -> Tensor:
         """Return the logarithms at V vertices. (V,)"""
-        found = self.table.new_full((len(places.inside),), EMPTY_LOG_EXTINCTION)
-        found[places.inside] = (self.table[places.row] * places.weight).sum(dim=1)
-        return found
+        return looked_up(self.table, places)
 
 
 class Places:
@@ -92,6 +90,13 @@ class Places:
         self.inside = torch.from_numpy(inside).to(device)
         self.row = torch.from_numpy(rows).to(device)
         self.weight = torch.from_numpy(weights.astype(np.float32)).to(device)
+
+
+def looked_up(table: Tensor, places: Places) -> Tensor:
+    """Return the logarithms that a table gives V vertices; outside the volume, nothing is visible. (V,)"""
+    found = table.new_full((len(places.inside),), EMPTY_LOG_EXTINCTION)
+    found[places.inside] = (table[places.row] * places.weight).sum(dim=1)
+    return found
 
 
 def values_of(grid: ValueGrid) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from svv.core.classified import ValueGrid
 from svv.core.light import NORMAL_SCALE
 from svv.fields.encodings import SparseLattice
-from svv.fields.networks import FieldSettings, PaletteField
+from svv.fields.networks import BaseField, FieldSettings, PaletteField
 from svv.fields.occupancy import Occupancy
 from svv.fields.phong import LONGEST_VECTOR
 from svv.io.viewset import ViewSet
@@ -95,6 +95,12 @@ class ValueReconstruction(Reconstruction):
         self.field.encoding.requires_grad_(False)
         self.laid = self.occupancy
         self._place()
+
+    def finish(self) -> tuple[BaseField, Occupancy]:
+        """Return the trained field, frozen, and the occupancy; the field keeps the table of the extinction."""
+        base, occupancy = super().finish()
+        base.extinction_table = self.extinction.table.detach().clone()
+        return base, occupancy
 
     def layout(self) -> dict[str, NDArray[Any]]:
         """Return what a checkpoint needs besides the parameters: their layout, and the table of the extinction."""

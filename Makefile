@@ -98,11 +98,11 @@ $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 
 $(DOCS): $(INSTALLED)
 	@echo 'Installing the packages that the documentation needs.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,docs]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,notebook,docs]'
 	@touch "$@"
 
 # Packages that only the tests need, such as triton with 0.7 GB.
 $(TOOLS): $(INSTALLED)
 	@echo 'Installing the packages that the tests need.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,large,dev]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,large,notebook,dev]'
 	@touch "$@"

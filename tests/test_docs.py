@@ -96,6 +96,7 @@ def folder(tmp_path: Path, filled: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SVV_CACHE", str(tmp_path / "cache"))
     monkeypatch.setitem(PRESETS, "draft", SHORT)
+    monkeypatch.setattr("svv.render.web.page.MOVIE_FRAMES", 2)
     return tmp_path
 
 

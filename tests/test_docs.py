@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -132,3 +133,13 @@ def test_every_block_has_a_language() -> None:
     for page in GUIDES:
         fences = re.findall(r"^```(.*)$", page.read_text(), re.MULTILINE)
         assert all(fences[::2]), page
+
+
+@pytest.mark.slow
+def test_examples_run_in_order(folder: Path) -> None:
+    """As the documentation runs them, with a preset that takes a second."""
+    pytest.importorskip("anywidget", reason="an example makes a widget: install svv[notebook]")
+    (folder / "scene.svv").unlink()
+    for example in sorted((DOCS / "examples").glob("*.py")):
+        assert runpy.run_path(str(example)).keys() & {"picture", "size"}, example
+    assert {"scene.svv", "scene.html"} <= {path.name for path in folder.iterdir()}

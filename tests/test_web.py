@@ -26,7 +26,7 @@ from svv.fields.scene import Scene
 from svv.render.web.fields import HOLD, MATERIAL, MOST_EXTINCTION_STEP, SHARE_STEP, Grid, fields_of
 from svv.render.web.harmonics import geometry_at
 from svv.render.web.page import write_html
-from tests.browser import LIVE, Opened
+from tests.browser import LARGEST, LIVE, Opened
 from tests.cube import cube_scene
 
 EVIL = '"><script>alert(1)</script>'
@@ -202,19 +202,11 @@ def test_keys_turn_and_reset_the_view_and_a_picture_is_saved(open_page: Any, cub
     assert page.evaluate(unnamed) == []
 
 
-def largest(points: int) -> str:
-    """JavaScript with which graphics hold no more points a side."""
-    return (
-        "const gl = WebGL2RenderingContext.prototype, real = gl.getParameter; gl.getParameter = function (name) "
-        f"{{ return name === gl.MAX_3D_TEXTURE_SIZE ? {points} : real.call(this, name); }}"
-    )
-
-
 @pytest.mark.parametrize(
     ("script", "reason"),
     [
         ("HTMLCanvasElement.prototype.getContext = () => null", "no WebGL2"),
-        (largest(3), "hold 3 points a side and the scene has 4 cells"),
+        (LARGEST % 3, "hold 3 points a side and the scene has 4 cells"),
         ("delete window.DecompressionStream", "too old"),
     ],
 )
@@ -246,7 +238,7 @@ def test_graphics_that_hold_less_draw_a_coarser_scene_and_say_so(
 ) -> None:
     finest = max(field.resolution for field in fields_of(painted)[0]) + 1
     write_html(tmp_path / "painted.html", painted, "painted")
-    whole, coarse = (open_page(tmp_path / "painted.html", script) for script in ("", largest(finest - 1)))
+    whole, coarse = (open_page(tmp_path / "painted.html", script) for script in ("", LARGEST % (finest - 1)))
     ready(whole)
     ready(coarse)
     assert whole.page.locator("#said").inner_text() == ""

@@ -13,6 +13,8 @@ import pytest
 
 pytest.importorskip("anywidget", reason="the widget needs anywidget: install svv[notebook]")
 
+from IPython.core.formatters import DisplayFormatter
+
 import svv
 from svv.core.cameras import CameraRig
 from svv.core.colour import over
@@ -134,7 +136,7 @@ def test_python_sets_the_page_and_a_frame_that_loads_again_keeps_it(notebook: Op
 
 
 def test_without_widgets_the_page_is_there(shown: SceneWidget, open_page: Any, tmp_path: Path) -> None:
-    data, _ = shown._repr_mimebundle_()
+    data, _ = DisplayFormatter().format(shown)
     assert data["application/vnd.jupyter.widget-view+json"]["model_id"] == shown.model_id
     (tmp_path / "exported.html").write_text(f"<!doctype html><body>{data['text/html'] * 2}</body>")
     opened = open_page(tmp_path / "exported.html")

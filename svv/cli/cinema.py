@@ -72,7 +72,9 @@ def import_(
 @spread
 def export(
     scene: SceneFile,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb", help="What to write.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb", help="What to write.")
+    ],
     options: ExportOptions = ExportOptions(),
     baking: BakeOptions = BakeOptions(),
 ) -> None:

@@ -73,13 +73,9 @@ class SceneWidget(anywidget.AnyWidget):
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise BadInput(f"These edits are not those of this scene's page ({error}).") from error
 
-    def _repr_mimebundle_(self, **kwargs: Any) -> Any:
-        """Return the widget and, for where widgets are not shown, the page itself."""
-        shown = super()._repr_mimebundle_(**kwargs)
-        if shown is None:
-            return None
-        data, metadata = shown
-        return {**data, "text/html": FRAME.format(page=escape(self.page), height=self.height)}, metadata
+    def _repr_html_(self) -> str:
+        """Return the page itself, for where widgets are not shown; IPython puts both into the notebook."""
+        return FRAME.format(page=escape(self.page), height=self.height)
 
 
 def _colour(told: Sequence[float] | None) -> tuple[float, float, float] | None:

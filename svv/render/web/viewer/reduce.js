@@ -33,12 +33,14 @@ function fitted(fields, most) {
 
 const finest = (field) => Math.max(...field.grid.size);
 
+const BESIDE = 1e-4; // weight of a point beside a coarser one: it counts only where there is none at the same place
+
 // Call act(to, from, weight) for each point of a grid and each point of one with half the cells a side that it counts for.
 function spread(grid, size, act) {
   const { places } = grid, [, ny, nz] = grid.size, along = (n) => (n & 1 ? [(n - 1) / 2, (n + 1) / 2] : [n / 2]);
   for (let k = 0; k < places.length; k++) {
     const z = places[k] % nz, row = (places[k] - z) / nz, y = row % ny, x = (row - y) / ny;
-    const xs = along(x), ys = along(y), zs = along(z), weight = 1 / (xs.length * ys.length * zs.length);
+    const xs = along(x), ys = along(y), zs = along(z), weight = xs.length * ys.length * zs.length === 1 ? 1 : BESIDE;
     for (const i of xs) for (const j of ys) for (const l of zs) act((i * size[1] + j) * size[2] + l, k, weight);
   }
 }
@@ -53,7 +55,8 @@ function halved(grid) {
   return { grid: { resolution: grid.resolution / 2, size, places }, weights, numbers };
 }
 
-// Return a field on a halved grid: at each point, the weighted mean of the points around it that there are.
+// Return a field on a halved grid: each point keeps its value, or gets the mean of those around it. (A mean of all would blur
+// the logarithm of the extinction, and thin surfaces with it.)
 function coarser(field, { grid, weights, numbers }) {
   const count = grid.places.length, sums = new Float32Array(field.channels * count);
   spread(field.grid, grid.size, (to, from, weight) => {

@@ -160,7 +160,8 @@ def test_paintings_are_those_of_the_page(balls: Scene) -> None:
 
 def test_edits_that_do_not_fit_are_refused(shown: SceneWidget) -> None:
     none: dict[str, Any] = {"painting": None, "strength": 1, "light": 1, "regions": [], "lamp": {}}
-    for edits in (dict(regions=[]), none, {**none, "painting": 3}):
+    tried: list[dict[str, Any]] = [{"regions": []}, none, {**none, "painting": 3}]
+    for edits in tried:
         shown.edits = edits
         with pytest.raises(BadInput, match="not those of this scene's page"):
             _ = shown.scene

@@ -1,5 +1,4 @@
-"""
-Learn a scene from a volume
+"""Learn a scene from a volume
 ===========================
 
 A volume and its transfer function become views, and views become a scene. The volume is the demo's: a shell around

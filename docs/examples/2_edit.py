@@ -1,5 +1,4 @@
-"""
-Recolour, thin out and hide
+"""Recolour, thin out and hide
 ===========================
 
 An edit is a few numbers: it trains nothing, and returns a new scene that shares the old one's networks.

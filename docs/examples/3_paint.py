@@ -1,5 +1,4 @@
-"""
-Paint a region
+"""Paint a region
 ==============
 
 A style is a picture, a name of the gallery, or ink, which needs no picture. A painting is a variant of the scene, with

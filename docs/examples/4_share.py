@@ -1,5 +1,4 @@
-"""
-Show it in a browser and in a notebook
+"""Show it in a browser and in a notebook
 ======================================
 
 A scene becomes one HTML file, which needs neither svv nor a server nor a network. The same page is the notebook's

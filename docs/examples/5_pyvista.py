@@ -1,5 +1,4 @@
-"""
-Among other data in PyVista
+"""Among other data in PyVista
 ===========================
 
 ``pyvista.read("scene.svv")`` returns the scene's cells with their regions and opacities, which PyVista's filters take.

@@ -3,8 +3,8 @@
     python docs/measurements/blender_scene.py SCENE.svv drawn            # writes drawn/camera.json and drawn/svv.png
     blender -b --python docs/measurements/blender_scene.py -- SCENE.vdb drawn [--raw]
 
-The second command writes drawn/blender.png. With --raw, colours are blended as the screen shows them, like svv's, instead
-of in linear light. The last command compares both:
+The second command writes drawn/blender.png. With --raw, colours are blended as the screen shows them, like svv's,
+instead of in linear light. The last command compares both:
 
     python docs/measurements/blender_scene.py SCENE.svv drawn --compare
 """

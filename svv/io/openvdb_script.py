@@ -18,7 +18,7 @@ def main(folder: str, out: str) -> None:
     try:
         import openvdb as vdb  # OpenVDB 11 and newer, and Blender 4.4 and newer
     except ImportError:
-        import pyopenvdb as vdb  # type: ignore[import-not-found, no-redef]
+        import pyopenvdb as vdb
     import numpy as np
 
     told = json.loads((Path(folder) / "told.json").read_text())

@@ -38,8 +38,8 @@ RANDOM = 28.0
 """The same for regions at random, whose borders, which follow no surface, are not where a grid has vertices."""
 
 
-COARSE = 28.0
-"""The same with half the points a side."""
+COARSE = 24.0
+"""The same with half the points a side, for paint that comes as it may at each of them."""
 
 
 def paint(scene: Scene, seed: int) -> UnrestrictedField:

@@ -78,7 +78,7 @@ openvdb:
 	@.ci/openvdb
 
 clean:
-	rm -rf "$(VENV)" .venv-paraview build docs/made docs/examples/scene.* svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf "$(VENV)" .venv-paraview build docs/made docs/examples/scene.svv docs/examples/scene.html svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 # The oldest supported Python is defined only in pyproject.toml.
 $(HERE)/bin/python:

@@ -28,12 +28,12 @@ PIP       := "$(BIN)/python" -m pip install -qq --disable-pip-version-check --no
 PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow test-processors coverage check docs tools install paraview browser clean
+.PHONY: demo test test-slow test-processors coverage check docs tools install paraview browser openvdb clean
 
 demo: $(INSTALLED)
 	"$(BIN)/svv" demo --out "$(OUT)" $(OPTIONS)
 
-test: check paraview browser
+test: check paraview browser openvdb
 	$(PYTEST) -m "not slow"
 
 test-slow: paraview browser
@@ -48,7 +48,7 @@ test-processors: $(TOOLS)
 		$(PYTEST) --ignore=tests/paraview
 	$(PYTEST) --ignore=tests/paraview -p tests.amx
 
-coverage: $(TOOLS) paraview browser
+coverage: $(TOOLS) paraview browser openvdb
 	$(PYTEST) --cov --cov-report=html:build/coverage --cov-report=term:skip-covered
 
 check: $(TOOLS)
@@ -73,8 +73,12 @@ paraview: $(INSTALLED)
 browser:
 	@.ci/browser
 
+# The same holds for tests that read volumes for Blender.
+openvdb:
+	@.ci/openvdb
+
 clean:
-	rm -rf "$(VENV)" .venv-paraview build svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf "$(VENV)" .venv-paraview build docs/made docs/examples/scene.svv docs/examples/scene.html svv.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 # The oldest supported Python is defined only in pyproject.toml.
 $(HERE)/bin/python:
@@ -98,11 +102,11 @@ $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 
 $(DOCS): $(INSTALLED)
 	@echo 'Installing the packages that the documentation needs.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,docs]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,notebook,docs]'
 	@touch "$@"
 
 # Packages that only the tests need, such as triton with 0.7 GB.
 $(TOOLS): $(INSTALLED)
 	@echo 'Installing the packages that the tests need.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,large,dev]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,large,notebook,dev]'
 	@touch "$@"

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from svv.render.frames import orbit as orbit
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
+    from svv.render.show import widget as widget
     from svv.train.correct import correct_palette as correct_palette
     from svv.train.ink import Ink as Ink
     from svv.train.ink import StyleInput as StyleInput
@@ -61,6 +62,7 @@ PUBLIC = {
     "show": "svv.render.show",
     "stylize_scene": "svv.train.pipeline",
     "train_scene": "svv.train.pipeline",
+    "widget": "svv.render.show",
     "write_png": "svv.io.output",
 }
 """Public name -> the module that defines it, imported on first access (PEP 562)."""

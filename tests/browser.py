@@ -24,6 +24,12 @@ SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-
 LIVE = "document.body.classList.contains('live')"
 """JavaScript: whether the page has read its scene."""
 
+LARGEST = (
+    "const gl = WebGL2RenderingContext.prototype, real = gl.getParameter; gl.getParameter = function (name) "
+    "{ return name === gl.MAX_3D_TEXTURE_SIZE ? %d : real.call(this, name); }"
+)
+"""JavaScript with which graphics hold no more points a side."""
+
 
 def program() -> str | None:
     """Path of a Chromium; None where there is none."""

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from svv.fields.scene import Scene
     from svv.styles.weight_files import State
+    from tests.browser import Opened
 
 # Machines differ in speed, and compiled kernels build on their first call: no test may fail for the time it takes.
 settings.register_profile("svv", deadline=None)
@@ -115,3 +118,34 @@ def mapper(request: pytest.FixtureRequest) -> str:
     if request.param == "gpu":
         request.getfixturevalue("off_screen")
     return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """Chromium; where there is none, ``make test`` has said what is missing."""
+    from tests.browser import browser, program
+
+    if program() is None:
+        pytest.skip("no browser here; Debian: sudo apt-get install chromium")
+    with browser() as running:
+        yield running
+
+
+@pytest.fixture
+def open_page(chromium: Any) -> Iterator[Callable[..., Opened]]:
+    """Open a file in the browser; afterwards, nothing may have gone wrong, and nothing else have been asked for."""
+    from tests.browser import Opened
+
+    contexts: list[Any] = []
+    pages: list[Opened] = []
+
+    def start(path: Path, script: str = "", size: tuple[int, int] = (900, 600)) -> Opened:
+        contexts.append(chromium.new_context(viewport={"width": size[0], "height": size[1]}))
+        pages.append(Opened.at(path, contexts[-1], script))
+        return pages[-1]
+
+    yield start
+    for context, opened in zip(contexts, pages):
+        context.close()
+        assert opened.wrong == []
+        assert [url.partition(":")[0] for url in opened.asked if not url.startswith(("data:", "blob:"))] == ["file"]

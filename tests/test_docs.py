@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -96,6 +97,7 @@ def folder(tmp_path: Path, filled: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SVV_CACHE", str(tmp_path / "cache"))
     monkeypatch.setitem(PRESETS, "draft", SHORT)
+    monkeypatch.setattr("svv.render.web.page.MOVIE_FRAMES", 2)
     return tmp_path
 
 
@@ -131,3 +133,13 @@ def test_every_block_has_a_language() -> None:
     for page in GUIDES:
         fences = re.findall(r"^```(.*)$", page.read_text(), re.MULTILINE)
         assert all(fences[::2]), page
+
+
+@pytest.mark.slow
+def test_examples_run_in_order(folder: Path) -> None:
+    """As the documentation runs them, with a preset that takes a second."""
+    pytest.importorskip("anywidget", reason="an example makes a widget: install svv[notebook]")
+    (folder / "scene.svv").unlink()
+    for example in sorted((DOCS / "examples").glob("*.py")):
+        assert runpy.run_path(str(example)).keys() & {"picture", "size"}, example
+    assert {"scene.svv", "scene.html"} <= {path.name for path in folder.iterdir()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -26,7 +26,7 @@ from svv.fields.scene import Scene
 from svv.render.web.fields import HOLD, MATERIAL, MOST_EXTINCTION_STEP, SHARE_STEP, Grid, fields_of
 from svv.render.web.harmonics import geometry_at
 from svv.render.web.page import write_html
-from tests.browser import LIVE, Opened, browser, program
+from tests.browser import LARGEST, LIVE, Opened
 from tests.cube import cube_scene
 
 EVIL = '"><script>alert(1)</script>'
@@ -38,30 +38,8 @@ RANDOM = 28.0
 """The same for regions at random, whose borders, which follow no surface, are not where a grid has vertices."""
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    """Chromium; where there is none, ``make test`` has said what is missing."""
-    if program() is None:
-        pytest.skip("no browser here; Debian: sudo apt-get install chromium")
-    with browser() as running:
-        yield running
-
-
-@pytest.fixture
-def open_page(chromium: Any) -> Iterator[Callable[..., Opened]]:
-    """Open a file in the browser; afterwards, nothing may have gone wrong, and nothing else have been asked for."""
-    contexts, pages = [], []
-
-    def start(path: Path, script: str = "", size: tuple[int, int] = (900, 600)) -> Opened:
-        contexts.append(chromium.new_context(viewport={"width": size[0], "height": size[1]}))
-        pages.append(Opened.at(path, contexts[-1], script))
-        return pages[-1]
-
-    yield start
-    for context, opened in zip(contexts, pages):
-        context.close()
-        assert opened.wrong == []
-        assert [url.partition(":")[0] for url in opened.asked if not url.startswith(("data:", "blob:"))] == ["file"]
+COARSE = 24.0
+"""The same with half the points a side, for paint that comes as it may at each of them."""
 
 
 def paint(scene: Scene, seed: int) -> UnrestrictedField:
@@ -76,6 +54,14 @@ def painted(balls: Scene) -> Scene:
     """The balls with two paintings, whose names and styles are as bad as names can be."""
     scene = balls.painted(paint(balls, 1), {0: EVIL, 1: "ink"}, {}, EVIL)
     return scene.painted(paint(balls, 2), {1: "b"}, {}, "second & last")
+
+
+@pytest.fixture(scope="module")
+def cube_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of the cube, over black."""
+    path = tmp_path_factory.mktemp("pages") / "cube.html"
+    write_html(path, cube_scene(), "cube", background=(0.0, 0.0, 0.0))
+    return path
 
 
 def lit(scene: Scene) -> Scene:
@@ -184,9 +170,8 @@ def test_eight_regions_and_five_paintings(open_page: Callable[..., Opened], ball
     assert opened.psnr(scene.with_variant("painting 4").isolated(7), front(scene)) > RANDOM
 
 
-def test_keys_turn_and_reset_the_view_and_a_picture_is_saved(open_page: Any, tmp_path: Path) -> None:
-    write_html(tmp_path / "cube.html", cube_scene(), "cube", background=(0.0, 0.0, 0.0))
-    opened = open_page(tmp_path / "cube.html")
+def test_keys_turn_and_reset_the_view_and_a_picture_is_saved(open_page: Any, cube_page: Path) -> None:
+    opened = open_page(cube_page)
     ready(opened)
     page = opened.page
 
@@ -221,23 +206,55 @@ def test_keys_turn_and_reset_the_view_and_a_picture_is_saved(open_page: Any, tmp
     ("script", "reason"),
     [
         ("HTMLCanvasElement.prototype.getContext = () => null", "no WebGL2"),
-        (
-            "const gl = WebGL2RenderingContext.prototype, real = gl.getParameter;"
-            "gl.getParameter = function (name) { return name === gl.MAX_3D_TEXTURE_SIZE ? 4 : real.call(this, name); }",
-            "hold 4 points a side and the scene has 9",
-        ),
+        (LARGEST % 3, "hold 3 points a side and the scene has 4 cells"),
         ("delete window.DecompressionStream", "too old"),
     ],
 )
-def test_a_browser_that_cannot_draw_it_says_why_and_shows_a_picture(
-    open_page: Any, tmp_path: Path, script: str, reason: str
+def test_a_browser_that_cannot_draw_it_says_why_and_shows_the_orbit(
+    open_page: Any, cube_page: Path, script: str, reason: str
 ) -> None:
-    write_html(tmp_path / "cube.html", cube_scene(), "cube")
-    opened = open_page(tmp_path / "cube.html", script)
+    opened = open_page(cube_page, script)
     said = opened.page.get_by_role("status")
-    said.filter(has_text=reason).wait_for()
-    assert opened.page.get_by_role("img", name="cube, seen from the front").is_visible()
+    said.filter(has_text=reason).filter(has_text="The movie shows it from all around").wait_for()
+    movie = opened.page.locator("video")
+    assert movie.is_visible() and movie.evaluate("movie => movie.duration") == pytest.approx(4.0, abs=0.2)
+    opened.page.wait_for_function("document.querySelector('video').currentTime > 0")
+    assert not opened.page.get_by_role("img", name="cube, seen from the front").is_visible()
     assert not opened.page.get_by_role("button", name="Save picture").is_visible()
+
+
+def test_where_a_movie_cannot_be_played_there_is_a_picture(open_page: Any, cube_page: Path) -> None:
+    script = (
+        "HTMLCanvasElement.prototype.getContext = () => null; HTMLMediaElement.prototype.addEventListener = () => {}"
+    )
+    opened = open_page(cube_page, script)
+    opened.page.get_by_role("status").filter(has_text="The picture shows it from the front").wait_for()
+    assert opened.page.get_by_role("img", name="cube, seen from the front").is_visible()
+    assert not opened.page.locator("video").is_visible()
+
+
+def test_graphics_that_hold_less_draw_a_coarser_scene_and_say_so(
+    open_page: Any, painted: Scene, tmp_path: Path
+) -> None:
+    finest = max(field.resolution for field in fields_of(painted)[0]) + 1
+    write_html(tmp_path / "painted.html", painted, "painted")
+    whole, coarse = (open_page(tmp_path / "painted.html", script) for script in ("", LARGEST % (finest - 1)))
+    ready(whole)
+    ready(coarse)
+    assert whole.page.locator("#said").inner_text() == ""
+    said = f"{finest - 1} points a side: the scene is drawn from {finest // 2 + 1} points a side instead of {finest}"
+    assert said in coarse.page.get_by_role("status").inner_text()
+    close = [opened.psnr(painted, front(painted)) for opened in (whole, coarse)]
+    assert close[1] < close[0] and close[1] > COARSE
+
+
+def test_a_scene_of_which_nothing_is_visible_is_shown_empty(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    write_html(tmp_path / "hidden.html", balls.hidden(0, 1), "hidden")
+    opened = open_page(tmp_path / "hidden.html")
+    ready(opened)
+    assert (opened.picture(front(balls)) == 1.0).all()
+    opened.page.get_by_role("button", name="Show all").click()
+    assert opened.psnr(balls, front(balls)) > CLOSE
 
 
 def test_a_scene_without_regions_is_refused(tmp_path: Path) -> None:
@@ -258,6 +275,7 @@ def test_the_page_asks_for_nothing(painted: Scene, tmp_path: Path) -> None:
 
 
 def test_the_commands_write_and_open_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("svv.render.web.page.MOVIE_FRAMES", 2)
     cube_scene().save(tmp_path / "cube.svv")
     scene, page = str(tmp_path / "cube.svv"), str(tmp_path / "a page.html")
 

@@ -23,7 +23,7 @@ from svv.core.colour import over
 from svv.fields.scene import Scene
 from svv.io.output import to_bytes
 from svv.render.web.page import write_html
-from tests.browser import LIVE, Opened, browser
+from tests.browser import LARGEST, LIVE, Opened, browser
 
 FRAMES = (30, 90, 150)
 """Cameras of the orbit of 181 views."""
@@ -79,6 +79,7 @@ def main() -> None:
     parser.add_argument("scene", type=Path)
     parser.add_argument("--size", type=int, default=400)
     parser.add_argument("--shots", type=Path, help="folder for pictures: browser, renderer, and their difference x 8")
+    parser.add_argument("--points", type=int, help="points a side that the graphics are to hold at most")
     given = parser.parse_args()
     scene = Scene.load(given.scene)
     path = Path(tempfile.mkdtemp()) / "scene.html"
@@ -88,10 +89,10 @@ def main() -> None:
     cameras = scene.rig.orbit(181, given.size, frames=FRAMES)
     with browser() as running:
         context = running.new_context(viewport={"width": given.size + 340, "height": given.size})
-        opened = Opened.at(path, context)
+        opened = Opened.at(path, context, "" if given.points is None else LARGEST % given.points)
         start = time.perf_counter()
         opened.page.wait_for_function(LIVE)
-        print(f"ready after {time.perf_counter() - start:.1f} s")
+        print(f"ready after {time.perf_counter() - start:.1f} s. {opened.page.locator('#said').inner_text()}")
         for name, act, edited in edits(opened.page, scene):
             opened.page.get_by_role("button", name="Reset all").click()
             act()

@@ -37,6 +37,7 @@ EXPORT = (
     "torchrun --nproc-per-node 4 -m svv export scene.svv --out scene.cdb",
     "svv export scene.svv --out scene.vti",
     "svv export scene.svv --out scene.vti --resolution 128 --light baked --regions 0,2",
+    "svv export scene.svv --out scene.vdb --light baked",
 )
 """Examples in the help."""
 
@@ -71,24 +72,27 @@ def import_(
 @spread
 def export(
     scene: SceneFile,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.html|NAME.cdb|NAME.vti", help="What to write.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb", help="What to write.")
+    ],
     options: ExportOptions = ExportOptions(),
     baking: BakeOptions = BakeOptions(),
 ) -> None:
-    """Write a scene for other programs: a page for browsers, a Cinema database, or a volume for ParaView's 3D view.
+    """Write a scene for other programs: a page for browsers, a Cinema database, or a volume for ParaView or Blender.
 
     FILE.html shows the scene from all sides and edits it, without svv, a server or a network. NAME.cdb holds images by
     phi and theta, with depth and a layer for each region; `svv train` learns from it. After Ctrl-C, the same command
-    resumes, and processes that torchrun starts share the images. NAME.vti holds colours and extinction; its opacity
-    function is in a .json beside it.
+    resumes, and processes that torchrun starts share the images. NAME.vti holds colours and extinction for ParaView's
+    3D view; its opacity function is in a .json beside it. NAME.vdb holds the same as OpenVDB grids, density and Cd, for
+    Blender and Houdini.
     """
     from svv.train import ranks
 
     writer = WRITERS.get(out.suffix.lower())
     if writer is None:
         raise BadInput(
-            f"Cannot tell what to write to {out}: name a page FILE.html, a Cinema database NAME.cdb or a volume "
-            "NAME.vti."
+            f"Cannot tell what to write to {out}: name a page FILE.html, a Cinema database NAME.cdb, or a volume "
+            "NAME.vti or NAME.vdb."
         )
     if not writer.shared:
         check_targets(out)
@@ -125,6 +129,16 @@ def _volume(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions
     return f"{volume.told()}; its opacity function is {preset}"
 
 
+def _openvdb(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
+    from svv.render.baked import bake
+    from svv.render.openvdb import python_with_openvdb, write_vdb
+
+    python_with_openvdb()  # before minutes of work
+    volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.7))
+    write_vdb(out, volume, part(progress, 0.7, 1.0))
+    return f"{' x '.join(map(str, volume.grid.shape))} points, {out.stat().st_size / 1e6:.1f} MB"
+
+
 @dataclass(frozen=True)
 class Writer:
     """How to write a scene for another program."""
@@ -135,7 +149,9 @@ class Writer:
     """Whether processes that torchrun starts share the work; otherwise the first one does it."""
 
 
-WRITERS = {".html": Writer(_page), ".cdb": Writer(_database, shared=True), ".vti": Writer(_volume)}
+WRITERS = {
+    ".html": Writer(_page), ".cdb": Writer(_database, shared=True), ".vti": Writer(_volume), ".vdb": Writer(_openvdb),
+}  # fmt: skip
 """Suffix of what to write -> its writer."""
 
 

@@ -242,10 +242,16 @@ def _vtk_block(array: NDArray[np.generic], progress: Progress = silent) -> bytes
     return struct.pack(f"<{3 + len(packed)}Q", len(packed), size, rest, *map(len, packed)) + b"".join(packed)
 
 
-def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float = 30.0) -> None:
+def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float = 30.0, crf: int = 18) -> None:
     """Write frames (h, w, 3) uint8, all of the same size, as an H.264 movie that browsers and players can show.
 
     An odd width or height grows by one pixel (the last one is repeated), because the pixel format needs even sizes.
+
+    Args:
+        path: The file.
+        frames: The frames.
+        fps: Frames per second.
+        crf: Constant rate factor of H.264: 18 looks like the frames, 30 takes a quarter of the bytes.
 
     Raises:
         BadInput: There is no frame, or the file cannot be written.
@@ -263,7 +269,7 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
             codec="libx264",
             quality=None,
             macro_block_size=2,
-            output_params=["-crf", "18", "-preset", "fast", "-movflags", "+faststart"],
+            output_params=["-crf", str(crf), "-preset", "fast", "-movflags", "+faststart"],
             ffmpeg_log_level="error",
         )
         try:

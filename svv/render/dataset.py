@@ -16,10 +16,11 @@ import pyvista
 from PIL import Image
 
 from svv.errors import BadInput, Progress, silent
-from svv.render.show import show
+from svv.render.show import show, widget
 
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
+    from svv.render.notebook import SceneWidget
 
 SCENE = "StyleRF Scene"
 """Name of the field data that holds a scene's file, as in ParaView's tables."""
@@ -124,3 +125,7 @@ class SceneAccessor:
     def plot(self, **options: Any) -> Image.Image | None:
         """Show the scene in a window, or below a notebook's cell; see :func:`svv.show` for options and result."""
         return show(self.scene, **options)
+
+    def widget(self, **options: Any) -> SceneWidget:
+        """Return a notebook's widget in which the scene is turned and edited; see :func:`svv.widget` for options."""
+        return widget(self.scene, **options)

@@ -15,12 +15,13 @@ from PIL import Image
 
 from svv.core.cameras import Camera, look_at
 from svv.core.colour import WHITE, over
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress, silent
 from svv.io.output import to_bytes, write_png
 from svv.render.frames import orbit
 
 if TYPE_CHECKING:
     from svv.fields.scene import Rendering, Scene
+    from svv.render.notebook import SceneWidget
 
 DRAGGING_SECONDS = 0.1
 """Rendering time aimed at per picture while the mouse moves: ten pictures per second look like movement."""
@@ -76,6 +77,38 @@ def show(
     if screenshot is not None:
         write_png(screenshot, picture)
     return None if not off_screen and not _in_notebook() else Image.fromarray(picture)
+
+
+def widget(
+    scene: Scene,
+    *,
+    title: str = "scene",
+    height: int = 600,
+    background: Sequence[float] = WHITE,
+    progress: Progress = silent,
+) -> SceneWidget:
+    """Return a notebook's widget that shows a scene from all sides and edits it: the page for browsers.
+
+    The widget's ``scene`` and ``camera`` are what the page shows. In a notebook that is exported, or opened where
+    widgets are not shown, the page works all the same, but without Python.
+
+    Args:
+        scene: Scene to show, with its edits and paintings.
+        title: Heading of the page.
+        height: Height in pixels, >= 100.
+        background: RGB in [0, 1] behind the scene; can be changed in the page.
+        progress: Called while the scene is prepared.
+
+    Raises:
+        BadInput: anywidget is missing, or the scene has no palette network.
+    """
+    try:
+        from svv.render.notebook import SceneWidget
+    except ModuleNotFoundError as error:
+        if error.name not in ("anywidget", "traitlets"):
+            raise
+        raise BadInput("This needs anywidget, which is not installed: pip install 'svv[notebook]'.") from error
+    return SceneWidget(scene, title, height, background, progress)
 
 
 def image_data(rendering: Rendering) -> Any:

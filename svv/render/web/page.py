@@ -1,7 +1,7 @@
 """Writes a scene as one HTML file, which a browser draws without a server, a network or further files.
 
 The page consists of the files in ``viewer``, the scene's settings as JSON, its fields (:mod:`svv.render.web.fields`) as
-compressed text, and a picture from the front for browsers that cannot draw it.
+compressed text, and a picture from the front and a small movie for browsers that cannot draw it.
 """
 
 from __future__ import annotations
@@ -9,34 +9,42 @@ from __future__ import annotations
 import base64
 import io
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from PIL import Image
 
 from svv._version import __version__
-from svv.core.cameras import CameraRig
+from svv.core.cameras import Camera, CameraRig
 from svv.core.colour import WHITE, over
 from svv.core.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene
 from svv.fields.stroke_opacity import strokes_of
 from svv.io.atomic import atomic_path, check_writable, to_json
-from svv.io.output import to_bytes
+from svv.io.output import to_bytes, write_mp4
 from svv.render.web.fields import Field, fields_of
 
-SCRIPTS = ("decode.js", "colours.js", "state.js", "camera.js", "draw.js", "show.js", "panel.js", "hands.js", "main.js")
+SCRIPTS = (
+    "decode.js", "reduce.js", "colours.js", "state.js", "camera.js", "draw.js", "show.js", "panel.js", "hands.js",
+    "main.js",
+)  # fmt: skip
 """The viewer's program, in order."""
 
 FRONT_SIZE, FRONT_QUALITY = 720, 88
 """Side in pixels and JPEG quality of the picture from the front."""
+
+MOVIE_FRAMES, MOVIE_FPS, MOVIE_SIZE, MOVIE_CRF = 30, 7.5, 240, 30
+"""Frames, frames per second, side in pixels and rate factor of the orbit for browsers that cannot draw the scene."""
 
 CLOSER_SIZE, LEAST_SHOWN, MARGIN = 64, 0.05, 1.1
 """Side in pixels of the views that tell how large the scene appears, the alpha that counts, and the margin around."""
@@ -60,30 +68,42 @@ def write_html(
     Raises:
         BadInput: The scene has no palette network or no cameras, or the file cannot be written.
     """
-    if scene.palette_network is None:
-        raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     check_writable(path)
-    scene = scene.on(torch.device("cpu"))
-    rig = _closer(scene)
-    front = _front(scene, rig, background, part(progress, 0.0, 0.1))
-    fields, light = fields_of(scene, part(progress, 0.1, 0.9))
-    progress(0.9, "compressing")
-    header = _header(scene, rig, fields) | {"light": light, "file": path.stem, "background": list(background)}
-    page = _page(header, _packed(scene, fields), front, title)
+    page = html_of(scene, title, path.stem, background, progress)
     with atomic_path(path) as temporary:
         temporary.write_bytes(page)
-    progress(1.0, "")
     return len(page)
 
 
-def _page(header: dict[str, Any], arrays: str, front: str, title: str) -> bytes:
+def html_of(
+    scene: Scene, title: str, name: str, background: Sequence[float] = WHITE, progress: Progress = silent
+) -> bytes:
+    """Return the page that :func:`write_html` writes, in UTF-8; pictures that it saves are called ``name``.
+
+    Raises:
+        BadInput: The scene has no palette network.
+    """
+    if scene.palette_network is None:
+        raise BadInput("The scene has no regions because it holds no palette network; train it again.")
+    scene = scene.on(torch.device("cpu"))
+    rig = _closer(scene)
+    stills = _stills(scene, rig, background, part(progress, 0.0, 0.3))
+    fields, light = fields_of(scene, part(progress, 0.3, 0.9))
+    progress(0.9, "compressing")
+    header = _header(scene, rig, fields) | {"light": light, "file": name, "background": list(background)}
+    page = _page(header, _packed(scene, fields), stills, title)
+    progress(1.0, "")
+    return page
+
+
+def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str) -> bytes:
     def read(name: str) -> str:
         return files("svv.render.web").joinpath("viewer", name).read_text(encoding="utf-8")
 
     shader = f"const MARCH = {_script_json(read('march.glsl'))};"
     text = Template(read("page.html")).substitute(
         title=escape(title), text=escape(_said(header)), style=read("style.css"), version=escape(__version__),
-        front=front, header=_script_json(header), arrays=arrays,
+        header=_script_json(header), arrays=arrays, **stills,
         script="\n".join([shader, *(read(name) for name in SCRIPTS)]),
     )  # fmt: skip
     return text.encode()
@@ -175,10 +195,27 @@ def _packed(scene: Scene, fields: Sequence[Field]) -> str:
     return base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in content), 9)).decode()
 
 
-def _front(scene: Scene, rig: CameraRig, background: Sequence[float], progress: Progress) -> str:
-    """Return the picture from the front as a data URI."""
-    (camera,) = rig.orbit(181, FRONT_SIZE, frames=[90])
-    view = scene.render(camera, progress=progress)
+def _stills(scene: Scene, rig: CameraRig, background: Sequence[float], progress: Progress) -> dict[str, str]:
+    """Return a picture from the ``front`` and a ``movie`` of the orbit, as data URIs."""
     buffer = io.BytesIO()
-    Image.fromarray(to_bytes(over(view.rgba, background))).save(buffer, format="JPEG", quality=FRONT_QUALITY)
-    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()
+    (first,) = rig.orbit(181, FRONT_SIZE, frames=[90])
+    orbit = rig.orbit(MOVIE_FRAMES, MOVIE_SIZE)
+
+    def seen(camera: Camera) -> NDArray[np.uint8]:
+        return to_bytes(over(scene.render(camera).rgba, background))
+
+    def frames() -> Iterator[NDArray[np.uint8]]:
+        for number, camera in enumerate(orbit):
+            progress(number / len(orbit), "orbit")
+            yield seen(camera)
+
+    Image.fromarray(seen(first)).save(buffer, format="JPEG", quality=FRONT_QUALITY)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "orbit.mp4"
+        write_mp4(path, frames(), MOVIE_FPS, MOVIE_CRF)
+        movie = path.read_bytes()
+    return {"front": _data("image/jpeg", buffer.getvalue()), "movie": _data("video/mp4", movie)}
+
+
+def _data(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"

@@ -13,6 +13,15 @@ class Orbit {
     this.zoom = 1;
   }
 
+  // What has been set, as plain values.
+  get view() {
+    return { axes: [...this.axes], centre: [...this.centre], zoom: this.zoom };
+  }
+
+  set view({ axes, centre, zoom }) {
+    Object.assign(this, { axes: [...axes], centre: [...centre], zoom });
+  }
+
   get right() { return this.axes.slice(0, 3); }
   get up() { return this.axes.slice(3, 6); }
   get back() { return this.axes.slice(6, 9); }

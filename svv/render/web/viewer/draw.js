@@ -7,8 +7,8 @@ class Painter {
   constructor(gl, header, content) {
     this.gl = gl, this.header = header, this.fields = content.fields, this.programs = new Map(), this.textures = {};
     const { shape, leaps } = content, most = gl.getParameter(gl.MAX_3D_TEXTURE_SIZE);
-    const finest = Math.max(...shape, ...Object.values(this.fields).flatMap((field) => field.grid.size));
-    if (finest > most) throw new Unable(`this browser's graphics hold ${most} points a side and the scene has ${finest}`);
+    if (Math.max(...shape) > most)
+      throw new Unable(`this browser's graphics hold ${most} points a side and the scene has ${Math.max(...shape)} cells`);
     this.upload("Leaps", gl.R8UI, gl.RED_INTEGER, shape, leaps, gl.NEAREST);
     this.uploadField("Extinction", this.fields.extinction, 0, 1, 1);
     this.weights = this.split("Weights", header.regions.length > 1 ? this.fields.weights : null);
@@ -16,6 +16,7 @@ class Painter {
     this.basis = header.lighting === "network" ? basisOf(header.light, this.fields.light, this.lights) : null;
     this.palette = new Palette(this.fields.material, this.fields.weights, header.regions);
     this.vertices = gl.createVertexArray();
+    if (gl.getError() === gl.OUT_OF_MEMORY) throw new Unable("this browser's graphics have too little memory");
   }
 
   upload(name, format, layout, size, data, filter) {

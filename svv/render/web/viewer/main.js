@@ -2,10 +2,18 @@
 
 const page = (id) => document.getElementById(id);
 
-// Show a sentence instead of the picture that moves; the still picture stays.
+// Show a sentence instead of the scene, and its orbit as a movie; where that cannot be played, the picture stays.
 function cannot(reason) {
-  page("said").textContent = `This scene cannot be turned here: ${reason}. The picture shows it from the front.`;
+  const say = (rest) => (page("said").textContent = `This scene cannot be turned here: ${reason}. ${rest}`), movie = page("movie");
+  say("The picture shows it from the front.");
   document.body.classList.add("still");
+  movie.addEventListener("canplay", () => {
+    say("The movie shows it from all around.");
+    document.body.classList.add("moving");
+  });
+  movie.autoplay = !matchMedia("(prefers-reduced-motion: reduce)").matches;
+  movie.preload = "auto";
+  movie.load();
 }
 
 async function begin() {
@@ -14,13 +22,20 @@ async function begin() {
   const gl = canvas.getContext("webgl2", { antialias: false, depth: false, powerPreference: "high-performance" });
   if (gl === null) throw new Unable("this browser has no WebGL2, or it is turned off");
   const content = decoded(header, await inflated(page("arrays").textContent));
-  const state = stateOf(header), orbit = new Orbit(header.camera);
+  const most = { side: gl.getParameter(gl.MAX_3D_TEXTURE_SIZE), bytes: MOST_BYTES };
+  const { fields, said } = fitted(content.fields, most);
+  page("said").textContent = said;
+  const state = stateOf(header), orbit = new Orbit(header.camera), heard = [];
   let show = start();
 
   function start() {
-    return new Show(canvas, new Painter(gl, header, content), orbit, state);
+    return new Show(canvas, new Painter(gl, header, { ...content, fields }), orbit, state);
   }
-  const changed = () => show.change(), panel = new Panel(page("controls"), header, state, changed);
+  function changed() {
+    show.change();
+    for (const one of heard) one();
+  }
+  const panel = new Panel(page("controls"), header, state, changed);
   new Hands(canvas, orbit, changed);
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => {
@@ -29,15 +44,22 @@ async function begin() {
   });
   page("reset-view").addEventListener("click", () => (orbit.reset(), changed()));
   page("reset").addEventListener("click", () => panel.set(() => {
-    const fresh = stateOf(header);
-    fresh.regions.forEach((region, k) => Object.assign(state.regions[k], region));
-    Object.assign(state, { ...fresh, regions: state.regions });
+    overwrite(state, stateOf(header));
     orbit.reset();
   }));
   page("save").addEventListener("click", () => save(header, show.picture(show.camera())));
   document.body.classList.add("live");
-  // For scripts, such as tests and notebooks: the state, and the picture of a camera as svv writes it.
-  return { header, state, orbit, panel, changed, picture: (camera) => show.picture(camera), get show() { return show; } };
+  // For scripts, such as tests and notebooks: the state, the picture of a camera as svv writes it, functions to call
+  // after each change, what the user has set so far, and a way to set it.
+  return {
+    header, state, orbit, panel, changed, heard, picture: (camera) => show.picture(camera), get show() { return show; },
+    told: () => ({ view: orbit.view, camera: show.camera(), edits: state }),
+    take({ view, edits }) {
+      if (view) orbit.view = view;
+      if (edits) overwrite(state, edits);
+      panel.set(() => {});
+    },
+  };
 }
 
 // Save a picture as a PNG file.

@@ -11,6 +11,12 @@ function stateOf(header) {
   };
 }
 
+// Set a state to another one, whose objects it does not share.
+function overwrite(state, fresh) {
+  fresh.regions.forEach((region, k) => Object.assign(state.regions[k], region));
+  Object.assign(state, { ...fresh, regions: state.regions });
+}
+
 // The region's style in the painting shown; null where it is not painted.
 function styleOf(state, header, region) {
   return state.painting === null ? null : header.paintings[state.painting].styles[region];

@@ -1,0 +1,109 @@
+"""A scene as a widget in a notebook: its page for browsers below a cell, which tells Python what is set in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from html import escape
+from importlib.resources import files
+from typing import Any, ClassVar
+
+import anywidget
+import numpy as np
+import traitlets
+
+from svv.core.cameras import Camera
+from svv.core.colour import WHITE
+from svv.core.light import Lamp
+from svv.errors import BadInput, Progress, silent
+from svv.fields.scene import Scene
+from svv.render.web.page import html_of
+
+FRAME = '<iframe title="Scene" srcdoc="{page}" style="width: 100%; height: {height}px; border: 0"></iframe>'
+"""HTML that shows a page without Python and without the widget's own program: exported notebooks contain it."""
+
+
+class SceneWidget(anywidget.AnyWidget):
+    """The page of a scene in a notebook, in a frame of its own; :func:`svv.widget` makes one.
+
+    ``view`` (how the scene is turned) and ``edits`` (what is set beside the picture) are traits, which change with the
+    page, and change it: ``traitlets.link((one, "view"), (other, "view"))`` turns two scenes together. ``height`` is
+    that of the frame in pixels.
+    """
+
+    _esm: ClassVar[str] = files("svv.render.web").joinpath("viewer", "notebook.js").read_text(encoding="utf-8")
+    page = traitlets.Unicode().tag(sync=True)
+    height = traitlets.Int(600, min=100).tag(sync=True)
+    view = traitlets.Dict().tag(sync=True)
+    edits = traitlets.Dict().tag(sync=True)
+    _camera = traitlets.Dict().tag(sync=True)
+
+    def __init__(
+        self,
+        scene: Scene,
+        title: str = "scene",
+        height: int = 600,
+        background: Sequence[float] = WHITE,
+        progress: Progress = silent,
+    ) -> None:
+        """Write the page of a scene; see :func:`svv.widget`."""
+        page = html_of(scene, title, title, background, progress).decode()
+        super().__init__(page=page, height=height)
+        self._scene = scene
+
+    @property
+    def camera(self) -> Camera | None:
+        """Camera of the picture in the page, with the picture's size; None until a browser has shown it."""
+        if not self._camera:
+            return None
+        told = dict(self._camera)
+        return Camera(np.reshape(told.pop("camera_to_world"), (4, 4)), **told)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with what was set in the page, as one step of its history that can be undone.
+
+        Where the page shows no painting, the styles' strength is 0. The background is not part of a scene.
+
+        Raises:
+            BadInput: The trait ``edits`` was given something that does not fit the scene.
+        """
+        try:
+            return _edited(self._scene, self.edits) if self.edits else self._scene
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise BadInput(f"These edits are not those of this scene's page ({error}).") from error
+
+    def _repr_html_(self) -> str:
+        """Return the page itself, for where widgets are not shown; IPython puts both into the notebook."""
+        return FRAME.format(page=escape(self.page), height=self.height)
+
+
+def _colour(told: Sequence[float] | None) -> tuple[float, float, float] | None:
+    if told is None:
+        return None
+    r, g, b = (float(c) for c in told)
+    return r, g, b
+
+
+def _edited(scene: Scene, told: dict[str, Any]) -> Scene:
+    """Return a scene as a page shows it after edits (``state.js``)."""
+    painting = told["painting"]
+    if painting is not None:
+        scene = scene.with_variant(scene.variants[painting])
+    strength = 0.0 if painting is None else told["strength"]
+    regions = tuple(
+        replace(
+            region,
+            edited_colour=_colour(own["edited"]),
+            opacity=float(own["opacity"]),
+            hidden=bool(own["hidden"]),
+            strength=region.strength * strength if region.style is not None else region.strength,
+            lighting=region.lighting * told["light"],
+        )
+        for region, own in zip(scene.regions, told["regions"], strict=True)
+    )
+    lamp = Lamp(**told["lamp"])
+    if regions == scene.regions and lamp == scene.lamp:
+        return scene
+    history = scene.history.after(scene.as_step("edits in the notebook"))
+    return replace(scene, regions=regions, lamp=lamp, history=history)

@@ -1,0 +1,57 @@
+// A scene's page below a notebook's cell, in a frame of its own: pages neither meet each other nor the notebook's styles.
+// What is set in the page goes to Python and comes from there: the view, its camera, and the edits.
+
+const PAUSE_MS = 100; // without a further change before Python is told
+
+function render({ model, el }) {
+  const frame = document.createElement("iframe");
+  frame.title = "Scene";
+  frame.style.cssText = "width: 100%; border: 0; display: block";
+  let page = null, timer = null, known = "";
+
+  const sized = () => (frame.style.height = `${model.get("height")}px`);
+  const written = ({ view, edits }) => JSON.stringify([view, edits]);
+
+  function tell() {
+    const { view, camera, edits } = JSON.parse(JSON.stringify(page.told())); // the page's own objects go on changing
+    known = written({ view, edits });
+    for (const [name, value] of Object.entries({ view, _camera: camera, edits })) model.set(name, value);
+    model.save_changes();
+  }
+
+  function hear() {
+    const set = structuredClone({ view: model.get("view"), edits: model.get("edits") });
+    if (page === null || !set.view.axes || !set.edits.regions || written(set) === known) return;
+    known = written(set);
+    page.take(set);
+  }
+
+  // A frame that is moved within the notebook loads again: what was set is kept.
+  frame.addEventListener("load", async () => {
+    page = null;
+    const opened = await frame.contentWindow.svv.catch(() => null); // a page that cannot draw the scene says so itself
+    if (opened === null || opened === undefined) return;
+    page = opened;
+    known = "";
+    hear();
+    page.heard.push(() => {
+      clearTimeout(timer);
+      timer = setTimeout(tell, PAUSE_MS);
+    });
+    tell();
+  });
+  model.on("change:view", hear);
+  model.on("change:edits", hear);
+  model.on("change:height", sized);
+  sized();
+  frame.srcdoc = model.get("page");
+  el.append(frame);
+  return () => {
+    clearTimeout(timer);
+    model.off("change:view", hear);
+    model.off("change:edits", hear);
+    model.off("change:height", sized);
+  };
+}
+
+export default { render };

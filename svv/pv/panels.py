@@ -79,6 +79,12 @@ def takes_volume(cls: Any) -> Any:
     return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
 
 
+def takes_image(cls: Any) -> Any:
+    """Give the filter an image as its input, of colours, whose arrays it knows by name."""
+    cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0)(cls)
+
+
 def takes_scene(cls: Any) -> Any:
     """Give the filter a scene's table as its input."""
     cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)

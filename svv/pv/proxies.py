@@ -15,8 +15,8 @@ from svv.errors import part
 from svv.io.made import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
-from svv.pv.data import put_baked, put_image, put_no_views, put_scene, scene_of
-from svv.pv.filters import ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
+from svv.pv.data import drawn_in, put_baked, put_drawn, put_mesh, put_no_views, put_scene, scene_of
+from svv.pv.filters import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.identity import key_in, key_of
 from svv.pv.keeping import Keeping, views_in, write_views
 from svv.pv.option_panel import options_in, properties_of
@@ -28,17 +28,19 @@ from svv.pv.panels import (
     keep_input_visible,
     menu,
     preview_file,
+    takes_image,
     takes_scene,
     takes_volume,
     training_properties,
     volume_properties,
 )
 from svv.pv.parallel import DividedInput, do_next_job
-from svv.pv.properties import button, file, files, kept_as, panel, scalars, shown_view, status
+from svv.pv.properties import button, file, files, kept_as, panel, scalars, shown_view, status, switch
 from svv.pv.steps import Moment, Steps
 
 __all__ = [
-    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFVolume", "StyleRFPieces",
+    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPlaceInView",
+    "StyleRFVolume", "StyleRFPieces",
 ]  # fmt: skip
 
 
@@ -174,8 +176,33 @@ class StyleRFRender(ImageOutput):
 
         scene = scene_of(inputs[0])
         camera = camera_for(scene, self.values)
-        put_image(outputs[0], draw(scene, camera, self.values, self.progress))
+        put_drawn(outputs[0], draw(scene, camera, self.values, self.progress), camera)
         return f"{camera.width} x {camera.height} pixels."
+
+
+@smproxy.filter(label="StyleRF Place In View", support_reload=False)
+@menu
+@panel(
+    switch("Opaque", False,
+           "Leave out pixels that are less than half opaque, and make the others opaque. Volumes in the same view are "
+           "then hidden by the picture, too; otherwise ParaView draws them over it."),
+    status(),
+)  # fmt: skip
+@takes_image
+class StyleRFPlaceInView(Filter):
+    """Place the image of StyleRF Render or StyleRF Stylized View in the 3D view, among everything else: a surface with
+    a point for each pixel, at the pixel's depth. The image's property Follow Camera is turned on, so that the picture
+    is rendered for the camera of the view in which it stands."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkPolyData")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.core.depth_mesh import depth_mesh
+
+        mesh = depth_mesh(*drawn_in(inputs[0]), self.values["Opaque"])
+        put_mesh(mesh, outputs[0])
+        return f"{len(mesh.points)} points."
 
 
 @smproxy.filter(label="StyleRF Volume", support_reload=False)
@@ -268,7 +295,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
             self.gives(painted=name)
             scene = painted
         camera = camera_for(scene, values)
-        put_image(outputs[0], draw(scene, camera, values, self.progress))
+        put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         return f"{regions_said(scene)}{hint}.{self.note}{self.steps.told(now)}"

@@ -49,7 +49,8 @@ def depth_mesh(rgba: NDArray[np.uint8], depth: NDArray[np.float32], camera: Came
     height, width = depth.shape
     seen = (depth > 0.0) & (rgba[..., 3] >= (HALF if opaque else 1))  # faint haze without a sample has the depth 0
     # Pixels beyond the image repeat those at its edge, or the outer half of a pixel at the edge would be missing.
-    seen, depth, rgba = (np.pad(a, [(1, 1), (1, 1), (0, 0)][: a.ndim], "edge") for a in (seen, depth, rgba))
+    seen, depth = np.pad(seen, 1, "edge"), np.pad(depth, 1, "edge")
+    rgba = np.pad(rgba, [(1, 1), (1, 1), (0, 0)], "edge")
     colours = np.where(seen[..., None], rgba, 0)
     if opaque:
         colours[..., 3] = np.where(seen, 255, 0)
@@ -58,7 +59,7 @@ def depth_mesh(rgba: NDArray[np.uint8], depth: NDArray[np.float32], camera: Came
     rim, count, offset = _rim(seen)
     depth[rim] = _sums(depth.astype(np.float64))[rim] / count  # the mean of the neighbours that are seen
     colours[rim] = np.rint(_sums(colours.astype(np.float64))[rim] / count[:, None])
-    colours[(*rim, 3)] = 255 if opaque else 0
+    colours[..., 3][rim] = 255 if opaque else 0
     if opaque:
         rows[rim], columns[rim] = rows[rim] + 0.5 * offset[0], columns[rim] + 0.5 * offset[1]
     used = seen.copy()
@@ -71,8 +72,11 @@ def depth_mesh(rgba: NDArray[np.uint8], depth: NDArray[np.float32], camera: Came
 
 
 def _rim(seen: NDArray[np.bool_]) -> tuple[tuple[NDArray[np.intp], ...], NDArray[np.float64], NDArray[np.float64]]:
-    """Return where pixels lie that are not seen but have a neighbour that is, the number of such neighbours (R,), and
-    the mean offset of those, rows and columns (2, R)."""
+    """Return the pixels that are not seen but have a neighbour that is.
+
+    Returns:
+        Their indices, the number of such neighbours (R,), and the mean offset of those, rows and columns (2, R).
+    """
     there = seen.astype(np.float64)
     count = _sums(there)
     rim = np.nonzero(~seen & (count > 0))

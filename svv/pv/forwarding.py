@@ -55,7 +55,8 @@ class ForwardedMouse:
             round(at * theirs / max(ours, 1))
             for at, ours, theirs in zip(source.GetEventPosition(), source.GetSize(), to.GetSize(), strict=True)
         ]
-        to.SetEventInformation(*place, source.GetControlKey(), source.GetShiftKey(), "\0", 0, None)
+        for _ in range(2 if event.endswith("PressEvent") else 1):  # the other view has not seen the mouse come here
+            to.SetEventInformation(*place, source.GetControlKey(), source.GetShiftKey(), "\0", 0, None)
         to.InvokeEvent(event)
 
     def stop(self) -> None:

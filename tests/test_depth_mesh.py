@@ -72,7 +72,8 @@ def test_an_opaque_surface_covers_whole_pixels_that_are_half_opaque() -> None:
     places = np.stack([columns.ravel(), rows.ravel()], axis=1)
     inside = ((places > (3, 2)) & (places < (7, 6))).all(1)
     no_corner = (np.abs(places - (5, 4)) < 1.5).any(1)  # corners may be cut
-    assert np.array_equal(covered(mesh, camera, places)[no_corner], inside[no_corner].astype(int))
+    hits = covered(mesh, camera, places)
+    assert not (no_corner & (hits != inside)).any()
 
 
 def test_a_pixel_without_a_depth_is_left_out() -> None:

@@ -245,6 +245,12 @@ def transfer_function() -> Property:
     return Property("TransferFunction", xml, None, {"SetTransferFunction": setter})
 
 
+def display() -> Property:
+    """Return the property for a display of data in a view."""
+    xml = '<ProxyProperty name="Display" command="SetDisplay" null_on_empty="1"/>'
+    return Property("Display", xml, None, {"SetDisplay": _store("Display", lambda shown: shown)})
+
+
 def kept_as() -> list[Property]:
     """Return the property with the names under which results are kept, so that a saved state finds them.
 

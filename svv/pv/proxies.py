@@ -35,12 +35,13 @@ from svv.pv.panels import (
     volume_properties,
 )
 from svv.pv.parallel import DividedInput, do_next_job
-from svv.pv.properties import button, file, files, kept_as, panel, scalars, shown_view, status, switch
+from svv.pv.properties import button, display, file, files, kept_as, number, panel, scalars, shown_view, status, switch
 from svv.pv.steps import Moment, Steps
+from svv.pv.volume_display import set_unit_distance
 
 __all__ = [
     "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPlaceInView",
-    "StyleRFVolume", "StyleRFPieces",
+    "StyleRFVolume", "StyleRFPieces", "StyleRFUnitDistance",
 ]  # fmt: skip
 
 
@@ -316,3 +317,19 @@ class StyleRFPieces(DividedInput):
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
         do_next_job(inputs[0])
+
+
+@smproxy.filter(group="internal_filters", label="StyleRF Unit Distance", support_reload=False)
+@panel(display(), number("Distance", 1.0, "Opacity unit distance of the fourth component, world units."))
+class StyleRFUnitDistance(Filter):
+    """Set a display's opacity unit distance where it is drawn, on a server too (svv.pv.volume_display)."""
+
+    def __init__(self) -> None:
+        import paraview.modules.vtkRemotingViews  # noqa: F401  (lets a server's Python know the class of displays)
+
+        super().__init__(0, 1, "vtkTable")
+
+    def RequestData(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Set it, on every rank."""
+        set_unit_distance(self.values["Display"], self.values["Distance"])
+        return 1

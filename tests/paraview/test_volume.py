@@ -170,3 +170,15 @@ said["display"] = shown_as(display)
     assert said["subset"] == 5 * 9 * 9 and said["slice"] == 81
     assert said["clip"][0] > 5 * 81 - 1
     assert said["display"][:3] == ["Volume", 0, "RGBA"]
+
+
+def test_a_server_draws_it_with_the_same_opacities(inside, pvserver, tmp_path: Path) -> None:
+    draw = """
+view = small_view()
+Show(StyleRFVolume(Input=OpenDataFile(folder + "/cube.svv")), view)
+picture(NAME, view)
+"""
+    inside(VIEW + 'NAME = "here"\n' + draw)
+    inside(f'Connect("127.0.0.1", {pvserver})\n' + VIEW + 'NAME = "there"\n' + draw)
+    here, there = read(tmp_path / "here.png"), read(tmp_path / "there.png")
+    assert here.min() < 0.5 and np.abs(here - there).mean() < 0.003  # too faint by 0.1 without the unit distance

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray, vtkInformationVector, vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkDoubleArray, vtkInformationVector, vtkPoints, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageData, vtkPolyData, vtkTable
 
 from svv.core.cameras import Camera, look_at
@@ -93,6 +93,11 @@ def scene_of(data: vtkDataObject | None) -> Scene:
         _keep(key, Scene.from_bytes(vtk_to_numpy(array).tobytes(), "The scene in the input"))
     _scenes.move_to_end(key)
     return _scenes[key]
+
+
+def key_of_scene(data: vtkDataObject) -> str:
+    """Return a hash of the scene that a table carries, with its edits."""
+    return digest_of(data.GetFieldData().GetArray(SCENE))
 
 
 def time_of(data: vtkDataObject | None) -> float | None:
@@ -196,6 +201,14 @@ def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
     image.GetPointData().SetScalars(colours)
     for name, values in volume.fields().items():
         image.GetFieldData().AddArray(_array(name, values))
+
+
+def evaluated(function: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values of an implicit function of VTK at world coordinates (N, 3). (N,)"""
+    values = vtkDoubleArray()
+    values.SetNumberOfTuples(len(at))  # not every function does
+    function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(at)), values)
+    return vtk_to_numpy(values)
 
 
 def _tell_ranges(array: Any, values: NDArray[Any]) -> None:

@@ -31,6 +31,7 @@ from svv.pv.properties import (
     numbers,
     picked,
     scalars,
+    shape,
     shown_where,
     switch,
     text,
@@ -171,6 +172,18 @@ def image_properties(size: int) -> list[Property]:
                "parallel rays; 0 for perspective.", 0.0, None, True),
         integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros. The macro StyleRF "
                 "play orbit animates through the frames.", 0, 180),
+    ]  # fmt: skip
+
+
+def cut_properties() -> Sequence[Property]:
+    """Return the properties for cutting a volume open."""
+    return [
+        switch("Cut", False, "Cut the volume open at the surface below. (Clip would make tetrahedra of it, which "
+               "ParaView does not draw in its colours.)"),
+        *shown_where("Cut", 1, [
+            shape("CutBy", "Plane, box, sphere or cylinder at which the volume is cut."),
+            switch("Invert", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
+        ]),
     ]  # fmt: skip
 
 

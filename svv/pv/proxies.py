@@ -15,7 +15,7 @@ from svv.errors import part
 from svv.io.made import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
-from svv.pv.data import drawn_in, put_baked, put_drawn, put_mesh, put_no_views, put_scene, scene_of
+from svv.pv.data import drawn_in, key_of_scene, put_baked, put_drawn, put_mesh, put_no_views, put_scene, scene_of
 from svv.pv.filters import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.identity import key_in, key_of
 from svv.pv.keeping import Keeping, views_in, write_views
@@ -23,6 +23,7 @@ from svv.pv.option_panel import options_in, properties_of
 from svv.pv.panels import (
     PICTURES,
     TAKE_HELP,
+    cut_properties,
     device,
     image_properties,
     keep_input_visible,
@@ -209,11 +210,12 @@ class StyleRFPlaceInView(Filter):
 @smproxy.filter(label="StyleRF Volume", support_reload=False)
 @menu
 @smhint.xml('<RepresentationType view="RenderView" type="Volume"/>')
-@panel(*properties_of(BakeOptions()), status())
+@panel(*properties_of(BakeOptions()), *cut_properties(), status())
 @takes_scene
 class StyleRFVolume(VolumeOutput):
-    """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, cut by
-    clips, at its own frame rate. An edit before this filter updates it without looking at the scene again."""
+    """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, at
+    its own frame rate, and cut open by a plane, box, sphere or cylinder. An edit before this filter updates it without
+    looking at the scene again."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
@@ -229,12 +231,15 @@ class StyleRFVolume(VolumeOutput):
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.kernels.dispatch import device_named
+        from svv.pv.work import as_cut
         from svv.render.baked import Baker
 
         options = options_in(BakeOptions, self.values)
         scene = scene_of(inputs[0]).on(device_named(options.device))
         baker: Baker = self.kept("baker", options.device, Baker)
-        self.kept("volume", object(), lambda: baker.bake(scene, options, self.progress))
+        key = key_of_scene(inputs[0]), options
+        baked = self.kept("baked", key, lambda: baker.bake(scene, options, self.progress))
+        self.kept("volume", object(), lambda: as_cut(baked, self.values))
         self.before(outputs)
         self.announce(out_info, self.last("volume").grid)
         return f"{self.last('volume').told()}."

@@ -20,6 +20,9 @@ Side = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 DROP = 3.0
 """Logarithm by which extinction drops over a voxel at the cut; if it dropped at once, mappers would draw steps."""
 
+REACH = 2.0
+"""Voxels beyond the cut at which nothing is left."""
+
 CHUNK = 1 << 19
 """Points that are looked at together."""
 
@@ -27,7 +30,7 @@ CHUNK = 1 << 19
 def cut(volume: BakedVolume, side: Side) -> BakedVolume:
     """Return a volume without what lies on one side of a surface.
 
-    Extinction is halved at the surface, and drops to 1/20 over each voxel beyond it.
+    Extinction is halved at the surface, drops to 1/20 over each voxel beyond it, and ends after two.
 
     Args:
         volume: The volume; it is left as it is.
@@ -40,8 +43,9 @@ def cut(volume: BakedVolume, side: Side) -> BakedVolume:
         place = places[first : first + CHUNK]
         index = np.stack(np.unravel_index(place, grid.shape[::-1])[::-1], axis=1)
         at = np.array(grid.origin) + index * grid.spacing  # (S, 3)
-        drop = DROP / step * np.maximum(_voxels_beyond(side, at, grid.spacing) + np.log(2.0) / DROP, 0.0)
-        codes[place] = np.rint(np.maximum(codes[place] - drop, 0.0))
+        beyond = _voxels_beyond(side, at, grid.spacing)
+        drop = DROP / step * np.maximum(beyond + np.log(2.0) / DROP, 0.0)
+        codes[place] = np.where(beyond > REACH, 0.0, np.rint(np.maximum(codes[place] - drop, 0.0)))
     most, largest = volume.most, int(codes.max(initial=0))
     if 1 < largest < CODES:  # the largest code has to be 255, see svv.core.opacity_code
         logs = LEAST_LOG_DEPTH + step * (codes - 1.0)

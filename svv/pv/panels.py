@@ -158,8 +158,8 @@ def image_properties(size: int) -> list[Property]:
     return [
         client_switch("FollowCamera",
                       "Follow the camera of the view that shows the volume, with a small image while the mouse drags "
-                      "and a sharp one on release. The image is shown in a separate view to the right of that one, in which "
-                      "the mouse turns the same camera; or in that view, by StyleRF Place In View."),
+                      "and a sharp one on release. The image is shown in a separate view to the right, in which the "
+                      "mouse turns the same camera, or in that view by StyleRF Place In View."),
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
                "What the image shows: the scene, or its numbered regions in false colours or in their own colours."),

@@ -33,7 +33,8 @@ from svv.fields.scene import Scene
 from svv.io.output import write_volume
 from svv.kernels.numba_baking import extend_colours
 from svv.options.baking import BakeOptions
-from svv.render.baked import OPACITY, UNIT_DISTANCE, BakedVolume, Baker, bake, baked, write_baked
+from svv.render.baked import OPACITY, UNIT_DISTANCE, BakedVolume, Baker, bake, baked, halved, write_baked
+from svv.render.voxels import Grid
 from tests.baked_views import BakedCaster
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
 from tests.solid_ball import solid_ball
@@ -186,6 +187,30 @@ def test_edits_act_as_in_images() -> None:
     only = bake(cube, BakeOptions(regions=(1,)))
     assert np.array_equal(only.rgba, baker.bake(cube.isolated(1), BakeOptions()).rgba)
     assert (only.rgba[regions == 1, 3] > 0).mean() > 0.99
+
+
+def test_a_coarser_volume_is_a_filtered_one() -> None:
+    """A block of one extinction has it again inside; a sheet one fine voxel thick is not lost, wherever it lies."""
+    fine, coarse = Grid(16, (17,) * 3, (0,) * 3, (0.0,) * 3, 0.5), Grid(8, (9,) * 3, (0,) * 3, (0.0,) * 3, 1.0)
+    rgba = np.full((17, 17, 17, 4), (200, 100, 50, 255), np.uint8)
+    whole = BakedVolume(rgba, fine, 1.5, (np.array([[0.0, 255.0]] * 4), (0.0, 510.0)))
+    block = halved(whole, coarse)
+    per_length = [depths(v.most)[255] / v.grid.unit_distance for v in (whole, block)]
+    assert per_length[0] == pytest.approx(per_length[1], rel=1e-5)
+    assert (block.rgba[1:-1, 1:-1, 1:-1] == (200, 100, 50, 255)).all()
+    for layer in (7, 8):  # between two coarse points, and on one
+        rgba[..., 3] = 0
+        rgba[:, :, layer, 3] = 255
+        sheet = halved(whole, coarse)
+        roots = np.sqrt(depths(sheet.most)[sheet.rgba[4, 4, :, 3]] / sheet.grid.unit_distance)
+        assert 2.0 * roots.sum() == pytest.approx(per_length[0] ** 0.5, rel=0.01)
+        assert (sheet.rgba[4, 4, sheet.rgba[4, 4, :, 3] > 0, :3] == (200, 100, 50)).all()
+
+
+def test_a_scene_is_filtered_for_coarser_grids() -> None:
+    ball = solid_ball()
+    fine, coarse = bake(ball), bake(ball, BakeOptions(resolution=16))
+    assert np.array_equal(coarse.rgba, halved(fine, coarse.grid).rgba)
 
 
 @pytest.mark.parametrize("edited", [False, True])

@@ -54,3 +54,42 @@ def soften_edges(codes, places, own, drop, out):  # type: ignore[no-untyped-def]
                     count += 1
                     total += codes[c, b, a]
         out[i] = max(min(total // count, own[i]) - drop, 0) if count > 0 else 0
+
+
+@njit(parallel=True, cache=True)
+def halve(fine, roots, first, out, root):  # type: ignore[no-untyped-def]
+    """Filter a volume for a grid of half its resolution.
+
+    Each point of the coarse grid has a weighted mean of the 27 fine points around it, whose weights along each axis are
+    1/4, 1/2, 1/4.
+
+    ``fine`` (Z, Y, X, 4) uint8: colours and codes; ``roots`` (256,): square root of the extinction of each code;
+    ``first`` (3,): index, z, y, x, in ``fine`` of the first coarse point, which may be negative. Writes the means of
+    the roots, ``root`` (z, y, x) float32, and of the colours, weighted by extinction, into ``out`` (z, y, x, 4) uint8,
+    the colour of the fine point itself where there is none; the fourth byte is left.
+    """
+    depth, height, width = fine.shape[:3]
+    for z in prange(out.shape[0]):
+        for y in range(out.shape[1]):
+            for x in range(out.shape[2]):
+                k, j, i = 2 * z + first[0], 2 * y + first[1], 2 * x + first[2]
+                total = red = green = blue = weights = 0.0
+                for c in range(max(k - 1, 0), min(k + 2, depth)):
+                    for b in range(max(j - 1, 0), min(j + 2, height)):
+                        for a in range(max(i - 1, 0), min(i + 2, width)):
+                            code = fine[c, b, a, 3]
+                            if code > 0:
+                                share = 1.0 / (1 << (3 + abs(c - k) + abs(b - j) + abs(a - i)))
+                                total += share * roots[code]
+                                weight = share * roots[code] * roots[code]
+                                red += weight * fine[c, b, a, 0]
+                                green += weight * fine[c, b, a, 1]
+                                blue += weight * fine[c, b, a, 2]
+                                weights += weight
+                root[z, y, x] = total
+                if weights > 0.0:
+                    out[z, y, x, 0] = np.uint8(red / weights + 0.5)
+                    out[z, y, x, 1] = np.uint8(green / weights + 0.5)
+                    out[z, y, x, 2] = np.uint8(blue / weights + 0.5)
+                elif 0 <= k < depth and 0 <= j < height and 0 <= i < width:
+                    out[z, y, x, :3] = fine[k, j, i, :3]

@@ -7,12 +7,13 @@ is just starting, importing them would create an additional session.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMProxyManager
 
 from svv.errors import BadInput
-from svv.pv import follow
+from svv.pv import follow, placing
 from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
 from svv.pv.picking import watch_picks
@@ -157,14 +158,24 @@ def _registered(session: Any, *_: Any) -> None:
     for view in _proxies(session, "RenderView", "views"):
         watch_view(view)
         watch_volumes(view)
+        placing.watch_pictures(view)
     loading = session.GetInLoadXMLState()  # a state defines how its data is displayed
-    for display in _proxies(session, DISPLAY, "representations"):
+    for display in _new_displays(session, placing.DISPLAY):
+        if not loading:
+            placing.as_placed(display)
+    for display in _new_displays(session, DISPLAY):
+        if loading or as_volume(display):
+            continue
+        if display.Input.SMProxy.GetXMLName() in IMAGES:
+            as_it_is(display)
+
+
+def _new_displays(session: Any, kind: str) -> Iterator[Any]:
+    """Yield the representations of a kind that have not been seen before."""
+    for display in _proxies(session, kind, "representations"):
         if not display.SMProxy.HasAnnotation(SEEN) and display.Input is not None:
             display.SMProxy.SetAnnotation(SEEN, "1")
-            if loading or as_volume(display):
-                continue
-            if display.Input.SMProxy.GetXMLName() in IMAGES:
-                as_it_is(display)
+            yield display
 
 
 def as_it_is(display: Any) -> None:

@@ -17,6 +17,9 @@ CROSS, ARROW = 10, 0
 STILL = 3
 """Pixels that the mouse may move during a click; a longer motion drags the picture."""
 
+FIRST = 2.0
+"""Priority of the observers: before those that pass the mouse on to another view (:mod:`svv.pv.forwarding`)."""
+
 Act = Callable[[Any, Any, Sequence[int]], None]
 """What a click does, given the filter's proxy, the view, and the pixel from the view's lower left."""
 
@@ -37,7 +40,7 @@ class Clicks:
         for view in self._views:
             interactor = view.GetInteractor()
             for event, do in (("LeftButtonPressEvent", self._press), ("LeftButtonReleaseEvent", self._release)):
-                self._tags.append((interactor, interactor.AddObserver(event, do)))
+                self._tags.append((interactor, interactor.AddObserver(event, do, FIRST)))
             view.GetRenderWindow().SetCurrentCursor(CROSS)
 
     def _press(self, interactor: Any, event: str) -> None:

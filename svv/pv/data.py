@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray, vtkInformationVector, vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkDoubleArray, vtkInformationVector, vtkPoints, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkImageData, vtkPolyData, vtkTable
 
 from svv.core.cameras import Camera, look_at
+from svv.core.depth_mesh import DepthMesh
 from svv.errors import BadInput
 from svv.pv.identity import digest_of_views
 
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 SCENE = "StyleRF Scene"
 VIEWS = "StyleRF Views"
+CAMERA = "StyleRF Camera"
+"""Field data of an image: its camera's matrix (16, row by row), horizontal angle of view in radians, and width in world
+units if it is orthographic, otherwise 0."""
 BAKED, OPACITY, UNIT_DISTANCE = "RGBA", "StyleRF Opacity", "StyleRF Unit Distance"
 """Names of a baked volume's array and field data, the same as in files (:mod:`svv.render.baked`)."""
 
@@ -91,6 +95,11 @@ def scene_of(data: vtkDataObject | None) -> Scene:
     return _scenes[key]
 
 
+def key_of_scene(data: vtkDataObject) -> str:
+    """Return a hash of the scene that a table carries, with its edits."""
+    return digest_of(data.GetFieldData().GetArray(SCENE))
+
+
 def time_of(data: vtkDataObject | None) -> float | None:
     """Return the time of a data object; None if it has none."""
     key = vtkDataObject.DATA_TIME_STEP()
@@ -146,6 +155,41 @@ def put_image(image: vtkImageData, arrays: dict[str, NDArray[Any]]) -> None:
             image.GetPointData().SetActiveScalars(name)
 
 
+def put_drawn(image: vtkImageData, arrays: dict[str, NDArray[Any]], camera: Camera) -> None:
+    """Fill an image as :func:`put_image` does, and record its camera."""
+    put_image(image, arrays)
+    numbers = [*camera.camera_to_world.ravel(), camera.fov_x, camera.span_x or 0.0]
+    image.GetFieldData().AddArray(_array(CAMERA, np.array(numbers)))
+
+
+def drawn_in(data: vtkDataObject | None) -> tuple[NDArray[np.uint8], NDArray[np.float32], Camera]:
+    """Return RGBA (height, width, 4), depth (height, width) and camera of an image; row 0 is at the top.
+
+    Raises:
+        BadInput: The data are not an image that StyleRF Render or StyleRF Stylized View made.
+    """
+    fields = None if data is None else data.GetFieldData().GetArray(CAMERA)
+    if data is None or fields is None or not data.IsA("vtkImageData"):
+        raise BadInput("The input is not an image of a scene: connect StyleRF Render or StyleRF Stylized View.")
+    image = vtkImageData.SafeDownCast(data)
+    numbers = vtk_to_numpy(fields).astype(np.float64)
+    width, height, _ = image.GetDimensions()
+    camera = Camera(numbers[:16].reshape(4, 4), float(numbers[16]), width, height, float(numbers[17]) or None)
+    rgba, depth = (vtk_to_numpy(image.GetPointData().GetArray(name)) for name in ("RGBA", "Depth"))
+    return rgba.reshape(height, width, 4)[::-1], depth.reshape(height, width)[::-1], camera
+
+
+def put_mesh(mesh: DepthMesh, data: vtkPolyData) -> None:
+    """Fill a data object with a surface in its own colours, array ``RGBA`` of the points."""
+    data.Initialize()
+    points, cells = vtkPoints(), vtkCellArray()
+    points.SetData(_array("Points", mesh.points))
+    cells.SetData(4, _array("Vertices", mesh.quads.ravel()))
+    data.SetPoints(points)
+    data.SetPolys(cells)
+    data.GetPointData().SetScalars(_array("RGBA", mesh.colours))
+
+
 def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
     """Fill an image with a baked volume, with its opacity function and unit distance as field data."""
     image.Initialize()
@@ -157,6 +201,14 @@ def put_baked(volume: BakedVolume, image: vtkImageData) -> None:
     image.GetPointData().SetScalars(colours)
     for name, values in volume.fields().items():
         image.GetFieldData().AddArray(_array(name, values))
+
+
+def evaluated(function: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values of an implicit function of VTK at world coordinates (N, 3). (N,)"""
+    values = vtkDoubleArray()
+    values.SetNumberOfTuples(len(at))  # not every function does
+    function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(at)), values)
+    return vtk_to_numpy(values)
 
 
 def _tell_ranges(array: Any, values: NDArray[Any]) -> None:

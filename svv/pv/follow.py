@@ -12,9 +12,13 @@ from typing import Any
 from vtkmodules.vtkCommonCore import vtkWeakReference
 
 from svv.errors import BadInput
+from svv.pv.forwarding import ForwardedMouse
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView")
 """Filters that render an image from a camera."""
+
+PLACED = "StyleRFPlaceInView"
+"""The filter that places such an image in the 3D view (:mod:`svv.pv.placing`)."""
 
 LARGEST = 800
 """Longer side of the sharp image, in pixels."""
@@ -39,6 +43,7 @@ class CameraFollower:
     def __init__(self, view: Any, filter: Any, target: Any) -> None:
         self._proxies = [_weak(proxy.SMProxy) for proxy in (view, filter, target)]
         self._last: object = None
+        self._mouse = ForwardedMouse(target, view)
         self._wanted: float | None = None
         self.drawing = False
         interactor = view.GetInteractor()
@@ -70,6 +75,10 @@ class CameraFollower:
         """Whether the camera moved while ParaView was busy, so that the image is out of date."""
         return self._wanted is not None
 
+    def strayed(self, view: Any) -> bool:
+        """Whether this is the followed view, given as a proxy, and its camera is not that of the image."""
+        return self._proxies[0].Get() is view and self._last != through(self.view, self.filter, 1.0)
+
     @property
     def alive(self) -> bool:
         """Whether all three still exist; a proxy that a script deleted but still references does not count."""
@@ -93,15 +102,13 @@ class CameraFollower:
         from paraview import simple
 
         view, filter, target = self.view, self.filter, self.target
-        camera, parallel_scale = camera_numbers(view), parallel_scale_of(view)
-        width, height = (max(int(scale * LARGEST * n / max(view.ViewSize)), 16) for n in view.ViewSize)
-        if (camera, parallel_scale, width, height) == self._last:
+        wanted = through(view, filter, scale)
+        if wanted == self._last:
             return
-        self._last = camera, parallel_scale, width, height
-        filter.Camera, filter.ParallelScale = camera, parallel_scale
-        filter.ImageSize = [width, height]
+        self._last = wanted
+        look_through(filter, view, scale)
         filter.UpdatePipeline()
-        fit(target, width, height)
+        fit(target, *filter.ImageSize)
         simple.Render(target)
 
     def stop(self) -> None:
@@ -110,6 +117,7 @@ class CameraFollower:
         for tag in self._tags if interactor is not None else ():
             interactor.RemoveObserver(tag)
         self._tags = []
+        self._mouse.stop()
 
 
 def busy() -> bool:
@@ -143,6 +151,41 @@ def parallel_scale_of(view: Any) -> float:
     """Return half of the height that a view's live camera sees if it is orthographic, in world units; otherwise 0."""
     camera = view.GetActiveCamera()
     return camera.GetParallelScale() if camera.GetParallelProjection() else 0.0
+
+
+def through(view: Any, filter: Any, scale: float) -> tuple[list[float], float, list[int]]:
+    """Return camera, parallel scale and size of an image that follows a view.
+
+    The longer side is :data:`LARGEST`, or that of the view if this is smaller and the image is placed in a 3D view.
+
+    Args:
+        view: The followed view.
+        filter: The image's filter.
+        scale: Size of the image, as a fraction of the sharp image's.
+    """
+    longer = max(view.ViewSize)
+    sharp = min(LARGEST, longer) if placed(filter) else LARGEST
+    size = [max(int(scale * sharp * side / longer), 16) for side in view.ViewSize]
+    return camera_numbers(view), parallel_scale_of(view), size
+
+
+def look_through(filter: Any, view: Any, scale: float) -> bool:
+    """Give an image a view's camera, and the size of :func:`through`; return whether anything changed."""
+    wanted = through(view, filter, scale)
+    if (list(filter.Camera), filter.ParallelScale, list(filter.ImageSize)) == wanted:
+        return False
+    filter.Camera, filter.ParallelScale, filter.ImageSize = wanted
+    return True
+
+
+def placed(filter: Any) -> bool:
+    """Return whether a StyleRF Place In View takes the image of a filter."""
+    from paraview import simple
+
+    return any(
+        source.SMProxy.GetXMLName() == PLACED and source.Input is not None and source.Input.SMProxy == filter.SMProxy
+        for source in simple.GetSources().values()
+    )
 
 
 def show_image(filter: Any, view: Any) -> Any:

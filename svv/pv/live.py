@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from vtkmodules.vtkCommonCore import vtkWeakReference
+from vtkmodules.vtkCommonCore import VTK_INT, vtkWeakReference
 
-from svv.pv.follow import busy, follow, follower_of, followers, stop_following, view_to_follow
+from svv.pv.follow import busy, follow, follower_of, followers, placed, stop_following, view_to_follow
 
 PROPERTY = "FollowCamera"
 
@@ -112,12 +112,17 @@ def _updated(proxy: Any, event: str) -> None:
         _soon()
 
 
-def _drawn(proxy: Any, event: str) -> None:
+def _drawn(proxy: Any, event: str, interactive: int) -> None:
     for follower in followers():
-        if follower.behind and not follower.drawing:
+        # Cameras are moved by buttons, links and scripts, too; while the mouse moves one, the follower hears of it.
+        late = follower.behind or (not interactive and follower.strayed(proxy))
+        if late and not follower.drawing:
             _add(_waiting, follower.filter.SMProxy)
     if _waiting and not _soon():
         _begin()
+
+
+_drawn.CallDataType = VTK_INT  # type: ignore[attr-defined]
 
 
 def _soon() -> bool:
@@ -162,7 +167,7 @@ def _follow(waiting: list[Any]) -> None:
         follower = follower_of(filter)
         if follower is not None:
             follower.update(1.0)
-        elif view_to_follow(filter) is not None:
+        elif not placed(filter) and view_to_follow(filter) is not None:  # a picture needs no view of its own
             follow(filter)
 
 

@@ -31,6 +31,7 @@ from svv.pv.properties import (
     numbers,
     picked,
     scalars,
+    shape,
     shown_where,
     switch,
     text,
@@ -77,6 +78,12 @@ def takes_volume(cls: Any) -> Any:
     arrays = '<InputArrayDomain name="input_array" attribute_type="any" number_of_components="1" optional="1"/>'
     cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
     return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
+
+
+def takes_image(cls: Any) -> Any:
+    """Give the filter an image as its input, of colours, whose arrays it knows by name."""
+    cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0)(cls)
 
 
 def takes_scene(cls: Any) -> Any:
@@ -151,7 +158,8 @@ def image_properties(size: int) -> list[Property]:
     return [
         client_switch("FollowCamera",
                       "Follow the camera of the view that shows the volume, with a small image while the mouse drags "
-                      "and a sharp one on release. The image is shown in a separate view to the right of that one."),
+                      "and a sharp one on release. The image is shown in a separate view to the right, in which the "
+                      "mouse turns the same camera, or in that view by StyleRF Place In View."),
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
                "What the image shows: the scene, or its numbered regions in false colours or in their own colours."),
@@ -165,6 +173,18 @@ def image_properties(size: int) -> list[Property]:
                "parallel rays; 0 for perspective.", 0.0, None, True),
         integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros. The macro StyleRF "
                 "play orbit animates through the frames.", 0, 180),
+    ]  # fmt: skip
+
+
+def cut_properties() -> Sequence[Property]:
+    """Return the properties for cutting a volume open."""
+    return [
+        switch("Cut", False, "Cut the volume open at the surface below. (Clip would make tetrahedra of it, which "
+               "ParaView does not draw in its colours.)"),
+        *shown_where("Cut", 1, [
+            shape("CutBy", "Plane, box, sphere or cylinder at which the volume is cut."),
+            switch("Invert", True, "Keep what lies behind the plane or inside the shape; otherwise the rest."),
+        ]),
     ]  # fmt: skip
 
 

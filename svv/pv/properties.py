@@ -8,10 +8,14 @@ class the setters that the XML names: they store a changed value, then call ``Mo
 from __future__ import annotations
 
 import re
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 from xml.sax.saxutils import escape, quoteattr
+
+SHAPES = ("Plane", "Box", "Sphere", "Cylinder")
+"""ParaView's names of the surfaces between which :func:`shape` chooses."""
 
 Class = TypeVar("Class", bound=type)
 
@@ -243,6 +247,43 @@ def transfer_function() -> Property:
             self.Modified()
 
     return Property("TransferFunction", xml, None, {"SetTransferFunction": setter})
+
+
+def shape(name: str, help: str) -> Property:
+    """Return the property for a surface with handles in the view, as Clip has it: a plane, box, sphere or cylinder."""
+    kinds = "".join(f'<Proxy group="implicit_functions" name="{kind}"/>' for kind in SHAPES)
+    xml = (
+        f'<ProxyProperty name="{name}" label="{label_of(name)}" command="Set{name}">'
+        f'<ProxyListDomain name="proxy_list">{kinds}</ProxyListDomain>'
+        f"<Documentation>{escape(help)}</Documentation></ProxyProperty>"
+    )
+
+    def setter(self: Any, function: Any) -> None:
+        if self.values[name] is not function:
+            self.values[name] = function
+            self.Modified()
+            if function is not None:
+                function.AddObserver("ModifiedEvent", _marker(self))
+
+    return Property(name, xml, None, {f"Set{name}": setter})
+
+
+def _marker(filter: Any) -> Callable[..., None]:
+    """Return an observer that marks a filter as modified as long as it exists."""
+    reference = weakref.ref(filter)
+
+    def mark(*_: Any) -> None:
+        this = reference()
+        if this is not None:
+            this.Modified()
+
+    return mark
+
+
+def display() -> Property:
+    """Return the property for a display of data in a view."""
+    xml = '<ProxyProperty name="Display" command="SetDisplay" null_on_empty="1"/>'
+    return Property("Display", xml, None, {"SetDisplay": _store("Display", lambda shown: shown)})
 
 
 def kept_as() -> list[Property]:

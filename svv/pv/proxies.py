@@ -15,30 +15,34 @@ from svv.errors import part
 from svv.io.made import digest
 from svv.options.baking import BakeOptions
 from svv.options.making import ViewOptions
-from svv.pv.data import put_baked, put_image, put_no_views, put_scene, scene_of
-from svv.pv.filters import ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
+from svv.pv.data import drawn_in, key_of_scene, put_baked, put_drawn, put_mesh, put_no_views, put_scene, scene_of
+from svv.pv.filters import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.identity import key_in, key_of
 from svv.pv.keeping import Keeping, views_in, write_views
 from svv.pv.option_panel import options_in, properties_of
 from svv.pv.panels import (
     PICTURES,
     TAKE_HELP,
+    cut_properties,
     device,
     image_properties,
     keep_input_visible,
     menu,
     preview_file,
+    takes_image,
     takes_scene,
     takes_volume,
     training_properties,
     volume_properties,
 )
 from svv.pv.parallel import DividedInput, do_next_job
-from svv.pv.properties import button, file, files, kept_as, panel, scalars, shown_view, status
+from svv.pv.properties import button, display, file, files, kept_as, number, panel, scalars, shown_view, status, switch
 from svv.pv.steps import Moment, Steps
+from svv.pv.volume_display import set_unit_distance
 
 __all__ = [
-    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFVolume", "StyleRFPieces",
+    "StyleRFStylizedView", "StyleRFViews", "StyleRFTrain", "StyleRFRender", "StyleRFPlaceInView",
+    "StyleRFVolume", "StyleRFPieces", "StyleRFUnitDistance",
 ]  # fmt: skip
 
 
@@ -174,18 +178,44 @@ class StyleRFRender(ImageOutput):
 
         scene = scene_of(inputs[0])
         camera = camera_for(scene, self.values)
-        put_image(outputs[0], draw(scene, camera, self.values, self.progress))
+        put_drawn(outputs[0], draw(scene, camera, self.values, self.progress), camera)
         return f"{camera.width} x {camera.height} pixels."
+
+
+@smproxy.filter(label="StyleRF Place In View", support_reload=False)
+@menu
+@panel(
+    switch("Opaque", False,
+           "Leave out pixels that are less than half opaque, and make the others opaque. Volumes in the same view are "
+           "then hidden by the picture, too; otherwise ParaView draws them over it."),
+    status(),
+)  # fmt: skip
+@takes_image
+class StyleRFPlaceInView(Filter):
+    """Place the image of StyleRF Render or StyleRF Stylized View in the 3D view, among everything else: a surface with
+    a point for each pixel, at the pixel's depth. The image's property Follow Camera is turned on, so that the picture
+    is rendered for the camera of the view in which it stands."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, "vtkPolyData")
+
+    def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.core.depth_mesh import depth_mesh
+
+        mesh = depth_mesh(*drawn_in(inputs[0]), self.values["Opaque"])
+        put_mesh(mesh, outputs[0])
+        return f"{len(mesh.points)} points."
 
 
 @smproxy.filter(label="StyleRF Volume", support_reload=False)
 @menu
 @smhint.xml('<RepresentationType view="RenderView" type="Volume"/>')
-@panel(*properties_of(BakeOptions()), status())
+@panel(*properties_of(BakeOptions()), *cut_properties(), status())
 @takes_scene
 class StyleRFVolume(VolumeOutput):
-    """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, cut by
-    clips, at its own frame rate. An edit before this filter updates it without looking at the scene again."""
+    """Bake a scene, edited and painted, into a volume that ParaView draws in the 3D view among everything else, at
+    its own frame rate, and cut open by a plane, box, sphere or cylinder. An edit before this filter updates it without
+    looking at the scene again."""
 
     def __init__(self) -> None:
         super().__init__(1, 1, "vtkImageData")
@@ -201,12 +231,15 @@ class StyleRFVolume(VolumeOutput):
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.kernels.dispatch import device_named
+        from svv.pv.work import as_cut
         from svv.render.baked import Baker
 
         options = options_in(BakeOptions, self.values)
         scene = scene_of(inputs[0]).on(device_named(options.device))
         baker: Baker = self.kept("baker", options.device, Baker)
-        self.kept("volume", object(), lambda: baker.bake(scene, options, self.progress))
+        key = key_of_scene(inputs[0]), options
+        baked = self.kept("baked", key, lambda: baker.bake(scene, options, self.progress))
+        self.kept("volume", object(), lambda: as_cut(baked, self.values))
         self.before(outputs)
         self.announce(out_info, self.last("volume").grid)
         return f"{self.last('volume').told()}."
@@ -268,7 +301,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
             self.gives(painted=name)
             scene = painted
         camera = camera_for(scene, values)
-        put_image(outputs[0], draw(scene, camera, values, self.progress))
+        put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         hint = "" if styles else "; choose a picture under Style Files to paint them"
         return f"{regions_said(scene)}{hint}.{self.note}{self.steps.told(now)}"
@@ -289,3 +322,19 @@ class StyleRFPieces(DividedInput):
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> None:
         do_next_job(inputs[0])
+
+
+@smproxy.filter(group="internal_filters", label="StyleRF Unit Distance", support_reload=False)
+@panel(display(), number("Distance", 1.0, "Opacity unit distance of the fourth component, world units."))
+class StyleRFUnitDistance(Filter):
+    """Set a display's opacity unit distance where it is drawn, on a server too (svv.pv.volume_display)."""
+
+    def __init__(self) -> None:
+        import paraview.modules.vtkRemotingViews  # noqa: F401  (lets a server's Python know the class of displays)
+
+        super().__init__(0, 1, "vtkTable")
+
+    def RequestData(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Set it, on every rank."""
+        set_unit_distance(self.values["Display"], self.values["Distance"])
+        return 1

@@ -17,6 +17,12 @@ from svv.pv.data import BAKED, OPACITY, UNIT_DISTANCE
 SET = "StyleRF.look"
 """Annotation of a display: the look that it was last given."""
 
+SETTER = "StyleRFUnitDistance"
+"""The proxy that sets the unit distance where a server draws."""
+
+_told: list[tuple[Any, float]] = []
+"""Weak references to displays, and the unit distance that each was given on its server."""
+
 _watched: list[Any] = []
 """Weak references to the views that are being watched."""
 
@@ -69,7 +75,7 @@ def _before_drawing(proxy: Any, event: str) -> None:
 
 
 def _set(display: Any, unit: float, opacity: float) -> None:
-    from paraview import simple
+    from paraview import servermanager, simple
 
     said = f"{unit:.9g} {opacity:.9g}"
     if display.SMProxy.GetAnnotation(SET) != said:
@@ -80,8 +86,36 @@ def _set(display: Any, unit: float, opacity: float) -> None:
         table.AutomaticRescaleRangeMode = "Never"  # codes mean the same whatever the range of the data
         display.LookupTable, display.ScalarOpacityFunction = table, function
         display.ScalarOpacityUnitDistance = unit
-    drawn = display.SMProxy.GetClientSideObject()  # None if a remote server draws
-    actor = None if drawn is None else drawn.GetActiveRepresentation().GetActor()
+    set_unit_distance(display.SMProxy.GetClientSideObject(), display.ScalarOpacityUnitDistance)
+    if servermanager.ActiveConnection.IsRemote():
+        _set_on_server(display.SMProxy, display.ScalarOpacityUnitDistance)
+
+
+def set_unit_distance(display: Any, distance: float) -> None:
+    """Set the opacity unit distance, world units, of the fourth component in a display's VTK object.
+
+    The representation sets that of the first component, but VTK's mapper takes that of the code's.
+    """
+    actor = display.GetActiveRepresentation().GetActor()
     if actor is not None:
-        # The representation sets the distance of the first component, but VTK's mapper takes that of the code's.
-        actor.GetProperty().SetScalarOpacityUnitDistance(3, display.ScalarOpacityUnitDistance)
+        actor.GetProperty().SetScalarOpacityUnitDistance(3, distance)
+
+
+def _set_on_server(display: Any, distance: float) -> None:
+    """Set the unit distance where the server draws a display, once for each value."""
+    from paraview.modules.vtkRemotingServerManager import vtkSMPropertyHelper
+
+    _told[:] = [known for known in _told if known[0].Get() is not None]
+    manager = display.GetSessionProxyManager()
+    told = any(known[0].Get() is display and known[1] == distance for known in _told)
+    if told or manager.GetPrototypeProxy("internal_filters", SETTER) is None:  # the server lacks the plugin
+        return
+    _told[:] = [known for known in _told if known[0].Get() is not display]
+    reference = vtkWeakReference()
+    reference.Set(display)
+    _told.append((reference, distance))
+    setter = manager.NewProxy("internal_filters", SETTER)
+    vtkSMPropertyHelper(setter, "Display").Set(display, 0)
+    vtkSMPropertyHelper(setter, "Distance").Set(distance)
+    setter.UpdateVTKObjects()
+    setter.UpdatePipeline()

@@ -29,6 +29,7 @@ from svv.pv.steps import Moment
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
     from svv.io.viewset import ViewSet
+    from svv.render.baked import BakedVolume
 
 Values = Mapping[str, Any]
 
@@ -240,6 +241,17 @@ def style_key(values: Values) -> str:
     rows = [there.get(row, values.get(row)) for k in range(REGIONS) for row in (f"Region{k}{what}" for what in ROW)]
     others = [values.get(name) for name in ("Gallery", "Mapping", "PictureParts")]
     return digest(files, rows, others, chosen(options_in(PaintOptions, values)))
+
+
+def as_cut(volume: BakedVolume, values: Values) -> BakedVolume:
+    """Return a baked volume, cut as the panel asks."""
+    from svv.pv.data import evaluated
+    from svv.render.cut import cut
+
+    function, sign = values["CutBy"], 1.0 if values["Invert"] else -1.0
+    if not values["Cut"] or function is None:
+        return volume
+    return cut(volume, lambda at: sign * evaluated(function, at))
 
 
 # --- images ---------------------------------------------------------------------------------------------------------

@@ -79,18 +79,31 @@ def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
     candidates = sorted({*divisors, *range(cells, wanted + 1, cells)})
     fitting = [r for r in candidates if r <= wanted] or candidates[:1]
     for resolution in reversed(fitting):
-        first = filled.min(axis=0) * resolution // cells
-        last = -(-(filled.max(axis=0) + 1) * resolution // cells)
-        x, y, z = (int(n) for n in last - first + 1)
-        a, b, c = (int(n) for n in first)
-        low = scene.occupancy.box.to_world(first / resolution)
-        grid = Grid(
-            resolution, (x, y, z), (a, b, c), (float(low[0]), float(low[1]), float(low[2])),
-            scene.occupancy.box.size / resolution,
-        )  # fmt: skip
+        grid = _around(scene.occupancy, filled, resolution)
         if 4 * grid.points <= options.memory * 1e9:
             return grid
     raise BadInput(f"A volume of the scene does not fit into {options.memory:g} GB: allow it more memory.")
+
+
+def twice(scene: Scene, grid: Grid, network: str) -> Grid | None:
+    """Return the grid of twice a grid's resolution; None if that is finer than the scene needs or does not fit it."""
+    resolution, cells = 2 * grid.resolution, scene.occupancy.cells
+    if resolution > _finest(scene, network) or (resolution % cells and cells % resolution):
+        return None
+    return _around(scene.occupancy, np.argwhere(scene.occupancy.occupied > 0), resolution)
+
+
+def _around(occupancy: Occupancy, filled: NDArray[np.int64], resolution: int) -> Grid:
+    """Return the grid of a resolution around the occupied cells (N, 3)."""
+    first = filled.min(axis=0) * resolution // occupancy.cells
+    last = -(-(filled.max(axis=0) + 1) * resolution // occupancy.cells)
+    x, y, z = (int(n) for n in last - first + 1)
+    a, b, c = (int(n) for n in first)
+    low = occupancy.box.to_world(first / resolution)
+    return Grid(
+        resolution, (x, y, z), (a, b, c), (float(low[0]), float(low[1]), float(low[2])),
+        occupancy.box.size / resolution,
+    )  # fmt: skip
 
 
 def _finest(scene: Scene, network: str) -> int:

@@ -170,3 +170,53 @@ said["display"] = shown_as(display)
     assert said["subset"] == 5 * 9 * 9 and said["slice"] == 81
     assert said["clip"][0] > 5 * 81 - 1
     assert said["display"][:3] == ["Volume", 0, "RGBA"]
+
+
+def test_a_server_draws_it_with_the_same_opacities(inside, pvserver, tmp_path: Path) -> None:
+    draw = """
+view = small_view()
+Show(StyleRFVolume(Input=OpenDataFile(folder + "/cube.svv")), view)
+picture(NAME, view)
+"""
+    inside(VIEW + 'NAME = "here"\n' + draw)
+    inside(f'Connect("127.0.0.1", {pvserver})\n' + VIEW + 'NAME = "there"\n' + draw)
+    here, there = read(tmp_path / "here.png"), read(tmp_path / "there.png")
+    assert here.min() < 0.5 and np.abs(here - there).mean() < 0.003  # too faint by 0.1 without the unit distance
+
+
+def test_it_is_cut_open_by_the_shapes_of_clip(inside, tmp_path: Path) -> None:
+    said = inside(
+        VIEW
+        + """
+volume = StyleRFVolume(Input=OpenDataFile(folder + "/cube.svv"))
+view = small_view()
+display = Show(volume, view)
+def left(**changes):  # mean position of what is visible
+    for name, value in changes.items():
+        setattr(volume.CutBy, name, value)
+    volume.UpdatePipeline()
+    data = sm.Fetch(volume)
+    codes = vtk_to_numpy(data.GetPointData().GetScalars())[:, 3] > 30
+    places = np.array([data.GetPoint(int(k)) for k in np.flatnonzero(codes)])
+    return [int(codes.sum()), *(places.min(axis=0).tolist() if len(places) else []), *places.max(axis=0).tolist()]
+said["whole"] = left()
+volume.Cut = 1
+said["plane"] = left(Normal=[0.0, 0.0, 1.0], Origin=[0.0, 0.0, 0.0])
+picture("plane", view)
+said["display"] = shown_as(display)
+said["moved"] = left(Origin=[0.0, 0.0, -0.25])
+volume.Invert = 0
+said["inverted"] = left(Origin=[0.0, 0.0, 0.25])
+volume.Invert, volume.CutBy = 1, "Sphere"
+said["sphere"] = left(Center=[0.0, 0.0, 0.0], Radius=0.25)
+volume.Cut = 0
+said["again"] = left()
+"""
+    )
+    whole, plane, moved, inverted, sphere = (said[name] for name in ("whole", "plane", "moved", "inverted", "sphere"))
+    assert whole == said["again"] and whole[3] == -0.5 and whole[6] == 0.5
+    assert whole[0] > plane[0] > moved[0] > 0 and plane[3] == -0.5 and plane[6] < 0.4 and moved[6] < plane[6]
+    assert inverted[6] == 0.5 and inverted[3] > -0.2
+    assert 0 < sphere[0] < 0.7 * whole[0]  # a voxel is half the radius
+    assert said["display"][:3] == ["Volume", 0, "RGBA"]
+    assert (read(tmp_path / "plane.png") < 0.9).any()

@@ -17,6 +17,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.cli import app
 from svv.core.classified import ValueGrid
+from svv.core.correction import Correction
 from svv.core.extinction import EMPTY_LOG_EXTINCTION
 from svv.dvr.classify import classified_as
 from svv.dvr.grids import from_array
@@ -30,6 +31,7 @@ from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.train import loop
 from svv.train.config import PRESETS, Preset, ReconstructSettings, preset
+from svv.train.correct import correct_palette
 from svv.train.evaluate import evaluate_scene
 from svv.train.extinction_table import ExtinctionTable, Places, features_of
 from svv.train.following import at_volume
@@ -290,3 +292,18 @@ def test_what_cannot_follow_says_why(followed: Scene, both: tuple[ViewSet, ViewS
         at_volume(followed, replace(volume, values=None))
     with pytest.raises(BadInput, match="the data runs from"):
         classified_as(from_array(np.full((8, 8, 8), 0.05), (1.0,) * 3, (0.0,) * 3), tf_of(followed))
+
+
+def test_a_corrected_palette_follows_unless_regions_share_values(
+    followed: Scene, both: tuple[ViewSet, ViewSet]
+) -> None:
+    """Two colours of the same values cannot be told apart by them."""
+    train, test = both
+    merged, _ = correct_palette(followed, train, Correction(merge=((0, 1),)), "draft")
+    assert merged.values is not None and len(merged.regions) == 1
+    there = at_volume(merged, classified_as(moved_ball(0.2), tf_of(merged)))
+    assert there.render(test.cameras[0]).rgba[..., 3].max() > 0.1
+    added, _ = correct_palette(followed, train, Correction(add=((0.2, 0.9, 0.3),)), "draft")
+    assert added.values is None
+    with pytest.raises(BadInput, match="--encoding values"):
+        at_volume(added, classified_as(moved_ball(0.2), tf_of(followed)))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from svv.core.cameras import CameraRig
-from svv.core.classified import ClassifiedVolume
+from svv.core.classified import ClassifiedVolume, ValueGrid
 from svv.core.correction import Correction, Entry, corrected
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.encodings import SparseLattice
@@ -25,7 +25,7 @@ from svv.kernels.dispatch import forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaletteOptions
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import Preset, given, preset
+from svv.train.config import VALUES, Preset, given, preset
 from svv.train.loop import Running
 from svv.train.material import owners_of
 from svv.train.pipeline import key_of
@@ -95,6 +95,9 @@ def correct_palette(
     elif chosen.fitted and isinstance(scene.base.encoding, SparseLattice):
         owners = owners_of(scene, views, palette, seed)
     unmixing = Unmixing(palette, scene.device) if owners is None or owners.shared else None
+    values = _values_for(scene, volume, owners)
+    if values is not None and not isinstance(options, Preset):
+        chosen = preset(asked.preset, VALUES)
     saved = None
     if checkpoint is not None:
         key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries]}
@@ -103,13 +106,13 @@ def correct_palette(
     with measured() as cost:
         network, shares, spent = recolour(
             views, scene, palette, chosen.recolour,
-            Running(seed, time_limit, part(progress, 0.0, 0.98), saved), owners, unmixing,
+            Running(seed, time_limit, part(progress, 0.0, 0.98), saved), owners, unmixing, values,
         )  # fmt: skip
         begin = time.monotonic()
         shown = [tuple((ranges[r].low, ranges[r].high) for r in entry.ranges) for entry in entries]
         regions = regions_for(network, shares, shown)
         plain = replace(scene, palette_network=network, regions=regions, history=History(), styled=None, painting=None,
-                        others=(), parts=None)  # fmt: skip
+                        others=(), parts=None, values=None if values is None else scene.values)  # fmt: skip
         plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
     notes = (*notes, *_dropped(scene))
@@ -123,6 +126,18 @@ def correct_palette(
     )  # fmt: skip
     made = {name: value for name, value in scene.made.items() if name not in ("stylized", "key")}
     return replace(result, made={**made, "corrected": [*scene.made.get("corrected", []), report]}), report
+
+
+def _values_for(scene: Scene, volume: ClassifiedVolume | None, owners: Labelled | None) -> ValueGrid | None:
+    """Return the values of which the new palette network is a function, too; None if it must learn its features.
+
+    It must where regions share values, or where the volume is not the one of the scene.
+    """
+    known = volume is not None and volume.values is not None and volume.box == scene.occupancy.box
+    if scene.values is None or not known or owners is None or owners.shared:
+        return None
+    assert volume is not None and volume.values is not None
+    return volume.values.over(scene.values.interval, scene.values.visible)
 
 
 def _dropped(scene: Scene) -> list[str]:

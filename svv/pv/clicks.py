@@ -23,8 +23,20 @@ FIRST = 2.0
 Act = Callable[[Any, Any, Sequence[int]], None]
 """What a click does, given the filter's proxy, the view, and the pixel from the view's lower left."""
 
+_watched: set[tuple[str, Callable[[Any, str, str], None]]] = set()
+
 _clicks: list[Clicks] = []
 """The active handler, at most one; without this reference Python would collect it, because VTK holds none."""
+
+
+def watch_buttons(filter: Any, pressed: Callable[[Any, str, str], None]) -> None:
+    """Call a function with proxy, event and name when a button of a filter's panel is pressed, from now on."""
+    proxy = filter.SMProxy
+    key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}", pressed
+    if key not in _watched:
+        _watched.add(key)
+        pressed.CallDataType = "string0"  # type: ignore[attr-defined]
+        proxy.AddObserver("UpdatePropertyEvent", pressed)
 
 
 class Clicks:

@@ -13,14 +13,12 @@ from typing import Any
 
 from vtkmodules.vtkCommonCore import vtkOutputWindow
 
-from svv.pv.clicks import pixel_at, place_under, start, stopped
+from svv.pv.clicks import pixel_at, place_under, start, stopped, watch_buttons
 from svv.pv.follow import camera_numbers, parallel_scale_of, upstream
 
 BUTTON = "ClickPart"
 IMAGE = "StyleRFRender"
 """The filter whose image of the scene can be clicked into."""
-
-_watched: set[str] = set()
 
 
 def watch_picks(filter: Any) -> None:
@@ -29,11 +27,7 @@ def watch_picks(filter: Any) -> None:
     Args:
         filter: Proxy of StyleRF Edit.
     """
-    proxy = filter.SMProxy
-    key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}"
-    if key not in _watched:
-        _watched.add(key)
-        proxy.AddObserver("UpdatePropertyEvent", _pressed)
+    watch_buttons(filter, _pressed)
 
 
 def _pressed(proxy: Any, event: str, name: str) -> None:
@@ -50,9 +44,6 @@ def _pressed(proxy: Any, event: str, name: str) -> None:
         vtkOutputWindow.GetInstance().DisplayWarningText("StyleRFEdit: There is no view to click into.\n")
         return
     start(edit, BUTTON, views, pick)
-
-
-_pressed.CallDataType = "string0"  # type: ignore[attr-defined]
 
 
 def pick(edit: Any, view: Any, at: Sequence[int]) -> None:

@@ -10,15 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from vtkmodules.vtkCommonCore import VTK_INT, vtkWeakReference
+from vtkmodules.vtkCommonCore import VTK_INT
 
+from svv.pv.drawing import before_drawing
 from svv.pv.follow import DRAGGING, IMAGES, PLACED, busy, look_through
 
 DISPLAY = "GeometryRepresentation"
 """XML name of the representation with which ParaView shows a surface in a 3D view."""
-
-_watched: list[Any] = []
-"""Weak references to the views that are being watched."""
 
 
 def as_placed(display: Any) -> bool:
@@ -37,12 +35,7 @@ def as_placed(display: Any) -> bool:
 
 def watch_pictures(view: Any) -> None:
     """Render the images of a 3D view's pictures for its camera before it is drawn, from now on."""
-    _watched[:] = [known for known in _watched if known.Get() is not None]
-    if not any(known.Get() is view.SMProxy for known in _watched):
-        reference = vtkWeakReference()
-        reference.Set(view.SMProxy)
-        _watched.append(reference)
-        view.SMProxy.AddObserver("StartEvent", _before_drawing)
+    before_drawing(view, _before_drawing)
 
 
 def pictures_in(view: Any) -> Iterator[tuple[Any, Any]]:

@@ -11,15 +11,13 @@ from typing import Any
 
 from vtkmodules.vtkCommonCore import vtkOutputWindow
 
-from svv.pv.clicks import pixel_at, place_under, start, stopped
+from svv.pv.clicks import pixel_at, place_under, start, stopped, watch_buttons
 
 KINDS = {"ClickInside": "Positive", "ClickOutside": "Negative", "ClickRemove": ""}
 """Button -> the points of the Shown Mask's region to which clicks add; '' if they remove a point."""
 
 MASK = 1
 """The output port that shows the picture."""
-
-_watched: set[str] = set()
 
 
 def watch_points(filter: Any) -> None:
@@ -28,11 +26,7 @@ def watch_points(filter: Any) -> None:
     Args:
         filter: Proxy of StyleRF Stylize.
     """
-    proxy = filter.SMProxy
-    key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}"
-    if key not in _watched:
-        _watched.add(key)
-        proxy.AddObserver("UpdatePropertyEvent", _pressed)
+    watch_buttons(filter, _pressed)
 
 
 def _pressed(proxy: Any, event: str, name: str) -> None:
@@ -50,9 +44,6 @@ def _pressed(proxy: Any, event: str, name: str) -> None:
         )
         return
     start(paint, name, views, lambda filter, view, at: set_point(filter, place_under(view, at), name))
-
-
-_pressed.CallDataType = "string0"  # type: ignore[attr-defined]
 
 
 def views_of_mask(paint: Any) -> list[Any]:

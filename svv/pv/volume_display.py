@@ -13,6 +13,7 @@ from vtkmodules.vtkCommonCore import vtkWeakReference
 
 from svv.core.opacity_code import most_with, opacity_points
 from svv.pv.data import BAKED, OPACITY, UNIT_DISTANCE
+from svv.pv.drawing import before_drawing
 
 SET = "StyleRF.look"
 """Annotation of a display: the look that it was last given."""
@@ -22,9 +23,6 @@ SETTER = "StyleRFUnitDistance"
 
 _told: list[tuple[Any, float]] = []
 """Weak references to displays, and the unit distance that each was given on its server."""
-
-_watched: list[Any] = []
-"""Weak references to the views that are being watched."""
 
 
 def look_of(source: Any) -> tuple[float, float] | None:
@@ -53,12 +51,7 @@ def as_volume(display: Any) -> bool:
 
 def watch_volumes(view: Any) -> None:
     """Give baked volumes the look that their data ask for before a 3D view is drawn, from now on."""
-    _watched[:] = [known for known in _watched if known.Get() is not None]
-    if not any(known.Get() is view.SMProxy for known in _watched):
-        reference = vtkWeakReference()
-        reference.Set(view.SMProxy)
-        _watched.append(reference)
-        view.SMProxy.AddObserver("StartEvent", _before_drawing)
+    before_drawing(view, _before_drawing)
 
 
 def _before_drawing(proxy: Any, event: str) -> None:

@@ -25,7 +25,7 @@ from svv.kernels.dispatch import forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaletteOptions
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import VALUES, Preset, given, preset
+from svv.train.config import Preset, given, preset
 from svv.train.loop import Running
 from svv.train.material import owners_of
 from svv.train.pipeline import key_of
@@ -96,8 +96,7 @@ def correct_palette(
         owners = owners_of(scene, views, palette, seed)
     unmixing = Unmixing(palette, scene.device) if owners is None or owners.shared else None
     values = _values_for(scene, volume, owners)
-    if values is not None and not isinstance(options, Preset):
-        chosen = preset(asked.preset, VALUES)
+    how = chosen.recolour if values is None else replace(chosen.recolour, feature_rate=0.0)
     saved = None
     if checkpoint is not None:
         key = {**key_of(views, chosen, time_limit, seed), "scene": scene.made, "palette": [asdict(e) for e in entries]}
@@ -105,7 +104,7 @@ def correct_palette(
     forget_gpu_peak(scene.device)
     with measured() as cost:
         network, shares, spent = recolour(
-            views, scene, palette, chosen.recolour,
+            views, scene, palette, how,
             Running(seed, time_limit, part(progress, 0.0, 0.98), saved), owners, unmixing, values,
         )  # fmt: skip
         begin = time.monotonic()

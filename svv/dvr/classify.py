@@ -158,16 +158,18 @@ def _value_grid(values: NDArray[np.float32], cells: int, spare: int, known: Arra
     width = max(float(seen[-1] - seen[0]), 1e-3 * float(known[-1] - known[0]), 1e-9)
     low, high = max(known[0], seen[0] - width), min(known[-1], seen[-1] + width)
     high = max(float(high), low + width)
-    last = [-(-(n - 1) // spare) * spare for n in values.shape]  # a grid of fewer cells may end a vertex later
-    padded = np.pad(values, [(0, end + 1 - n) for end, n in zip(last, values.shape)], mode="edge")
-    own = padded[::spare, ::spare, ::spare]
-    share = np.clip((own - low) / (high - low), 0.0, 1.0)
-    codes = np.where(np.isnan(own), 0, 1 + np.nan_to_num(np.rint(65534.0 * share))).astype(np.uint16)
+    kept = values[::spare, ::spare, ::spare]
+    wanted = [-(-(n - 1) // spare) + 1 for n in values.shape]  # a grid of fewer cells may end a vertex later
+    own = np.pad(kept, [(0, after - n) for after, n in zip(wanted, kept.shape)], mode="edge")
+    codes = np.zeros(own.shape[::-1], np.uint16)
+    for k, layer in enumerate(own):  # one after another, because several whole grids would take much memory
+        share = np.clip((layer - low) / (high - low), 0.0, 1.0)
+        codes[:, :, k] = np.where(np.isnan(layer), 0.0, 1.0 + np.rint(65534.0 * np.nan_to_num(share))).T
     at = np.linspace(low, high, VALUES)
     integral = np.interp(at, known, _integral(known, sigma))
     visible = tuple(float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in (seen[0], seen[-1]))
     return ValueGrid(
-        cells // spare, np.ascontiguousarray(codes.transpose(2, 1, 0)), (float(low), high), (visible[0], visible[1]),
+        cells // spare, codes, (float(low), high), (visible[0], visible[1]),
         np.maximum.accumulate(integral - integral[0]) / (high - low),
     )  # fmt: skip
 

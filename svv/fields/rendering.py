@@ -142,14 +142,14 @@ def ended(samples: Samples) -> Samples:
     """Give the optical depth behind each ray's last sample to that sample, as part of its extinction.
 
     In an image, it thus has a colour, and the edits of a region act on it; behind a hidden region it would otherwise
-    leave a grey haze. Rays without samples show nothing, because what they pass through has no colour.
+    leave a grey haze. Rays without samples keep theirs: all of a skin of 1 % may lie there.
     """
     if not len(samples):
         return samples
     last = (samples.start + samples.count - 1).clamp_(min=0)
     moved = samples.tail * (samples.count > 0)
     sigma = samples.sigma.index_add(0, last, moved, alpha=1.0 / samples.step)
-    return replace(samples, sigma=sigma, tail=torch.zeros_like(samples.tail))
+    return replace(samples, sigma=sigma, tail=samples.tail - moved)
 
 
 @torch.no_grad()

@@ -81,9 +81,10 @@ def takes_volume(cls: Any) -> Any:
 
 
 def takes_image(cls: Any) -> Any:
-    """Give the filter an image as its input, of colours, whose arrays it knows by name."""
+    """Give the filter an image of colours as its input; volumes, which have one component, cannot be chosen."""
+    arrays = '<InputArrayDomain name="input_array" attribute_type="point" number_of_components="4"/>'
     cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
-    return smproperty.input(name="Input", port_index=0)(cls)
+    return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
 
 
 def takes_scene(cls: Any) -> Any:

@@ -119,6 +119,7 @@ class BaseField(nn.Module):
         """Lay out the field; the density has the features' levels unless ``density_resolutions`` are given."""
         super().__init__()
         self.encoding = settings.encode(occupancy)
+        # Set by training if the extinction is a function of the volume's values; scenes keep it as a ValueFunction.
         self.extinction_table: Tensor | None = None
         self.density: SparseLattice | None = None
         self.density_mlp: nn.Sequential | None = None

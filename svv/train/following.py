@@ -27,6 +27,9 @@ from svv.train.config import ReconstructSettings
 from svv.train.extinction_table import Places, looked_up
 from svv.train.from_values import features_at, palette_given
 
+LEAST_VISIBLE = 0.1
+"""Extinction in 1 / box unit below which a whole volume shows nothing: a ray through it all loses a tenth."""
+
 
 @torch.no_grad()
 def at_volume(scene: Scene, volume: ClassifiedVolume) -> Scene:
@@ -76,10 +79,6 @@ def check_follows(scene: Scene) -> tuple[ValueFunction, PaletteField]:
         if network is not None and not network.direct:
             raise BadInput("Only paint on a lattice can follow a volume: remove this painting first.")
     return scene.values, scene.palette_network
-
-
-LEAST_VISIBLE = 0.1
-"""Extinction in 1 / box unit below which a whole volume shows nothing: a ray through it all loses a tenth."""
 
 
 def _base(

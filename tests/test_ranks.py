@@ -143,7 +143,7 @@ def test_ranks_share_views_and_databases(tmp_path: Path) -> None:
 
 def test_bad_input_is_said_once(tmp_path: Path) -> None:
     (first, _, said), (second, _, silent) = together(["svv", "train", tmp_path, "--out", tmp_path / "scene.svv"])
-    assert (first, second) == (2, 2)
+    assert (first, second) == (2, 2), silent
     assert said.startswith("svv: ") and said.count("\n") == 1
     assert silent == ""
 

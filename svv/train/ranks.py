@@ -14,7 +14,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -131,9 +131,6 @@ def joined(device: str = "cpu") -> Iterator[None]:
     try:
         with _ended_by_launcher():
             yield
-            import torch.distributed as dist
-
-            dist.destroy_process_group()
     except (Cancelled, KeyboardInterrupt):
         _tell("stopped")
         if is_first():
@@ -147,6 +144,16 @@ def joined(device: str = "cpu") -> Iterator[None]:
         raise
     finally:
         _group = None
+        _leave()
+
+
+def _leave() -> None:
+    """Leave the group, after an error, too: its threads, left to the end of the interpreter, sometimes abort it."""
+    import torch.distributed as dist
+
+    if dist.is_initialized():
+        with suppress(RuntimeError):  # another rank has gone, so nothing is left to tell it
+            dist.destroy_process_group()
 
 
 def _connected(where: Place, device: str) -> Any:

@@ -21,7 +21,7 @@ from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views
 from svv.io.viewset import ViewSet
 from svv.train.evaluate import evaluate_scene
-from svv.train.following import at_volume
+from svv.fields.following import at_volume
 from svv.train.pipeline import train_scene
 
 

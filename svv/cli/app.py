@@ -15,7 +15,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from svv._version import __version__
-from svv.cli import bench, cache, cinema, edit, features, follow, job, paraview, render, scene, style, stylize
+from svv.cli import bench, cache, cinema, edit, features, follow, job, join, paraview, render, scene, style, stylize
 from svv.cli.options import examples
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled, Elsewhere
@@ -67,6 +67,7 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "edit": (edit.edit, edit.EDIT),
     "palette": (edit.palette, edit.PALETTE),
     "stylize": (stylize.stylize, stylize.STYLIZE),
+    "join": (join.join, join.JOIN),
     "follow": (follow.follow, follow.FOLLOW),
     "render": (render.render, render.RENDER),
     "evaluate": (scene.evaluate, scene.EVALUATE),

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from svv.cli.files import load
 from svv.cli.option_group import spread
-from svv.cli.options import Out, SceneFile
+from svv.cli.options import SceneFile
 from svv.errors import BadInput, part
 from svv.options.making import VolumeOptions
 from svv.progress import shown
 
+if TYPE_CHECKING:
+    from svv.job.series import Step
+
 FOLLOW = (
-    "svv follow scene.svv blob_01.vti blob_02.vti --out steps",
-    "svv follow scene.svv flow_*.vti --array pressure --out steps",
+    "svv follow scene.svv blob_*.vti --out series.svv",
+    "svv follow scene.svv flow.pvd --array pressure --out series.svv",
+    "svv follow scene.svv blob_01.vti blob_02.vti blob_03.vti --out steps",
 )
 """Examples in the help."""
 
@@ -24,36 +31,70 @@ FOLLOW = (
 @spread
 def follow(
     scene: SceneFile,
-    volumes: Annotated[list[Path], typer.Argument(metavar="VOLUME...", help="The volume at other time steps.")],
-    out: Out,
+    volumes: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="VOLUME...",
+            help="The volume at all time steps, in their order, or a .pvd or .series file that lists them.",
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="FILE.svv|DIR", help="One scene with all time steps, or a folder with one for each."
+        ),
+    ],
     reading: VolumeOptions = VolumeOptions(),
 ) -> None:
-    """Make the scenes of other time steps without views or training: FOLDER/VOLUME.svv for each volume.
+    """Add the other time steps of its volume to a scene, without views or training.
 
-    The scene must have been trained with --encoding values. The other scenes have its palette, edits and paint. By
-    default, the transfer function is the scene's; --tf replaces it by an equal one for values of another unit.
+    The scene must have been trained with --encoding values, on one of the volumes. All steps have its palette, edits
+    and paint, which moves with the matter. The transfer function is the scene's; --tf replaces it by an equal one.
     """
-    from svv.dvr.classify import classified_as
     from svv.dvr.transfer_functions import TransferFunction
-    from svv.dvr.volumes import read_volume
-    from svv.io.atomic import make_folder
-    from svv.train.following import at_volume, check_follows
+    from svv.fields.following import at_step
+    from svv.io.atomic import check_writable, make_folder
+    from svv.job.series import with_time_steps
 
-    loaded = load(scene)
-    check_follows(loaded)
-    names = [volume.with_suffix(".svv").name for volume in volumes]
-    if len(set(names)) < len(names):
+    loaded, one = load(scene), out.suffix.lower() == ".svv"
+    if one:
+        check_writable(out)
+    steps = _steps(volumes, reading)
+    names = [f"{Path(step.name).stem}.svv" for step in steps]
+    if not one and len(set(names)) < len(names):
         raise BadInput("Several volumes have the same name, so their scenes would overwrite each other: rename them.")
-    told = loaded.made.get("source", {}).get("tf")
-    if reading.tf is None and told is None:
-        raise BadInput("The scene does not record its transfer function: give it with --tf.")
-    tf = TransferFunction.read(reading.tf) if reading.tf is not None else TransferFunction.from_dict(told)
-    folder = make_folder(out)
+    tf = TransferFunction.read(reading.tf) if reading.tf is not None else None
     with shown("Following") as progress:
-        for number, (volume, name) in enumerate(zip(volumes, names, strict=True)):
-            own = part(progress, number / len(volumes), (number + 1) / len(volumes))
-            own(0.0, volume.name)
-            image = read_volume(volume, reading.dims, reading.dtype, reading.spacing, array=reading.array)
-            at_volume(loaded, classified_as(image, tf)).save(folder / name)
+        series, notes = with_time_steps(loaded, steps, tf, progress if one else part(progress, 0.0, 0.7))
+        if one:
+            series.save(out)
+        for number, name in enumerate(() if one else names):
+            part(progress, 0.7, 1.0)(number / len(names), name)
+            at_step(series, number).save(make_folder(out) / name)
         progress(1.0, "done")
-    print(f"{folder}: {len(volumes)} scenes")
+    for note in notes:
+        print(f"svv: {note}", file=sys.stderr)
+    print(
+        f"{out}: {len(steps)} time steps, {out.stat().st_size / 1e6:.1f} MB" if one else f"{out}: {len(names)} scenes"
+    )
+
+
+def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
+    """Return the time steps that are named; the times of files without any are their numbers."""
+    from svv.dvr.volumes import read_volume
+    from svv.io.series_file import EXTENSIONS, read_series
+    from svv.job.series import Step
+
+    listed = [volume for volume in volumes if volume.suffix.lower() in EXTENSIONS]
+    if listed and len(volumes) > 1:
+        raise BadInput(f"{listed[0]} lists time steps itself: name no other volumes.")
+    told = read_series(listed[0]) if listed else [(float(number), path) for number, path in enumerate(volumes)]
+    if len(told) < 2:
+        raise BadInput("A series needs at least two time steps, one of them that of the scene.")
+    return [
+        Step(
+            path.name, time,
+            partial(read_volume, path, reading.dims, reading.dtype, reading.spacing, array=reading.array),
+        )
+        for time, path in told
+    ]  # fmt: skip

@@ -16,6 +16,12 @@ from svv.core.box import Box
 from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.errors import BadInput
 
+LARGEST = 65472
+"""Code of the value 1, less 1; see :class:`ValueGrid`."""
+
+COARSE = 64
+"""Distance of the codes that volumes are classified to: 1024 values, as many as files keep; more make no difference."""
+
 
 def grid_shape(box: Box, cells: int) -> NDArray[np.int64]:
     """Return the number of cells along each side of a grid over a box with ``cells`` per box unit. (3,)"""
@@ -57,13 +63,16 @@ class ValueGrid:
     cells: int
     """Cells of the grid per box unit, a power of two."""
     codes: NDArray[np.uint16]
-    """0 outside the volume; elsewhere the value is (code - 1) / 65534. (X + 1, Y + 1, Z + 1)"""
+    """0 outside the volume; elsewhere the value is (code - 1) / :data:`LARGEST`. (X + 1, Y + 1, Z + 1)"""
     interval: tuple[float, float]
     """What the values 0 and 1 are in the volume."""
     visible: tuple[float, float]
     """Smallest and largest visible value."""
-    integral: NDArray[np.float64]
-    """Integral of the extinction (1 / box unit) over the values, from 0 to evenly spaced values up to 1. (K,)"""
+    integral: NDArray[np.float64] | None = None
+    """Integral of the extinction (1 / box unit) over the values, from 0 to evenly spaced values up to 1. (K,)
+
+    None where a learned function of the values replaces it.
+    """
 
     def __post_init__(self) -> None:
         if self.cells < 1 or self.cells & (self.cells - 1):
@@ -74,7 +83,7 @@ class ValueGrid:
             raise BadInput("The values of a grid must count over a finite interval.")
         if not 0.0 <= self.visible[0] <= self.visible[1] <= 1.0:
             raise BadInput("The visible values must be an interval within 0 and 1.")
-        integral = self.integral
+        integral = np.zeros(2) if self.integral is None else self.integral
         if integral.ndim != 1 or len(integral) < 2 or not np.isfinite(integral).all() or (np.diff(integral) < 0).any():
             raise BadInput("The integral of an extinction must be finite and must not decrease.")
 
@@ -82,11 +91,17 @@ class ValueGrid:
         """Return the same values counted over another interval, of which the part ``visible`` counts as visible."""
         (low, high), (start, stop) = self.interval, interval
         factor, shift = (high - low) / (stop - start), (low - start) / (stop - start)
-        value = np.clip((self.codes.astype(np.float32) - 1.0) / 65534.0 * np.float32(factor) + np.float32(shift), 0, 1)
-        codes = np.where(self.codes > 0, 1 + np.rint(65534.0 * value), 0).astype(np.uint16)
-        known = np.linspace(0.0, 1.0, len(self.integral))
-        integral = np.interp((known - shift) / factor, known, self.integral) / factor
+        value = np.clip(self.values() * np.float32(factor) + np.float32(shift), 0.0, 1.0)
+        codes = np.where(self.codes > 0, 1 + np.rint(LARGEST * value), 0).astype(np.uint16)
+        integral = None
+        if self.integral is not None:
+            known = np.linspace(0.0, 1.0, len(self.integral))
+            integral = np.interp((known - shift) / factor, known, self.integral) / factor
         return ValueGrid(self.cells, codes, interval, visible, integral)
+
+    def values(self) -> NDArray[np.float32]:
+        """Return the values, 0 outside of the volume. (X + 1, Y + 1, Z + 1)"""
+        return np.maximum(self.codes.astype(np.float32) - 1.0, 0.0) / np.float32(LARGEST)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkImagingCore import vtkImageReslice
 
 from svv.core.box import Box
-from svv.core.classified import ClassifiedVolume, ValueGrid, ValueRange, grid_shape
+from svv.core.classified import COARSE, LARGEST, ClassifiedVolume, ValueGrid, ValueRange, grid_shape
 from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.dvr.grids import to_array
 from svv.dvr.mappers import usable_cpus
@@ -45,6 +45,9 @@ that much."""
 
 MOST_RANGES = 8
 """Maximum number of ranges into which a transfer function is divided."""
+
+BESIDE = 0.1
+"""Width of the known values on both sides of the visible ones, as a fraction of the width of these."""
 
 VALUES = 4097
 """Number of values at which the integral of the extinction is known."""
@@ -156,15 +159,15 @@ def _value_grid(values: NDArray[np.float32], cells: int, spare: int, known: Arra
     """Return one of every ``spare`` vertices along each axis, see :func:`classified_grid`, in the stage's values."""
     seen = known[sigma > 0]
     width = max(float(seen[-1] - seen[0]), 1e-3 * float(known[-1] - known[0]), 1e-9)
-    low, high = max(known[0], seen[0] - width), min(known[-1], seen[-1] + width)
-    high = max(float(high), low + width)
+    beside = BESIDE * width
+    low, high = max(known[0], seen[0] - beside), min(known[-1], seen[-1] + beside)
+    high = max(float(high), low + beside)
     kept = values[::spare, ::spare, ::spare]
     wanted = [-(-(n - 1) // spare) + 1 for n in values.shape]  # a grid of fewer cells may end a vertex later
     own = np.pad(kept, [(0, after - n) for after, n in zip(wanted, kept.shape)], mode="edge")
     codes = np.zeros(own.shape[::-1], np.uint16)
     for k, layer in enumerate(own):  # one after another, because several whole grids would take much memory
-        share = np.clip((layer - low) / (high - low), 0.0, 1.0)
-        codes[:, :, k] = np.where(np.isnan(layer), 0.0, 1.0 + np.rint(65534.0 * np.nan_to_num(share))).T
+        codes[:, :, k] = coded(layer, (float(low), float(high))).T
     at = np.linspace(low, high, VALUES)
     integral = np.interp(at, known, _integral(known, sigma))
     visible = tuple(float(np.clip((v - low) / (high - low), 0.0, 1.0)) for v in (seen[0], seen[-1]))
@@ -172,6 +175,13 @@ def _value_grid(values: NDArray[np.float32], cells: int, spare: int, known: Arra
         cells // spare, codes, (float(low), high), (visible[0], visible[1]),
         np.maximum.accumulate(integral - integral[0]) / (high - low),
     )  # fmt: skip
+
+
+def coded(values: NDArray[np.float32], interval: tuple[float, float]) -> NDArray[np.uint16]:
+    """Return the codes of values over an interval; see :class:`svv.core.classified.ValueGrid`. Same shape"""
+    share = np.clip((values - interval[0]) / (interval[1] - interval[0]), 0.0, 1.0)
+    steps = np.rint(LARGEST / COARSE * np.nan_to_num(share))
+    return np.where(np.isnan(values), 0.0, 1.0 + COARSE * steps).astype(np.uint16)
 
 
 def extinction(stage: Stage, box: Box, low: float, high: float) -> tuple[Array, Array]:

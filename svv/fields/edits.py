@@ -158,6 +158,7 @@ class EditedModel(Model):
         Raises:
             BadInput: Nothing is at the point, the region is in one piece, or the level is out of range.
         """
+        self.check_alone("Splitting a region")
         region, parts, share = piece_at(self, point, level, progress)
         whole = self.regions[region]
         part = replace(whole, part_of=region, share=share * whole.share)

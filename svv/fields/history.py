@@ -10,7 +10,7 @@ from svv.core.light import Lamp
 from svv.fields.paint_light import paint_light_of
 from svv.fields.region import Region
 
-IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light", "part_of")
+IDENTITY = ("colour", "share", "style", "values", "ranges", "mean_light", "part_of", "layer")
 """Fields of a region that are not edits: they come from training, painting and splitting."""
 
 MOST_UNDO_STEPS = 50

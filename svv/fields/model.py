@@ -17,6 +17,7 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.parts import Parts
 from svv.fields.region import Region
 from svv.fields.rendering import Marching
+from svv.fields.time_steps import TimeSteps
 from svv.fields.value_function import ValueFunction
 
 NETWORKS = ("base", "pcn", "styled")
@@ -49,8 +50,15 @@ class Model:
     """The light of a scene whose lighting is ``phong``."""
     values: ValueFunction | None = None
     """Its extinction as a function of its volume's values; None for a scene that learned its extinction otherwise."""
+    steps: TimeSteps | None = None
+    """The values themselves, at one or several time steps; None for a scene that is no function of them."""
     parts: Parts | None = None
     """Where regions that are parts of others are; None if no region was ever split."""
+
+    def check_alone(self, what: str) -> None:
+        """Raise BadInput if the scene shows several transfer functions, which ``what`` does not support."""
+        if any(region.layer for region in self.regions):
+            raise BadInput(f"{what} works with scenes of one transfer function: do it before svv join.")
 
     @property
     def every_region(self) -> tuple[Region, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from torch import Tensor
 from svv.core.box import Box
 from svv.core.cameras import Camera, CameraRig
 from svv.core.cells import widened
+from svv.core.extinction import MOST_LOG_EXTINCTION
 from svv.errors import BadInput
 from svv.kernels.dispatch import kernels_of
 from svv.kernels.numba_hull import visual_hull
@@ -22,6 +24,12 @@ MASK_SIZE = 256
 
 GREATEST_REACH = 0.9
 """How far the box may reach from its centre, as a fraction of the nearest camera's distance."""
+
+LEAST_EXTINCTION_SHARE = 0.05
+"""Fraction of a scene's largest extinction above which cells are occupied in any case, however faint the scene is."""
+
+PRUNED = 0.003
+"""Optical depth of a training step below which a cell counts as empty."""
 
 
 @dataclass
@@ -107,6 +115,28 @@ def carve(masks: NDArray[np.bool_], cameras: Sequence[Camera], cells: int) -> Oc
         corners = np.stack([filled.min(0), filled.max(0) + 1]) / resolution
         box = Box.of_bounds(*box.to_world(corners))
     return Occupancy(box, cells, _hull(small, cameras, box, cells))
+
+
+def least_extinction(pruned: float, largest: float) -> float:
+    """Return the extinction from which a cell counts as occupied, all in 1 / box unit.
+
+    Cells below ``pruned`` would be pruned in training; in a fog whose ``largest`` extinction is not much more, a share
+    of that applies.
+    """
+    return min(pruned, LEAST_EXTINCTION_SHARE * largest)
+
+
+def largest_in(exponent: Callable[[Tensor], Tensor], corner: Tensor, occupancy: Occupancy) -> Tensor:
+    """Return the largest extinction in the cells with these indices. (C, 3) -> (C,)"""
+    device = corner.device
+    end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
+    largest = torch.full((len(corner),), -torch.inf, device=device)
+    for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
+        points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
+        # A cell's far corners belong to the next cell, which may not be stored: one float nearer they are in this cell.
+        points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())
+        largest = torch.maximum(largest, exponent(points))
+    return torch.exp(largest.clamp(max=MOST_LOG_EXTINCTION))
 
 
 def _first_box(cameras: Sequence[Camera]) -> Box:

@@ -50,6 +50,9 @@ class Region:
     stroke_opacity: float = 0.0
     """How far opacity follows the strokes, in [-1, 1]: above 0 dark strokes are more opaque, below 0 light ones."""
 
+    layer: int = 0
+    """Number of the transfer function that shows it, in a scene of several (:mod:`svv.fields.joined`)."""
+
     part_of: int | None = None
     """Number of the region that it was split from; None for a region of the palette."""
 

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -21,13 +21,14 @@ from svv.core.palette_shading import lit
 from svv.errors import BadInput, Progress, silent
 from svv.fields.history import History
 from svv.fields.image import draw, image_kernels_of
+from svv.fields.joined import Shaded, Together, members
 from svv.fields.model import NETWORKS, for_colours, of_colour
 from svv.fields.networks import PaletteColours, encode_directions
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
 from svv.fields.region import Region
 from svv.fields.rendering import Marching, RayCaster, Rays, composite, empty_images, ended, march, not_hidden
-from svv.fields.scene_arrays import arrays_of, parts_of
+from svv.fields.scene_arrays import arrays_of, layers_of, parts_of
 from svv.fields.stroke_opacity import fade_of, followed
 from svv.fields.variants import PaintedModel
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
@@ -67,7 +68,19 @@ class Scene(PaintedModel):
             palette_network=None if palette is None else palette.to(device),
             styled=None if styled is None else styled.to(device),
             others=tuple(replace(other, network=other.network.to(device)) for other in others),
+            layers=tuple(cast(Scene, layer).on(device) for layer in self.layers),
         )
+
+    @property
+    def networks(self) -> tuple[str, ...]:
+        """Which of the networks ``base``, ``pcn`` and ``styled`` it holds, the plainest first."""
+        there = {*super().networks, *(name for layer in self.layers for name in layer.networks)}
+        return tuple(name for name in NETWORKS if name in there)
+
+    def shaded(self, rays: Rays, beams: Beams, network: str) -> Shaded | None:
+        """Return what an image shows of rays, as samples; None if that is nothing."""
+        samples = self.visible_samples(rays, network)
+        return (samples, *self.shade(samples, rays, network, beams)) if len(samples) else None
 
     # --- rendering -------------------------------------------------------------------------------------------------
 
@@ -93,17 +106,23 @@ class Scene(PaintedModel):
         if network not in self.networks:
             raise BadInput(f"The scene has no network '{network}', only {', '.join(self.networks)}.")
         device = self.device
+        together = Together(self, camera, network, Scene.shaded) if self.layers else None
         caster = RayCaster([camera], self.occupancy.box, device)
         pixels, chunk = camera.width * camera.height, kernels_of(device.type).RAYS
-        images, in_sight = empty_images(pixels, device), caster.in_sight(self.occupancy)
+        images = empty_images(pixels, device)
+        in_sight = caster.in_sight(self.occupancy) if together is None else together.in_sight()
         in_order = len(in_sight) == pixels  # if so, a chunk is a slice of the images; otherwise it is scattered
         for first in range(0, len(in_sight), chunk):
             progress(first / len(in_sight), "rendering")
             own = in_sight[first : first + chunk]
             piece = [image[first : first + chunk] for image in images]
-            parts, rays = piece if in_order else empty_images(len(own), device), caster.rays(own)
-            beams = Beams.of(self.lamp, camera, rays, self.settings.headlight)
-            self._render_rays(rays, beams, network, *parts)
+            parts = piece if in_order else empty_images(len(own), device)
+            if together is not None:
+                together.draw(own, *parts)
+            else:
+                rays = caster.rays(own)
+                beams = Beams.of(self.lamp, camera, rays, self.settings.headlight)
+                self._render_rays(rays, beams, network, *parts)
             if not in_order:
                 for image, part in zip(images, parts, strict=True):
                     image[own] = part
@@ -123,12 +142,7 @@ class Scene(PaintedModel):
     @torch.no_grad()
     def _render_rays(self, rays: Rays, beams: Beams, network: str, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
         """Render rays into the images; pixels in which nothing is visible are left unchanged."""
-        how = self._marching_as_edited(network)
-        samples = march(rays, self.occupancy, self.base.density, how)
-        if self.base.density is None:
-            samples, _ = not_hidden(samples, self.base.extinction(samples), how)
-        else:
-            samples = ended(samples)
+        samples = self.visible_samples(rays, network)
         if not len(samples):
             return
         kernels = None if network == "base" else image_kernels_of(self)
@@ -148,6 +162,16 @@ class Scene(PaintedModel):
         rgba[seen, 3] = alpha[seen]
         depth[seen] = mean[:, 3] * self.occupancy.box.size
         region[seen] = mean[:, 4:].argmax(1).to(torch.int16) if self.palette_network is not None else 0
+
+    @torch.no_grad()
+    def visible_samples(self, rays: Rays, network: str) -> Samples:
+        """Return the samples of rays for an image."""
+        how = self._marching_as_edited(network)
+        samples = march(rays, self.occupancy, self.base.density, how)
+        if self.base.density is None:
+            samples, _ = not_hidden(samples, self.base.extinction(samples), how)
+            return samples
+        return ended(samples)
 
     @torch.no_grad()
     def point_at(
@@ -171,6 +195,7 @@ class Scene(PaintedModel):
             raise BadInput(
                 f"The pixel {column},{row} is outside the picture of {camera.width} x {camera.height} pixels."
             )
+        self.check_alone("Finding a point in a picture")
         network = network or self.networks[-1]
         caster = RayCaster([camera], self.occupancy.box, self.device)
         rays, how = caster.rays(torch.tensor([row * camera.width + column])), self._marching_as_edited(network)
@@ -225,7 +250,7 @@ class Scene(PaintedModel):
 
     def save(self, path: str | Path) -> None:
         """Write the scene to one ``.svv`` file, completely or not at all; raises BadInput if it cannot be written."""
-        header, tensors = self.to_arrays()
+        header, tensors = arrays_of(self, packed=True, whole=False)
         write_scene_file(path, header, tensors)
 
     @classmethod
@@ -263,6 +288,9 @@ class Scene(PaintedModel):
         """Restore a scene from the result of :meth:`to_arrays`."""
         parts = parts_of(header, tensors)
         model = cls(**{**parts, "regions": tuple(Region(**values) for values in parts["regions"])})
+        model = replace(
+            model, layers=tuple(cls.from_arrays(*layer) for layer in layers_of(header, tensors, model.steps))
+        )
         if "history" not in header:
             return model
         return replace(model, history=History.from_json(header["history"], model.every_region))
@@ -284,6 +312,7 @@ class Scene(PaintedModel):
             "bounds": self.occupancy.box.bounds.tolist(),
             "regions": [vars(r) for r in self.regions],
             **self._light_info(),
+            "times": [] if self.steps is None or len(self.steps) < 2 else self.steps.times,
             "variant": self.variant,
             "variants": {v.name: {str(k): s for k, s in enumerate(v.styles) if s} for v in self.every_variant},
             "undo": [step.what for step in self.history.past],
@@ -293,8 +322,9 @@ class Scene(PaintedModel):
         }
 
     def _light_info(self) -> dict[str, Any]:
-        coefficients = self.coefficients()
-        if coefficients is None:
+        every = [member.coefficients() for member in members(self)]
+        if any(coefficients is None for coefficients in every):
             return {"lighting": self.settings.lighting}
-        reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in coefficients.tolist()]
+        rows = [row for coefficients in every if coefficients is not None for row in coefficients.tolist()]
+        reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in rows]
         return {"lighting": self.settings.lighting, "light": self.lamp.said(), "reflects": reflects}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,19 +17,22 @@ from svv.fields.encodings import Encoding
 from svv.fields.model import NETWORKS
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
+from svv.fields.of_values import TABLES, fill_base, fill_palette
 from svv.fields.parts import FINEST, Parts
 from svv.fields.region import Region
 from svv.fields.rendering import Marching
+from svv.fields.time_steps import TimeSteps
 from svv.fields.value_function import ValueFunction
 from svv.fields.variants import PaintedModel, Variant
 
 Arrays = dict[str, NDArray[Any]]
 
 
-def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays]:
+def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[dict[str, Any], Arrays]:
     """Return header and arrays of the file; see :meth:`svv.fields.scene.Scene.to_arrays`."""
+    given = TABLES if scene.steps is not None and scene.values is not None and not whole else ()
     box = scene.occupancy.box
-    header = {
+    header: dict[str, Any] = {
         "box": {"low": box.low, "size": box.size, "extent": box.extent},
         "cells": scene.occupancy.cells,
         "shape": scene.occupancy.occupied.shape,
@@ -38,7 +42,7 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
         "normal_resolutions": _normal_resolutions(scene),
         "lamp": vars(scene.lamp),
         "density_resolutions": None if scene.base.density is None else scene.base.density.resolutions,
-        "networks": scene.networks,
+        "networks": [name for name, network in _networks(scene) if network is not None],
         "regions": [vars(r) for r in scene.regions],
         "history": scene.history.to_json(),
         "painting": scene.painting,
@@ -57,7 +61,7 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
         "camera_rig": {} if scene.camera_rig is None else scene.camera_rig.to_json(),
         "made": scene.made,
     }
-    tensors: Arrays = {"occupied": np.packbits(scene.occupancy.occupied > 0)}
+    tensors: Arrays = {"occupied": np.packbits(scene.occupancy.occupied > 0)[:, None]}  # tables are deflated
     if scene.values is not None:
         own = scene.values
         header["values"] = {"interval": own.interval, "visible": own.visible, "size": own.size}
@@ -65,15 +69,51 @@ def arrays_of(scene: PaintedModel, packed: bool) -> tuple[dict[str, Any], Arrays
     if scene.parts is not None:
         header["parts"] = {"cells": scene.parts.cells, "undone": [vars(r) for r in scene.parts.undone]}
         tensors |= {f"parts.{name}": array for name, array in _packed(scene.parts, scene.occupancy).items()}
-    named = [*zip(NETWORKS, (scene.base, scene.palette_network, scene.styled), strict=True)]
-    named += [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
+    named = _networks(scene) + [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
     for name, network in named:
         if network is not None:
             for key, value in network.state_dict().items():
                 tensors[f"{name}.{key}"] = value.cpu().numpy()
             for key, encoding in _encodings(name, network) if packed else ():
+                if key in given:
+                    continue
                 tensors |= {key + suffix: array for suffix, array in encoding.packed().items()}
+    if scene.steps is not None:
+        header["steps"] = scene.steps.to_json()
+        tensors |= scene.steps.to_arrays()
+    tensors = {name: array for name, array in tensors.items() if name not in given}
+    _add_layers(scene, header, tensors, packed, whole)
     return header, tensors
+
+
+def _networks(scene: PaintedModel) -> list[tuple[str, nn.Module | None]]:
+    """Return the scene's own networks by name, without those of layers."""
+    return [*zip(NETWORKS, (scene.base, scene.palette_network, scene.styled), strict=True)]
+
+
+def _add_layers(scene: PaintedModel, header: dict[str, Any], tensors: Arrays, packed: bool, whole: bool) -> None:
+    """Add what a joined scene is joined from."""
+    if scene.palette_network is not None and len(scene.palette_network.colours) != len(scene.palette_regions):
+        header["palette"] = len(scene.palette_network.colours)  # a joined scene has the regions of all, or none
+    for number, layer in enumerate(scene.layers):
+        told, arrays = arrays_of(layer if layer.steps else replace(layer, steps=scene.steps), packed, whole)
+        if layer.steps is None and scene.steps is not None:  # the scene's own are its steps, too
+            arrays = {name: array for name, array in arrays.items() if name not in scene.steps.to_arrays()}
+            del told["steps"]
+        header.setdefault("layers", []).append(told)
+        tensors |= {f"layer{number}.{name}": array for name, array in arrays.items()}
+
+
+def layers_of(header: dict[str, Any], tensors: Arrays, steps: TimeSteps | None) -> list[tuple[dict[str, Any], Arrays]]:
+    """Return header and arrays of each further scene of a joined one, whose time steps are those of all."""
+    found = []
+    for number, told in enumerate(header.get("layers", [])):
+        start = f"layer{number}."
+        arrays = {name.removeprefix(start): array for name, array in tensors.items() if name.startswith(start)}
+        if "steps" not in told and steps is not None:
+            told, arrays = {**told, "steps": steps.to_json()}, {**arrays, **steps.to_arrays()}
+        found.append((told, arrays))
+    return found
 
 
 def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
@@ -91,7 +131,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     palette, styled = None, None
     regions = [_values(r) for r in header["regions"]]
     parts = _unpacked(header["parts"], tensors, occupancy) if "parts" in header else None
-    count = _checked_parts(regions, parts)
+    count = int(header.get("palette", _checked_parts(regions, parts)))
     if "pcn" in header["networks"]:
         colours, normals = torch.zeros(count, 3), header.get("normal_resolutions")
         palette = PaletteField(settings, occupancy, base.geometry_width, colours, normals)
@@ -110,9 +150,13 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
             for key, encoding in _encodings(name, network):
                 packed = {k.removeprefix(key): v for k, v in own.items() if k.startswith(key)}
                 state = {k: v for k, v in state.items() if not k.startswith(key)}
-                state[key] = encoding.unpacked(packed)
+                state[key] = encoding.unpacked(packed) if packed or key not in TABLES else encoding.table.detach()
             network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
             network.requires_grad_(False)
+    values = _value_function(header, tensors)
+    steps = TimeSteps.from_file(header["steps"], tensors) if "steps" in header else None
+    if not set(TABLES[:2]) <= tensors.keys():
+        _fill(base, palette, occupancy, values, steps)
     rig = CameraRig.from_json(header["camera_rig"]) if header["camera_rig"] else None
     m = header["marching"]
     marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
@@ -127,8 +171,24 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
         "styled": styled, "regions": regions, "camera_rig": rig, "made": header["made"], **images,
         "painting": header.get("painting"), "others": tuple(variants), "lamp": Lamp(**_values(header.get("lamp", {}))),
-        "parts": parts, "values": _value_function(header, tensors),
+        "parts": parts, "values": values, "steps": steps,
     }  # fmt: skip
+
+
+def _fill(
+    base: BaseField,
+    palette: PaletteField | None,
+    occupancy: Occupancy,
+    function: ValueFunction | None,
+    steps: TimeSteps | None,
+) -> None:
+    """Fill the tables that a file leaves out because they follow from the values; raises ValueError if it has none."""
+    if function is None or steps is None:
+        raise ValueError("tables are missing")
+    grid = steps.grid(steps.own, function.visible).over(function.interval, function.visible)
+    fill_base(base, function, grid, occupancy)
+    if palette is not None:
+        fill_palette(palette, grid, occupancy)
 
 
 def _value_function(header: dict[str, Any], tensors: Arrays) -> ValueFunction | None:

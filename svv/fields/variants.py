@@ -44,6 +44,8 @@ class PaintedModel(EditedModel):
     """Name of the variant whose network is ``styled``."""
     others: tuple[Variant, ...] = ()
     """Variants that are not shown."""
+    layers: tuple[PaintedModel, ...] = ()
+    """Further scenes that are drawn with it, without regions of their own; see :mod:`svv.fields.joined`."""
 
     @property
     def variant(self) -> str | None:

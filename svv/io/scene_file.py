@@ -23,7 +23,10 @@ FORMAT_VERSION = 3
 """Incremented whenever an older program can no longer read a newer file, or the other way round."""
 
 WITH_PARTS = 4
-"""Format of scenes with parts of regions, which are the only ones that older programs cannot read."""
+"""Format of scenes with parts of regions, which programs for format 3 cannot read."""
+
+WITH_STEPS = 5
+"""Format of scenes that keep their volume's values instead of tables, or several transfer functions."""
 
 READABLE = (1, 2)
 """Older formats that can also be read: without variants and a history of edits; the tables of format 1 are half floats
@@ -64,6 +67,7 @@ def scene_bytes(header: dict[str, Any], tensors: dict[str, np.ndarray], deflate:
     tables = {name: a.shape for name, a in arrays.items() if deflate and a.dtype == np.uint8 and a.ndim == 2 and a.size}
     arrays |= {name: _deflated(arrays[name]) for name in tables}
     version = WITH_PARTS if "parts" in header else FORMAT_VERSION
+    version = WITH_STEPS if "steps" in header or "layers" in header else version
     text = to_json({"version": version, "header": header, "deflated": tables})
     return save(arrays, metadata={_KEY: text})
 
@@ -144,7 +148,7 @@ def _checked_header(file: str, text: str) -> tuple[dict[str, Any], dict[str, Any
         version, header, tables = content["version"], content["header"], content.get("deflated", {})
     except (ValueError, TypeError, KeyError) as error:
         raise BadInput(f"The header of the scene file {file} is damaged; {_REMEDY}.") from error
-    if version not in (FORMAT_VERSION, WITH_PARTS, *READABLE):
+    if version not in (FORMAT_VERSION, WITH_PARTS, WITH_STEPS, *READABLE):
         raise BadInput(
             f"{file} is a scene file of format {version}, but this program reads format {FORMAT_VERSION}; "
             "use the version of svv that made it, or train the scene again."

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from paraview.util.vtkAlgorithm import smproperty, smproxy
+from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.errors import BadInput
 from svv.pv.data import put_scene, scene_of
@@ -37,19 +38,52 @@ class StyleRFSceneWriter(Filter):
 @smproxy.reader("StyleRF scenes", extensions="svv", label="StyleRF Scene", support_reload=False)
 @panel(file("FileName", "svv", "Scenes", "The scene file."), status())
 class StyleRFSceneReader(Filter):
-    """Read a scene (.svv) as a table with a row for each region, for StyleRF Edit, Stylize and Render."""
+    """Read a scene (.svv) as a table with a row for each region, for StyleRF Edit, Stylize and Render. If the scene
+    has time steps, it is the one of the time that ParaView shows."""
 
     def __init__(self) -> None:
         super().__init__(0, 1, "vtkTable")
 
+    def RequestInformation(self, request: Any, in_info: Any, out_info: Any) -> int:
+        info, executive = out_info.GetInformationObject(0), self.GetExecutive()
+        info.Remove(executive.TIME_STEPS())
+        info.Remove(executive.TIME_RANGE())
+        try:
+            times = self._times(self._read())
+        except BadInput:
+            return 1  # RequestData reports it
+        if times:
+            info.Set(executive.TIME_STEPS(), times, len(times))
+            info.Set(executive.TIME_RANGE(), [times[0], times[-1]], 2)
+        return 1
+
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
+        from svv.fields.following import at_step, step_at
+
+        scene, told = self._read(), ""
+        times, executive = self._times(scene), self.GetExecutive()
+        if times:
+            info = out_info.GetInformationObject(0)
+            asked = executive.UPDATE_TIME_STEP()
+            step = step_at(scene.steps, info.Get(asked)) if info.Has(asked) else scene.steps.own
+            whole = scene
+            scene = self.kept("step", (id(whole), step), lambda: at_step(whole, step))
+            outputs[0].GetInformation().Set(vtkDataObject.DATA_TIME_STEP(), times[step])
+            told = f" time step {step} of {len(times)};"
+        put_scene(scene, outputs[0])
+        return f"{len(scene.regions)} regions;{told} networks {', '.join(scene.networks)}."
+
+    def _read(self) -> Any:
         from svv.fields.scene import Scene
 
         name = self.values["FileName"]
         changed = Path(name).stat().st_mtime_ns if Path(name).exists() else 0
-        scene = self.kept("scene", (name, changed), lambda: Scene.load(name))
-        put_scene(scene, outputs[0])
-        return f"{len(scene.regions)} regions; networks {', '.join(scene.networks)}."
+        return self.kept("scene", (name, changed), lambda: Scene.load(name))
+
+    @staticmethod
+    def _times(scene: Any) -> list[float]:
+        """Return the times of a scene's steps; none if there is only one."""
+        return [] if scene.steps is None or len(scene.steps) < 2 else list(scene.steps.times)
 
 
 @smproxy.reader(

@@ -36,6 +36,24 @@ PREVIEW_SIZE = 96
 """Side in pixels of the few views from which the range of depths is measured before a movie of depths begins."""
 
 
+class Played:
+    """A scene with time steps of which each view shows one."""
+
+    def __init__(self, scene: Scene, steps: Sequence[int]) -> None:
+        """Show the scene at the time step ``steps[k]`` in view ``k``."""
+        self.scene, self.steps = scene, steps
+        self._last: dict[int, Scene] = {}
+
+    def at(self, number: int) -> Scene:
+        """Return the scene of a view; neighbours of the same time step share it."""
+        from svv.fields.following import at_step
+
+        step = self.steps[number]
+        if step not in self._last:
+            self._last = {step: at_step(self.scene, step)}
+        return self._last[step]
+
+
 def orbit(scene: Scene, n: int, width: int, height: int) -> list[Camera]:
     """Return ``n`` cameras of the 181-view path around a scene, at the distance of its training views."""
     return [camera.resized(width, height) for camera in scene.rig.orbit(n, width)]
@@ -99,7 +117,7 @@ def previews_in(path: Path) -> Callable[[Scene], None]:
 
 def write_frames(
     folder: Path,
-    scene: Scene,
+    scene: Scene | Played,
     cameras: Sequence[Camera],
     network: str | None = None,
     background: Sequence[float] | None = None,
@@ -118,20 +136,22 @@ def write_frames(
     """
     make_folder(folder)
     paths = [folder / f"{index:04d}.png" for index in range(len(cameras))]
-    chosen = list(zip(paths, cameras, strict=True))[those]
-    look = digest(scene.to_bytes(), network, background, what)
-    for index, (path, camera) in enumerate(chosen):
+    chosen = list(zip(paths, cameras, range(len(cameras)), strict=True))[those]
+    whole, at, steps = _at_each(scene)
+    look = digest(whole.to_bytes(), network, background, what)
+    for index, (path, camera, number) in enumerate(chosen):
         each = part(progress, index / len(chosen), (index + 1) / len(chosen))
-        made = key_of(look, {field.name: getattr(camera, field.name) for field in fields(camera)})
+        told = {field.name: getattr(camera, field.name) for field in fields(camera)}
+        made = key_of(look, told if steps is None else {**told, "step": steps[number]})
         if made_of(path) != made:
-            write_view(path, scene, camera, network, background, what, each, made)
+            write_view(path, at(number), camera, network, background, what, each, made)
         progress((index + 1) / len(chosen), f"view {index + 1} of {len(chosen)}")
     return paths
 
 
 def write_movie(
     path: Path,
-    scene: Scene,
+    scene: Scene | Played,
     cameras: Sequence[Camera],
     network: str | None = None,
     background: Sequence[float] | None = None,
@@ -140,17 +160,25 @@ def write_movie(
     progress: Progress = silent,
 ) -> None:
     """Render views into a movie, over white unless a background is given; see :func:`write_view`."""
-    near_far = _depth_range(scene, cameras, network) if what == "depth" else (0.0, 1.0)
+    whole, at, _ = _at_each(scene)
+    near_far = _depth_range(whole, cameras, network) if what == "depth" else (0.0, 1.0)
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         for index, camera in enumerate(cameras):
             each = part(progress, index / len(cameras), (index + 1) / len(cameras))
-            view = scene.render(camera, network, None, each)
-            picture = _shown(view, scene, what, near_far)
+            view = at(index).render(camera, network, None, each)
+            picture = _shown(view, whole, what, near_far)
             yield to_bytes(over(picture, background or WHITE))
             progress((index + 1) / len(cameras), f"view {index + 1} of {len(cameras)}")
 
     write_mp4(path, frames(), fps)
+
+
+def _at_each(scene: Scene | Played) -> tuple[Scene, Callable[[int], Scene], Sequence[int] | None]:
+    """Return a scene, what gives the scene of each view by its number, and their time steps."""
+    if isinstance(scene, Played):
+        return scene.scene, scene.at, scene.steps
+    return scene, lambda number: scene, None
 
 
 def region_colours(scene: Scene) -> NDArray[np.float32]:

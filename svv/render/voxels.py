@@ -70,6 +70,7 @@ def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
     Raises:
         BadInput: Not even the coarsest grid fits into the memory allowed, or the scene holds nothing.
     """
+    scene.check_alone("Making a volume")
     cells = scene.occupancy.cells
     filled = np.argwhere(scene.occupancy.occupied > 0)
     if not len(filled):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,20 +10,16 @@ import torch
 from torch import Tensor
 
 from svv.core.classified import ClassifiedVolume, ValueGrid
-from svv.core.extinction import MOST_LOG_EXTINCTION
 from svv.errors import Progress
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import BaseField, FieldSettings
-from svv.fields.occupancy import Occupancy, carve
+from svv.fields.occupancy import Occupancy, carve, largest_in, least_extinction
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.train import ranks
 from svv.train.checkpoint import Arrays
 from svv.train.config import ReconstructSettings
 from svv.train.tomography import extinction_from
-
-LEAST_EXTINCTION_SHARE = 0.05
-"""Fraction of a scene's largest extinction above which cells are occupied in any case, however faint the scene is."""
 
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of an extinction reconstructed from views."""
@@ -131,15 +126,6 @@ def begin(
     return Beginning(left, density, measured=True), f"{reason}, in {left.fraction:.1%} of the box; training refines it"
 
 
-def least_extinction(pruned: float, largest: float) -> float:
-    """Return the extinction from which a cell counts as occupied, all in 1 / box unit.
-
-    Cells below ``pruned`` would be pruned in training; in a fog whose ``largest`` extinction is not much more, a share
-    of that applies.
-    """
-    return min(pruned, LEAST_EXTINCTION_SHARE * largest)
-
-
 def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> ClassifiedVolume | None:
     """Return the volume that initializes the density, if the views include it and the field is a lattice."""
     return views.classified if settings.use_volume and field.encoding == "lattice" else None
@@ -160,22 +146,9 @@ def largest_extinction(
     corner = occupancy.occupied_on(device).nonzero()
     if shared and ranks.many():
         part, whole = ranks.part(len(corner)), torch.zeros(len(corner), device=device)
-        whole[part] = _largest(exponent, corner[part], occupancy)
+        whole[part] = largest_in(exponent, corner[part], occupancy)
         return ranks.summed(whole)
-    return _largest(exponent, corner, occupancy)
-
-
-def _largest(exponent: Callable[[Tensor], Tensor], corner: Tensor, occupancy: Occupancy) -> Tensor:
-    """Return the largest extinction in the cells with these indices. (C, 3) -> (C,)"""
-    device = corner.device
-    end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
-    largest = torch.full((len(corner),), -torch.inf, device=device)
-    for offset in itertools.product((0.0, 0.5, 1.0), repeat=3):
-        points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
-        # A cell's far corners belong to the next cell, which may not be stored: one float nearer they are in this cell.
-        points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())
-        largest = torch.maximum(largest, exponent(points))
-    return torch.exp(largest.clamp(max=MOST_LOG_EXTINCTION))
+    return largest_in(exponent, corner, occupancy)
 
 
 def log_extinction(field: BaseField, points: Tensor) -> Tensor:

@@ -13,6 +13,7 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.errors import BadInput
 from svv.fields.networks import ENCODINGS, FieldSettings
+from svv.fields.occupancy import PRUNED
 from svv.options.described import Described, described
 from svv.options.making import LIGHTINGS, PaintOptions, PaletteOptions, TrainOptions
 
@@ -59,7 +60,7 @@ class ReconstructSettings:
     """Fraction of the invisible samples that are trained nevertheless."""
     prune_every: int = 100
     """Number of steps between prunings of the occupancy."""
-    prune_least: float = 0.003
+    prune_least: float = PRUNED
     """Optical depth per step below which a cell is pruned."""
     faint_prune_least: float = 0.001
     """The same where a tomography of translucent views found the extinction: it is exact enough for a skin of 2 %."""

@@ -74,13 +74,11 @@ def correct_palette(
         BadInput: There is no palette network, the views are of another scene, or the correction is impossible
             (:func:`svv.core.correction.corrected`).
     """
-    if scene.palette_network is None:
-        raise BadInput("The scene holds no palette network to correct; train it again.")
     asked, chosen = given(PaletteOptions, options, changes)
     time_limit, seed = asked.time_limit, asked.seed
     if time_limit is not None and not time_limit > 0:
         raise BadInput(f"The time limit must be more than 0 seconds, not {time_limit}.")
-    _check_views(scene, views)
+    _check(scene, views)
     if not isinstance(options, Preset):
         chosen = preset(asked.preset, scene.settings.encoding)
     if asked.views_only:
@@ -110,13 +108,14 @@ def correct_palette(
         begin = time.monotonic()
         shown = [tuple((ranges[r].low, ranges[r].high) for r in entry.ranges) for entry in entries]
         regions = regions_for(network, shares, shown)
+        kept: dict[str, Any] = {} if values is not None else {"values": None, "steps": None}
         plain = replace(scene, palette_network=network, regions=regions, history=History(), styled=None, painting=None,
-                        others=(), parts=None, values=None if values is None else scene.values)  # fmt: skip
+                        others=(), parts=None, **kept)  # fmt: skip
         plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
     notes = (*notes, *_dropped(scene))
-    kept = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
-    result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, kept, strict=True)))
+    edits = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
+    result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, edits, strict=True)))
     seconds = {"pcn": spent, "sampling": time.monotonic() - begin}
     report = report_on(
         result, {**seconds, "total": sum(seconds.values())}, cost, chosen, seed,
@@ -156,7 +155,11 @@ def _entries(scene: Scene, volume: ClassifiedVolume | None) -> list[Entry]:
     ]
 
 
-def _check_views(scene: Scene, views: ViewSet) -> None:
+def _check(scene: Scene, views: ViewSet) -> None:
+    """Raise BadInput if the palette of the scene cannot be corrected with these views."""
+    scene.check_alone("Palette correction")
+    if scene.palette_network is None:
+        raise BadInput("The scene holds no palette network to correct; train it again.")
     rig, ours = CameraRig.of(views.cameras), scene.rig
     far = np.linalg.norm(np.subtract(rig.centre, ours.centre)) + abs(rig.radius - ours.radius)
     if not far <= ELSEWHERE * ours.radius:

@@ -15,19 +15,17 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import nn
 
 from svv.core.classified import ValueGrid
-from svv.core.light import NORMAL_SCALE
-from svv.fields.encodings import SparseLattice
 from svv.fields.networks import BaseField, FieldSettings, PaletteField
 from svv.fields.occupancy import Occupancy
-from svv.fields.phong import LONGEST_VECTOR
+from svv.fields.of_values import Places, features_at, fill_palette
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.train.beginning import Beginning
 from svv.train.config import ReconstructSettings
-from svv.train.extinction_table import ExtinctionTable, Places, features_of
+from svv.train.extinction_table import ExtinctionTable
 from svv.train.reconstruct import Reconstruction
 
 FEATURES = 4
@@ -120,30 +118,19 @@ class ValueReconstruction(Reconstruction):
             self._fill()
 
 
-def features_at(grid: ValueGrid, lattice: nn.Module, occupancy: Occupancy) -> tuple[Tensor, Tensor]:
-    """Return value (V,) and normal (V, 3) at the vertices of a lattice of one level, on its device."""
-    assert isinstance(lattice, SparseLattice)
-    vertices = lattice.vertices_of_level(0, occupancy.occupied, occupancy.cells)
-    device = lattice.table.device
-    value, normal = (torch.from_numpy(a).to(device) for a in features_of(grid, vertices, lattice.resolutions[0]))
-    return value, normal
-
-
 def palette_given(network: PaletteField, grid: ValueGrid, occupancy: Occupancy) -> None:
     """Give an untrained palette network the values of a grid, and its light their normals; both stay as they are.
 
-    The MLP has no biases, so it takes a value v as (1 - v, v). Each unit of its first layer begins at another value.
+    Each unit of the MLP's first layer begins at another value.
     """
-    value, normal = features_at(grid, network.encoding, occupancy)
-    zero, first = torch.zeros_like(value), network.palette_mlp[0]
+    fill_palette(network, grid, occupancy)
+    first = network.palette_mlp[0]
     assert isinstance(first, nn.Linear)
     with torch.no_grad():
-        network.encoding.table.copy_(torch.stack([1.0 - value, value, zero, zero], dim=1))
-        start = torch.linspace(0.0, 1.0, len(first.weight), device=value.device)
-        side = STEEPNESS * torch.where(torch.arange(len(start), device=value.device) % 2 == 0, 1.0, -1.0)
+        start = torch.linspace(0.0, 1.0, len(first.weight), device=first.weight.device)
+        side = STEEPNESS * torch.where(torch.arange(len(start), device=start.device) % 2 == 0, 1.0, -1.0)
         first.weight.zero_()
         first.weight[:, 0], first.weight[:, 1] = -side * start, side * (1.0 - start)  # side (v - start)
-        if network.phong is not None:
-            network.phong.normals.table.copy_(LONGEST_VECTOR * normal / NORMAL_SCALE)
-            network.phong.normals.requires_grad_(False)
+    if network.phong is not None:
+        network.phong.normals.requires_grad_(False)
     network.encoding.requires_grad_(False)

@@ -137,6 +137,7 @@ def stylize_scene(
             a mask is empty or differs in size from its picture, a stroke size or strength is out of range, there is no
             styled network to continue with, the variant already exists, or ink is used where paint is not a lattice.
     """
+    scene.check_alone("Painting")
     asked, chosen = given(PaintOptions, options, changes)
     inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]
     order = ordered(scene, inputs, asked)

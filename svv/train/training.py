@@ -17,6 +17,7 @@ from svv.fields.encodings import SparseLattice
 from svv.fields.networks import FieldSettings
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
+from svv.fields.time_steps import TimeSteps
 from svv.fields.value_function import ValueFunction
 from svv.io.equal_views import equal_views
 from svv.io.viewset import ViewSet
@@ -139,7 +140,7 @@ class Training:
         scene = Scene(field, occupancy, marching, base, camera_rig=CameraRig.of(views.cameras))
         if (own := beginning.values) is not None and base.extinction_table is not None:
             function = ValueFunction(own.interval, own.visible, occupancy.box.size, base.extinction_table)
-            scene = replace(scene, values=function)
+            scene = replace(scene, values=function, steps=TimeSteps.of(own, occupancy.box))
         if self.saved is not None:
             header, arrays = scene.to_arrays(packed=False)
             self.saved.finish("base", {"header": header, "seconds": self.seconds, "notes": self.notes}, arrays)

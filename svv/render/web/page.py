@@ -83,6 +83,7 @@ def html_of(
     Raises:
         BadInput: The scene has no palette network.
     """
+    scene.check_alone("Making a page")
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     scene = scene.on(torch.device("cpu"))

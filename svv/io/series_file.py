@@ -1,0 +1,41 @@
+"""Files that list the time steps of a series: ParaView's ``.pvd`` and ``.series``."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from xml.etree import ElementTree
+
+from svv.errors import BadInput
+
+EXTENSIONS = (".pvd", ".series")
+
+
+def read_series(path: Path) -> list[tuple[float, Path]]:
+    """Return the times and files that a ``.pvd`` or ``.series`` file lists, in ascending order of time.
+
+    Raises:
+        BadInput: The file is missing, damaged, lists nothing, or a time is no number or occurs twice.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        if path.suffix.lower() == ".pvd":
+            if "<!ENTITY" in text:
+                raise ValueError("it defines entities")
+            listed = [
+                (set_.attrib["timestep"], set_.attrib["file"]) for set_ in ElementTree.fromstring(text).iter("DataSet")
+            ]
+        else:
+            listed = [(entry["time"], entry["name"]) for entry in json.loads(text)["files"]]
+        found = sorted((float(time), path.parent / str(name)) for time, name in listed)
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error.strerror}.") from error
+    except (ElementTree.ParseError, KeyError, TypeError, ValueError, UnicodeError) as error:
+        raise BadInput(f"{path} is no list of time steps ({type(error).__name__}: {error}).") from error
+    if not found:
+        raise BadInput(f"{path} lists no time steps.")
+    for (time, first), (other, second) in pairwise(found):
+        if not time < other:
+            raise BadInput(f"{path} gives {first.name} and {second.name} the same time, {time:g}.")
+    return found

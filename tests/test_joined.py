@@ -1,0 +1,144 @@
+"""Scenes of several transfer functions: alone each is what it was, together their extinctions add."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from svv.cli import app
+from svv.core.box import Box
+from svv.core.cameras import Camera
+from svv.errors import BadInput
+from svv.fields.joined import joined, members
+from svv.fields.scene import Scene
+from svv.options.baking import BakeOptions
+from svv.render.voxels import grid_of
+from svv.render.web.page import html_of
+from svv.train.correct import correct_palette
+from svv.train.pipeline import stylize_scene
+from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
+
+
+def faint(scene: Scene, factor: float = 0.3) -> Scene:
+    """The scene with all regions more transparent, so that what lies behind can be seen."""
+    for region in range(len(scene.regions)):
+        scene = scene.edited(region, opacity=factor)
+    return scene
+
+
+def alpha(scene: Scene, camera: Camera) -> np.ndarray:
+    return scene.render(camera).rgba[..., 3]
+
+
+@pytest.fixture(scope="module")
+def both() -> tuple[Scene, Scene, Scene]:
+    """Two scenes, and both joined."""
+    first, second = faint(cube_scene(0)), faint(lit_cube_scene(), 0.2)
+    return first, second, joined([first, second])
+
+
+def test_regions_are_those_of_all_with_their_edits(both: tuple[Scene, Scene, Scene]) -> None:
+    whole = both[2]
+    assert [r.layer for r in whole.regions] == [0, 0, 0, 1, 1, 1]
+    assert [r.opacity for r in whole.regions] == [0.3] * 3 + [0.2] * 3
+    assert [len(m.regions) for m in members(whole)] == [3, 3]
+    assert len(whole.info()["reflects"] if "reflects" in whole.info() else whole.regions) == 6
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_alone_each_is_what_it_was(both: tuple[Scene, Scene, Scene], number: int) -> None:
+    whole, own = both[2], (range(3), range(3, 6))[number]
+    camera = cube_camera()
+    alone, before = whole.isolated(*own).render(camera), both[number].render(camera)
+    np.testing.assert_allclose(alone.rgba, before.rgba, atol=2e-3)
+    np.testing.assert_allclose(alone.depth, before.depth, atol=2e-3)
+    seen = before.region >= 0
+    assert (alone.region[seen] == before.region[seen] + 3 * number).mean() > 0.99
+
+
+def test_together_transmittances_multiply(both: tuple[Scene, Scene, Scene]) -> None:
+    """Beer's law: extinctions add, wherever the two overlap."""
+    first, second, whole = both
+    camera = cube_camera()
+    expected = 1.0 - (1.0 - alpha(first, camera)) * (1.0 - alpha(second, camera))
+    np.testing.assert_allclose(alpha(whole, camera), expected, atol=3e-3)
+
+
+def test_the_nearer_one_hides_the_other() -> None:
+    """An opaque cube half a side nearer: from either side, the pixel shows the one in front."""
+    back = cube_scene()
+    box = Box((-0.5, -0.5, 0.0), 1.0, (1.0,) * 3)
+    front = replace(back, occupancy=replace(back.occupancy, box=box))
+    opaque = [faint(scene, 400.0) for scene in (back, front)]
+    whole, camera = joined(opaque), cube_camera()
+    pose = np.diag([-1.0, 1.0, -1.0, 1.0])
+    pose[2, 3] = -3.0
+    behind = Camera(pose, camera.fov_x, camera.width, camera.height)
+    for at, owner in ((camera, 1), (behind, 0)):
+        picture, alone = whole.render(at), opaque[owner].render(at)
+        middle = slice(8, 16), slice(8, 16)
+        np.testing.assert_allclose(picture.rgba[middle], alone.rgba[middle], atol=0.02)
+        assert {whole.regions[r].layer for r in picture.region[middle].ravel()} == {owner}
+
+
+def test_files_keep_all(both: tuple[Scene, Scene, Scene], tmp_path: Path) -> None:
+    first, second, _ = both
+    paint = replace(second, styled=cube_paint(second, 5), painting="p")
+    painted = replace(paint, regions=tuple(replace(r, style="s") for r in paint.regions))
+    whole = joined([first, painted]).hidden(1).undone()
+    whole.save(tmp_path / "both.svv")
+    for again in (Scene.load(tmp_path / "both.svv"), Scene.from_bytes(whole.to_bytes())):
+        assert again.regions == whole.regions and len(again.layers) == 1
+        assert again.networks == ("base", "pcn", "styled")
+        for network in again.networks:
+            a, b = (scene.render(cube_camera(), network).rgba for scene in (again, whole))
+            np.testing.assert_allclose(a, b, atol=0.02)
+    assert len(joined([whole, first]).layers) == 2, "joined scenes can be joined again"
+    assert whole.on(torch.device("cpu")) is whole
+
+
+def test_what_cannot_be_joined_says_why(both: tuple[Scene, Scene, Scene]) -> None:
+    first, second, _ = both
+    far = replace(second, occupancy=replace(second.occupancy, box=Box((5.0,) * 3, 1.0, (1.0,) * 3)))
+    with pytest.raises(BadInput, match="different places"):
+        joined([first, far])
+    with pytest.raises(BadInput, match="2 to 8"):
+        joined([first])
+    with pytest.raises(BadInput, match="without regions"):
+        joined([first, replace(second, palette_network=None, regions=())])
+
+
+def test_what_joined_scenes_cannot_do_says_when_to_do_it(both: tuple[Scene, Scene, Scene]) -> None:
+    whole = both[2]
+    for work in (
+        lambda: whole.split_at((0.0, 0.0, 0.0)),
+        lambda: whole.point_at(cube_camera(), (12, 12)),
+        lambda: stylize_scene(whole, []),
+        lambda: correct_palette(whole, None, None),  # type: ignore[arg-type]
+        lambda: grid_of(whole, BakeOptions(), "pcn"),
+        lambda: html_of(whole, "title", "name"),
+    ):
+        with pytest.raises(BadInput, match="before svv join"):
+            work()
+
+
+def test_the_command_joins_files(
+    both: tuple[Scene, Scene, Scene],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for number in (0, 1):
+        both[number].save(tmp_path / f"{number}.svv")
+    words = ["svv", "join", tmp_path / "0.svv", tmp_path / "1.svv", "--out", tmp_path / "both.svv"]
+    monkeypatch.setattr(sys, "argv", [str(word) for word in words])
+    with pytest.raises(SystemExit) as ended:
+        app.main()
+    assert not ended.value.code
+    assert "3 + 3 regions" in capsys.readouterr().out
+    assert Scene.load(tmp_path / "both.svv").regions == both[2].regions

@@ -131,7 +131,7 @@ class StyleRFTrain(DividedInput, Keeping):
         super().__init__(1, 1, "vtkTable")
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
-        from svv.pv.work import regions_said, scene_in, train, training_moment
+        from svv.pv.work import followed, follows, regions_said, scene_in, train, training_moment
 
         now, file = training_moment(inputs[0], self.values, time_asked_for(self)), self.values["SceneFile"]
 
@@ -151,10 +151,14 @@ class StyleRFTrain(DividedInput, Keeping):
         self.begin_with("scene", "scene", now)
         scene, name = self.steps.get(now, get, self.values["TrainEachTimeStep"])
         self.gives(scene=name)
+        told = self.steps.told(now)
+        if follows(scene, inputs[0], self.steps.made, now):
+            whole, told = scene, f" Followed to time {now.time:g}."
+            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], self.values))
         put_scene(scene, outputs[0])
         said = f"{regions_said(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
         said = " ".join([said, *scene.made.get("warnings", [])])
-        return said + self.note + self.steps.told(now)
+        return said + self.note + told
 
     def before(self, outputs: list[Any]) -> None:
         if self.steps.result is not None:
@@ -273,7 +277,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.styling import stylize
-        from svv.pv.work import camera_for, draw, regions_said, style_key, train, training_moment
+        from svv.pv.work import camera_for, draw, followed, follows, regions_said, style_key, train, training_moment
 
         values = self.values
         now, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
@@ -300,11 +304,15 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
             painted, name = paintings.get(ours, lambda: self.found_or_made("painted", "painting", ours, paint), each)
             self.gives(painted=name)
             scene = painted
-        camera = camera_for(scene, values)
+        told, whole = self.steps.told(now), scene
+        camera = camera_for(whole, values)
+        if follows(whole, inputs[0], self.steps.made, now):
+            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], values))
+            told = f" Followed to time {now.time:g}."
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         hint = "" if styles else "; choose a picture under Style Files to paint them"
-        return f"{regions_said(scene)}{hint}.{self.note}{self.steps.told(now)}"
+        return f"{regions_said(scene)}{hint}.{self.note}{told}"
 
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:

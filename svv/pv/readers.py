@@ -73,6 +73,14 @@ class StyleRFSceneReader(Filter):
         put_scene(scene, outputs[0])
         return f"{len(scene.regions)} regions;{told} networks {', '.join(scene.networks)}."
 
+    @smproperty.doublevector(name="TimestepValues", information_only="1", si_class="vtkSITimeStepsProperty")
+    def GetTimestepValues(self) -> list[float]:
+        """Return the times of the scene's steps, for ParaView's animation."""
+        try:
+            return self._times(self._read())
+        except BadInput:
+            return []  # RequestData reports it
+
     def _read(self) -> Any:
         from svv.fields.scene import Scene
 

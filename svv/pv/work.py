@@ -164,6 +164,32 @@ def training_moment(data: vtkDataObject | None, values: Values, asked: float | N
     return replace(moment, settings=settings, here=f"{moment.here} {values.get('SceneFile', '')}")
 
 
+def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: Moment) -> bool:
+    """Return whether a scene that was trained at another time can follow the data to the present one.
+
+    It can if it is a function of the volume's values (encoding ``values``) and the volume is in one piece.
+    """
+    moved = made is not None and made.data != now.data and None not in (made.time, now.time) and made.time != now.time
+    return moved and scene.values is not None and isinstance(data, vtkImageData) and crew_of(data) is None
+
+
+def followed(scene: Scene, image: vtkImageData, values: Values) -> Scene:
+    """Return a scene as another time step of its volume makes it.
+
+    Raises:
+        BadInput: The scene shows nothing of the volume, or has paint or parts that cannot follow.
+    """
+    from svv.dvr.classify import classified_as
+    from svv.dvr.grids import as_volume
+    from svv.dvr.transfer_functions import TransferFunction
+    from svv.fields.following import at_volume
+
+    volume = as_volume(image, values["Scalars"] or None, "The input")
+    told = scene.made.get("source", {}).get("tf")
+    tf = transfer_function_of(values) if told is None else TransferFunction.from_dict(told)
+    return at_volume(scene, classified_as(volume, tf))
+
+
 def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:
     """Return the scene in the user's file; None if it was trained on something else or the file does not exist.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import pyvista as pv
 import torch
 
 from svv.cli import app
@@ -16,12 +17,16 @@ from svv.core.cameras import Camera
 from svv.errors import BadInput
 from svv.fields.joined import joined, members
 from svv.fields.scene import Scene
+from svv.io.atomic import write_json
 from svv.options.baking import BakeOptions
 from svv.render.voxels import grid_of
 from svv.render.web.page import html_of
 from svv.train.correct import correct_palette
 from svv.train.pipeline import stylize_scene
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
+from tests.test_from_values import moved_ball
+from tests.test_ranges import BLUE, RED, bumps
+from tests.test_time_steps import command
 
 
 def faint(scene: Scene, factor: float = 0.3) -> Scene:
@@ -142,3 +147,25 @@ def test_the_command_joins_files(
     assert not ended.value.code
     assert "3 + 3 regions" in capsys.readouterr().out
     assert Scene.load(tmp_path / "both.svv").regions == both[2].regions
+
+
+def test_several_transfer_functions_make_one_scene(tmp_path: Path) -> None:
+    """The views of each have a folder, and its scene is saved beside the joined one."""
+    for name, function in (("shell", bumps((0.3, 0.2, 0.1, BLUE))), ("core", bumps((0.8, 0.3, 0.8, RED)))):
+        write_json(tmp_path / f"{name}.json", function.to_dict())
+    functions = ("--tf", tmp_path / "shell.json", "--tf", tmp_path / "core.json")
+    sizes = ("--n", "8", "--test", "0", "--size", "48", "--mapper", "cpu")
+    volume = tmp_path / "ball.vti"
+    pv.wrap(moved_ball(0.0)).save(volume)
+    assert command("views", volume, *functions, *sizes, "--out", tmp_path / "views") == 0
+    learning = ("--preset", "draft", "--encoding", "values", "--time-limit", "2")
+    assert command("train", tmp_path / "views", *learning, "--out", tmp_path / "both.svv") == 0
+    both = Scene.load(tmp_path / "both.svv")
+    counts = [len(Scene.load(tmp_path / f"both.{name}.svv").regions) for name in ("core", "shell")]
+    assert [sum(r.layer == k for r in both.regions) for k in (0, 1)] == counts
+    assert not list(tmp_path.glob("*.checkpoint"))
+    assert command("run", volume, *functions, "--out", tmp_path / "job") == 2
+    (tmp_path / "again").mkdir()
+    same = tmp_path / "again" / "shell.json"
+    same.write_text((tmp_path / "shell.json").read_text())
+    assert command("views", volume, "--tf", same, "--tf", tmp_path / "shell.json", "--out", tmp_path / "x") == 2

@@ -63,7 +63,7 @@ def follow(
     names = [f"{Path(step.name).stem}.svv" for step in steps]
     if not one and len(set(names)) < len(names):
         raise BadInput("Several volumes have the same name, so their scenes would overwrite each other: rename them.")
-    tf = TransferFunction.read(reading.tf) if reading.tf is not None else None
+    tf = None if reading.only is None else TransferFunction.read(reading.only)
     with shown("Following") as progress:
         series, notes = with_time_steps(loaded, steps, tf, progress if one else part(progress, 0.0, 0.7))
         if one:

@@ -10,6 +10,7 @@ import typer
 
 from svv.cli.option_group import spread
 from svv.cli.options import Out, VolumeFile
+from svv.errors import BadInput
 from svv.options.making import OrbitOptions, TrainOptions, ViewOptions, VolumeOptions
 from svv.progress import duration, shown
 
@@ -30,6 +31,7 @@ RUN = (
 """Examples in the help."""
 VIEWS = (
     "svv views foot.vti --tf bones.json --out views",
+    "svv views foot.vti --tf bones.json --tf skin.json --out views",
     "svv views head.raw --dims 256,256,128 --dtype uint16 --spacing 1,1,1.5 --tf skin.json --out views",
     "torchrun --nproc-per-node 4 -m svv views large.mhd --tf skin.json --out views",
 )
@@ -84,7 +86,7 @@ def run(
     if not views and is_database(source):
         with shown("Reading") as progress:
             source, views = imported_views(source, out / "views", progress), True
-    origin: ViewSource | VolumeSource = ViewSource(source) if views else VolumeSource(source, **vars(volume))
+    origin: ViewSource | VolumeSource = ViewSource(source) if views else VolumeSource(source, **volume.to_read())
     settings = JobSettings(drawing, training, path, recolour)
     check(settings)  # before a picture of the gallery is written
     origin.identity()
@@ -100,6 +102,8 @@ def views(
 ) -> None:
     """Render views of a volume: training views on a sphere around it, test views on the orbit.
 
+    With several --tf, each has a folder of its own in OUT, and svv train makes one scene of them.
+
     After Ctrl-C, the same command resumes. Processes that torchrun starts share the views; OUT must be in a folder that
     all of them see.
     """
@@ -108,13 +112,17 @@ def views(
     from svv.job.source import VolumeSource
     from svv.train import ranks
 
-    source, local = VolumeSource(volume, **vars(reading)), ranks.place().local_count
+    local = ranks.place().local_count
+    every = {out if len(reading.tf) < 2 else out / one.tf[0].stem: one for one in reading.each()}
+    if len(every) < len(reading.tf):
+        raise BadInput("Transfer functions of the same name would share a folder: rename one of their files.")
     with ranks.joined():
         if ranks.many() and drawing.memory is None:  # the level that is drawn depends on it: the same for all
             drawing = replace(drawing, memory=ranks.once(lambda: memory_allowed(None) / 1e9 / local))
-        with shown("Drawing", quiet=not ranks.is_first()) as progress:
-            made = source.make_views(out, drawing, progress, ranks.sharing())
-        if not ranks.is_first():
-            return
-    took = duration(known(made.seconds, "seconds"))
-    print(f"{out}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")
+        for folder, one in every.items():
+            with shown("Drawing", quiet=not ranks.is_first()) as progress:
+                source = VolumeSource(volume, **one.to_read())
+                made = source.make_views(folder, drawing, progress, ranks.sharing())
+            if ranks.is_first():
+                took = duration(known(made.seconds, "seconds"))
+                print(f"{folder}: {drawing.n} + {drawing.test} views, {took}, ray caster {made.mapper}")

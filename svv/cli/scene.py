@@ -47,9 +47,11 @@ def train(
     """Train a scene on views.
 
     Views made by `svv views` come with the volume's extinction, and by default, training starts from it. With
-    --views-only, or if there is no volume, everything is learned from views only. After Ctrl-C, the same command
-    resumes. torchrun trains with several processes on one machine or more.
+    --views-only, or if there is no volume, everything is learned from views only. A folder with the views of several
+    transfer functions gives one scene of all, and one of each beside it. After Ctrl-C, the same command resumes.
+    torchrun trains with several processes on one machine or more.
     """
+    from svv.fields.joined import joined
     from svv.io.cinema.views import read_views
     from svv.io.equal_views import equal_views
     from svv.io.scene_file import checkpoint_of
@@ -59,24 +61,41 @@ def train(
     from svv.train.config import settings_of
     from svv.train.pipeline import train_scene
 
-    def read() -> ViewSet:
+    def read(folder: Path) -> ViewSet:
         check_targets(out, json)
         settings_of(options)  # errors in the options are reported before the views are read
         device_named(options.device)
         with shown("Reading") as progress:
-            view_set = read_views(views, "train", progress)
+            view_set = read_views(folder, "train", progress)
         for said in (view_set.meta.assumed, equal_views(view_set)):
             if said is not None:
                 print(said, file=sys.stderr)
         return view_set
 
-    checkpoint = checkpoint_of(out)
+    folders = _folders(views)
+    files = {folder: out if len(folders) < 2 else out.with_name(f"{out.stem}.{folder.name}.svv") for folder in folders}
+    made = []
     with ranks.joined(options.device):
-        view_set = ranks.once(read)
-        with shown("Training", quiet=not ranks.is_first()) as progress:
-            scene, report = train_scene(view_set, options, progress, checkpoint)
+        for folder, file in files.items():
+            view_set = ranks.once(lambda folder=folder: read(folder))  # type: ignore[misc]
+            with shown("Training", quiet=not ranks.is_first()) as progress:
+                made.append(train_scene(view_set, options, progress, checkpoint_of(file)))
         if ranks.is_first():
-            finish(scene, report, out, json, checkpoint)
+            for (scene, report), file in zip(made, files.values(), strict=True):
+                finish(scene, report, file, json, checkpoint_of(file))
+            if len(made) > 1:
+                joined([scene for scene, _ in made]).save(out)
+                print(f"{out}: the scenes of {len(made)} transfer functions")
+
+
+def _folders(views: Path) -> list[Path]:
+    """Return the folders of views in a folder: itself, or those of several transfer functions."""
+    from svv.io.transforms import transforms_file
+
+    if not views.is_dir() or transforms_file(views, "train") is not None:
+        return [views]
+    inside = sorted(path for path in views.iterdir() if path.is_dir() and transforms_file(path, "train") is not None)
+    return inside if len(inside) > 1 else [views]
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
+from svv.errors import BadInput
 from svv.options.described import Setting
 
 DRAWN, PREFIX = "ink:", "gallery:"
@@ -33,7 +34,7 @@ DEVICES: tuple[str, ...] = get_args(DeviceName)
 class VolumeOptions:
     """Which transfer function shows a volume, and how its file is read."""
 
-    tf: Annotated[Path | None, Setting(metavar="TF.json")] = None
+    tf: Annotated[tuple[Path, ...], Setting(metavar="TF.json")] = ()
     """Transfer function: a preset exported from ParaView, or a list of opacity bumps."""
     array: str | None = None
     """Name of the array, if the file has several."""
@@ -43,6 +44,21 @@ class VolumeOptions:
     """For raw files: type of a voxel, such as uint8, int16 or float32."""
     spacing: Annotated[tuple[float, float, float] | None, Setting(metavar="X,Y,Z", syntax="spacing")] = None
     """For raw files, stacks and .npy: size of a voxel."""
+
+    def each(self) -> list[VolumeOptions]:
+        """Return the options of each transfer function alone."""
+        return [replace(self, tf=(tf,)) for tf in self.tf] or [self]
+
+    @property
+    def only(self) -> Path | None:
+        """The transfer function; None if there is none. BadInput is raised if there are several."""
+        if len(self.tf) > 1:
+            raise BadInput("Give one --tf here: svv views takes several, and svv train makes one scene of their views.")
+        return self.tf[0] if self.tf else None
+
+    def to_read(self) -> dict[str, Any]:
+        """Return the arguments of :class:`svv.job.source.VolumeSource`, apart from the volume."""
+        return {**vars(self), "tf": self.only}
 
 
 @dataclass(frozen=True)

@@ -151,7 +151,7 @@ def _decorated() -> list[Any]:
     fake = types.ModuleType("paraview.util.vtkAlgorithm")
     fake.VTKPythonAlgorithmBase = type("VTKPythonAlgorithmBase", (), {})  # type: ignore[attr-defined]
     some = types.SimpleNamespace
-    fake.smproperty = some(xml=note, input=ignore)  # type: ignore[attr-defined]
+    fake.smproperty = some(xml=note, input=ignore, doublevector=ignore)  # type: ignore[attr-defined]
     fake.smdomain = some(xml=ignore, datatype=ignore)  # type: ignore[attr-defined]
     fake.smhint = some(xml=ignore)  # type: ignore[attr-defined]
     fake.smproxy = some(filter=proxy("Filter"), reader=proxy("Reader"), writer=proxy("Writer"))  # type: ignore[attr-defined]

@@ -24,7 +24,7 @@ PYTHON_TUTORIAL = DOCS / "tutorials" / "python.md"
 GUIDES = sorted([*(DOCS / "tutorials").glob("*.md"), *(DOCS / "how-to").glob("*.md"), DOCS.parent / "README.md"])
 """Pages whose blocks are run."""
 
-NOT_RUN = {"needs ParaView": 11, "needs a GPU": 1, "takes minutes": 1}
+NOT_RUN = {"needs ParaView": 11, "needs a GPU": 1, "takes minutes": 4}
 """Why blocks of these pages are only compiled or left alone, and how many there are."""
 
 SHORT = replace(

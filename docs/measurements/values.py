@@ -19,9 +19,9 @@ from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import from_array
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views
+from svv.fields.following import at_volume
 from svv.io.viewset import ViewSet
 from svv.train.evaluate import evaluate_scene
-from svv.fields.following import at_volume
 from svv.train.pipeline import train_scene
 
 

@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
-
-from svv.dvr.views import make_views
-from svv.job.series import Step, with_time_steps
-from svv.train.pipeline import train_scene
-from tests.test_from_values import SHORT, TWO, moved_ball
 
 TIMES = "[0.0, 0.5, 1.0, 1.5, 2.0]"
 
@@ -373,38 +366,6 @@ for time in (1.0, 1.5, 0.5):
 at(animation, 0.0, view)
 assert abs(middle(train) - first) < 1e-6
 assert counted == ["train", "draw_views"], counted
-""",
-        tmp_path,
-    )
-
-
-def test_a_file_with_time_steps_plays_them(pvpython, tmp_path) -> None:
-    views, _ = make_views(moved_ball(0.0), TWO, n=12, test=3, size=64, mapper="cpu")
-    shifts = (0.0, 0.1, 0.3)
-    steps = [Step(str(k), float(k), partial(moved_ball, shift)) for k, shift in enumerate(shifts)]
-    scene, _ = with_time_steps(train_scene(views, SHORT)[0], steps)
-    scene.save(tmp_path / "series.svv")
-    pvpython(
-        VOLUME
-        + """
-from svv.fields.scene import Scene
-from svv.pv.follow import show_image
-reader = OpenDataFile(sys.argv[1] + "/series.svv")
-reader.UpdatePipeline()
-assert list(reader.TimestepValues) == [0.0, 1.0, 2.0], list(reader.TimestepValues)
-edit = StyleRFEdit(Input=reader)
-image = StyleRFRender(Input=edit, ImageSize=[40, 30])
-view = CreateView("RenderView")
-show_image(image, view)
-animation = GetAnimationScene()
-animation.UpdateAnimationUsingDataTimeSteps()
-seen = []
-for time in (0.0, 1.0, 2.0, 0.0):
-    animation.AnimationTime = time
-    Render(view)
-    seen.append(Scene.from_bytes(scene(reader), "the scene").info()["bounds"])
-    assert f"time step {time:.0f} of 3" in status(reader), status(reader)
-assert seen[0] == seen[3]
 """,
         tmp_path,
     )

@@ -72,9 +72,7 @@ def score(scene: Scene, step: int, tf: TransferFunction) -> float:
 
 def accuracy(series: Scene) -> None:
     """Print scores of some steps, alone and together."""
-    print(
-        "| step | first function, dB | trained on its views, dB | second, dB | together, dB | a picture of both |"
-    )
+    print("| step | first function, dB | trained on its views, dB | second, dB | together, dB | a picture of both |")
     for step in (0, TRAINED, COUNT - 1):
         there = at_step(series, step)
         train, _ = make_views(flow(APART * step), FUNCTIONS[0], n=40, test=1, size=240, mapper="cpu")

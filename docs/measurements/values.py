@@ -1,7 +1,6 @@
 """Compare scenes that learn their features with scenes that are functions of their volume's values.
 
 python docs/measurements/values.py [NAME=VOLUME,TF.json ...]    # by default the demo's volume
-python docs/measurements/values.py --steps                      # time steps that follow without training
 """
 
 from __future__ import annotations
@@ -14,12 +13,9 @@ from pathlib import Path
 import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.classify import classified_as
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import from_array
-from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views
-from svv.fields.following import at_volume
 from svv.io.viewset import ViewSet
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
@@ -55,32 +51,7 @@ def flow(time: float, voxels: int = 64) -> vtkImageData:
     return from_array(values.astype(np.float32), (2.0 / (voxels - 1),) * 3, (-1.0,) * 3)
 
 
-def steps() -> None:
-    """Print how well a scene of time 0 follows, beside scenes that are trained on the views of each time."""
-    tf = TransferFunction.from_bumps([
-        {"centre": 0.35, "width": 0.16, "opacity": 0.12, "colour": (0.2, 0.5, 0.9)},
-        {"centre": 0.8, "width": 0.14, "opacity": 0.6, "colour": (0.9, 0.35, 0.15)},
-    ])  # fmt: skip
-    scene = None
-    print("| time | trained on its views, dB | followed from time 0, dB | following, CPU |")
-    for moment in (0.0, 1.0, 5.0, 12.0):
-        image = flow(moment)
-        train, test = make_views(image, tf, n=40, test=8, size=240, mapper="cpu")
-        assert test is not None
-        own, _ = train_scene(train, "balanced", encoding="values")
-        scene = scene or own
-        begun = time.process_time()
-        told = TransferFunction.from_dict(scene.made["source"]["tf"])
-        there = at_volume(scene, classified_as(image, told))
-        spent = time.process_time() - begun
-        found = [evaluate_scene(s, test, "pcn").psnr for s in (own, there)]
-        print(f"| {moment:g} | {found[0]:.2f} | {found[1]:.2f} | {spent:.1f} s |", flush=True)
-
-
 if __name__ == "__main__":
-    if sys.argv[1:] == ["--steps"]:
-        steps()
-        raise SystemExit
     print("| volume | encoding | base network, dB | palette network, dB | training, CPU | an image, CPU | file |")
     for word in sys.argv[1:] or ["demo"]:
         name, _, files = word.partition("=")

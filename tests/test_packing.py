@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hn
 
+from svv.core.box import Box
 from svv.core.classified import COARSE, LARGEST
 from svv.core.matter import came_from, small
 from svv.core.packing import packed, unpacked
-from svv.fields.time_steps import packed_codes
+from svv.errors import BadInput
+from svv.fields.time_steps import TimeSteps, packed_codes
 
 GRIDS = hn.arrays(np.uint16, hn.array_shapes(min_dims=1, max_dims=4, max_side=5))
 
@@ -65,3 +70,20 @@ def test_flat_grids_do_not_move() -> None:
     assert np.abs(came_from(np.ones((9, 9, 9), np.float32), np.ones((9, 9, 9), np.float32))).max() == 0.0
     assert came_from(np.ones((9, 2, 9), np.float32), np.ones((9, 2, 9), np.float32)).shape == (3, 9, 2, 9)
     assert small(np.ones((97, 49, 2), np.float32)).shape == (49, 25, 2)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"cells": 3}, {"cells": 1 << 20}, {"times": (1.0, 1.0)}, {"times": (math.nan,)}, {"interval": (1.0, 1.0)},
+        {"own": 1}, {"codes": ()}, {"box": Box((0.0,) * 3, 1.0, (2.0, 1.0, 1.0))},
+        {"box": Box((0.0,) * 3, math.inf, (1.0,) * 3)}, {"cells": 1 << 12},
+    ],
+)  # fmt: skip
+def test_time_steps_that_do_not_fit_are_refused(wrong: dict[str, Any]) -> None:
+    """Also grids so large that no memory could hold them, whatever a file says."""
+    box, content = Box((0.0,) * 3, 1.0, (1.0,) * 3), packed_codes(np.ones((5, 5, 5), np.uint16))
+    right = {"box": box, "cells": 4, "interval": (0.0, 1.0), "times": (0.0,), "codes": (content,), "moves": (None,)}
+    assert TimeSteps(**right).grid(0, (0.0, 1.0)).values().max() == 0.0  # type: ignore[arg-type]
+    with pytest.raises(BadInput, match="steps"):
+        TimeSteps(**{**right, **wrong})

@@ -1,6 +1,7 @@
 """One scene of 20 time steps and two transfer functions: accuracy alone and together, bytes, and flicker of paint.
 
 python docs/measurements/series.py STYLE.jpg
+python docs/measurements/series.py STYLE.jpg --picture      # writes docs/images/series.jpg instead
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from skimage.registration import optical_flow_tvl1
 from skimage.transform import warp
 from values import flow
@@ -121,6 +123,26 @@ def flicker(series: Scene) -> None:
         print(f"| {name} | {total / found['volume rendering']:.2f} |")
 
 
+def picture(style: Path) -> None:
+    """Draw steps of a painted scene: volume rendering, palette network, and paint that moves with the matter."""
+    train, _ = make_views(flow(APART * TRAINED), FUNCTIONS[0], n=40, test=1, size=240, mapper="cpu")
+    scene, _ = train_scene(train, "balanced", encoding="values")
+    scene, _ = stylize_scene(scene, [read_style(style)], "fast")
+    steps = [Step(str(k), float(k), partial(flow, APART * k)) for k in range(COUNT)]
+    series, _ = with_time_steps(scene, steps)
+    seen = series.rig.orbit(181, 300)[90]
+    camera = replace(seen, fov_x=0.62 * seen.fov_x).resized(300, 300)
+    columns = []
+    for step in range(TRAINED - 6, TRAINED + 7, 4):
+        there = at_step(series, step)
+        drawn = render_views(flow(APART * step), FUNCTIONS[0], [camera], "cpu")[0] / np.float32(255.0)
+        pictures = [drawn, there.render(camera, "pcn").rgba, there.render(camera, "styled").rgba]
+        columns.append(np.concatenate([over(each, WHITE) for each in pictures]))
+    sheet = np.rint(255 * np.clip(np.concatenate(columns, axis=1), 0.0, 1.0)).astype(np.uint8)
+    target = Path(__file__).resolve().parents[1] / "images" / "series.jpg"
+    Image.fromarray(sheet).save(target, quality=88, optimize=True, progressive=True)
+
+
 def main(style: Path) -> None:
     """Print everything."""
     scenes, steps = [], [Step(str(k), float(k), partial(flow, APART * k)) for k in range(COUNT)]
@@ -148,4 +170,4 @@ def main(style: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    (picture if "--picture" in sys.argv else main)(Path(sys.argv[1]))

@@ -23,6 +23,9 @@ MOVE_CELLS = 16
 MOVE_STEP = 1.0 / 512.0
 """Precision of displacements, in box units."""
 
+MOST_CELLS, MOST_VERTICES = 1 << 14, 1 << 31
+"""Limits of a grid, beyond which a file is damaged."""
+
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -55,7 +58,12 @@ class TimeSteps:
             raise BadInput("The times of steps must increase from one to the next.")
         if len(self.codes) != count or len(self.moves) != count or not 0 <= self.own < count:
             raise BadInput("The time steps of a scene do not fit each other.")
-        if self.cells < 1 or self.cells & (self.cells - 1) or not self.interval[0] < self.interval[1]:
+        sides, place = np.asarray(self.box.extent), np.isfinite([*self.box.low, self.box.size, *self.interval]).all()
+        small = 1 <= self.cells <= MOST_CELLS and not self.cells & (self.cells - 1)
+        whole = (
+            place and len(self.box.low) == len(sides) == 3 and self.box.size > 0 and self.interval[0] < self.interval[1]
+        )
+        if not (small and whole and ((sides > 0) & (sides <= 1)).all() and np.prod(self.shape) <= MOST_VERTICES):
             raise BadInput("The grid of a scene's time steps is not valid.")
 
     def __len__(self) -> int:

@@ -169,3 +169,11 @@ def test_several_transfer_functions_make_one_scene(tmp_path: Path) -> None:
     same = tmp_path / "again" / "shell.json"
     same.write_text((tmp_path / "shell.json").read_text())
     assert command("views", volume, "--tf", same, "--tf", tmp_path / "shell.json", "--out", tmp_path / "x") == 2
+
+
+def test_a_file_without_its_tables_is_damaged() -> None:
+    """Only a scene that keeps its values may leave out what follows from them."""
+    header, tensors = cube_scene().to_arrays()
+    for name in ("base.density.table", "pcn.encoding.table"):
+        with pytest.raises(KeyError):
+            Scene.from_arrays(header, {key: array for key, array in tensors.items() if not key.startswith(name)})

@@ -139,6 +139,9 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         styled = UnrestrictedField(
             settings, occupancy, header.get("paint_resolutions"), bool(header.get("paint_direct", False))
         )
+    values = _value_function(header, tensors)
+    steps = TimeSteps.from_file(header["steps"], tensors) if "steps" in header else None
+    left_out = {name for name in TABLES if name not in tensors} if steps is not None else set()
     told = header.get("variants", [])
     others = [UnrestrictedField(settings, occupancy, v.get("resolutions"), bool(v.get("direct", False))) for v in told]
     named = [*zip(NETWORKS, (base, palette, styled), strict=True)]
@@ -150,12 +153,10 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
             for key, encoding in _encodings(name, network):
                 packed = {k.removeprefix(key): v for k, v in own.items() if k.startswith(key)}
                 state = {k: v for k, v in state.items() if not k.startswith(key)}
-                state[key] = encoding.unpacked(packed) if packed or key not in TABLES else encoding.table.detach()
+                state[key] = encoding.table.detach() if key in left_out else encoding.unpacked(packed)
             network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
             network.requires_grad_(False)
-    values = _value_function(header, tensors)
-    steps = TimeSteps.from_file(header["steps"], tensors) if "steps" in header else None
-    if not set(TABLES[:2]) <= tensors.keys():
+    if "base.density.table" in left_out:
         _fill(base, palette, occupancy, values, steps)
     rig = CameraRig.from_json(header["camera_rig"]) if header["camera_rig"] else None
     m = header["marching"]

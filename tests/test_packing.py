@@ -87,3 +87,11 @@ def test_time_steps_that_do_not_fit_are_refused(wrong: dict[str, Any]) -> None:
     assert TimeSteps(**right).grid(0, (0.0, 1.0)).values().max() == 0.0  # type: ignore[arg-type]
     with pytest.raises(BadInput, match="steps"):
         TimeSteps(**{**right, **wrong})
+
+
+def test_damaged_displacements_are_one_sentence() -> None:
+    box, content = Box((0.0,) * 3, 1.0, (1.0,) * 3), packed_codes(np.ones((5, 5, 5), np.uint16))
+    steps = TimeSteps(box, 4, (0.0, 1.0), (0.0, 1.0), (content, content), (None, content[:-3]))
+    assert np.array_equal(steps.matter(0, np.ones((2, 3))), np.ones((2, 3)))
+    with pytest.raises(BadInput, match="Time step 1"):
+        steps.matter(1, np.ones((2, 3)))

@@ -82,7 +82,8 @@ def train(
                 made.append(train_scene(view_set, options, progress, checkpoint_of(file)))
         if ranks.is_first():
             for (scene, report), file in zip(made, files.values(), strict=True):
-                finish(scene, report, file, json, checkpoint_of(file))
+                told = json if json is None or file == out else json.with_name(f"{json.stem}.{file.stem}{json.suffix}")
+                finish(scene, report, file, told, checkpoint_of(file))
             if len(made) > 1:
                 joined([scene for scene, _ in made]).save(out)
                 print(f"{out}: the scenes of {len(made)} transfer functions")

@@ -38,7 +38,8 @@ def joined(scenes: Sequence[Painted]) -> Painted:
     """Return one scene of several, whose regions are those of all, in their order.
 
     Args:
-        scenes: Scenes of the same volume. Each keeps its edits and the painting that it shows; histories are dropped.
+        scenes: Scenes of the same volume. Each keeps its edits and the painting that it shows; histories are dropped,
+            and all are lit by the light of the first.
 
     Raises:
         BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network or parts that were

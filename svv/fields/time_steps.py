@@ -95,14 +95,21 @@ class TimeSteps:
         return ValueGrid(self.cells, codes, self.interval, visible)
 
     def matter(self, step: int, position: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where the matter at positions in the box was in the own step, box coordinates. (S, 3) -> (S, 3)"""
+        """Return where the matter at positions in the box was in the own step, box coordinates. (S, 3) -> (S, 3)
+
+        Raises:
+            BadInput: The displacements are damaged.
+        """
         content = self.moves[step]
         if content is None:
             return position
         from scipy.ndimage import map_coordinates
 
         shape = move_shape(self.shape)
-        moves = MOVE_STEP * unpacked(content, (3, *shape)).view(np.int16).astype(np.float64)
+        try:
+            moves = MOVE_STEP * unpacked(content, (3, *shape)).view(np.int16).astype(np.float64)
+        except ValueError as error:
+            raise BadInput(f"Time step {step} of the scene cannot be read: {error}.") from error
         extent = np.array([(n - 1) / self.cells for n in self.shape])
         place = (position / extent * (np.array(shape) - 1)).T
         moved = np.stack([map_coordinates(axis, place, order=1, mode="nearest") for axis in moves], axis=1)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.box import Box
-from svv.core.classified import ValueGrid
+from svv.core.classified import COARSE, ValueGrid
 from svv.core.matter import came_from, small
 from svv.dvr.series import beyond, values_over, visible_bounds
 from svv.dvr.transfer_functions import TransferFunction
@@ -110,7 +110,7 @@ def _survey(
         image = step.read()
         if own is None:
             there = values_over(image, known.box, known.cells, known.interval).codes.astype(np.int32)
-            own = number if (abs(there - codes) <= 64).mean() >= SAME else None
+            own = number if (abs(there - codes) <= COARSE).mean() >= SAME else None
         seen = [b for function in functions if (b := visible_bounds(image, function)) is not None]
         if not seen:
             notes.append(f"{step.name} shows nothing.")

@@ -170,7 +170,9 @@ def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: 
     It can if it is a function of the volume's values (encoding ``values``) and the volume is in one piece.
     """
     moved = made is not None and made.data != now.data and None not in (made.time, now.time) and made.time != now.time
-    return moved and scene.values is not None and isinstance(data, vtkImageData) and crew_of(data) is None
+    return (
+        moved and None not in (scene.values, scene.steps) and isinstance(data, vtkImageData) and crew_of(data) is None
+    )
 
 
 def followed(scene: Scene, image: vtkImageData, values: Values) -> Scene:

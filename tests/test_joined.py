@@ -22,7 +22,6 @@ from svv.options.baking import BakeOptions
 from svv.render.voxels import grid_of
 from svv.render.web.page import html_of
 from svv.train.correct import correct_palette
-from svv.train.pipeline import stylize_scene
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
 from tests.test_from_values import moved_ball
 from tests.test_ranges import BLUE, RED, bumps
@@ -121,9 +120,6 @@ def test_what_cannot_be_joined_says_why(both: tuple[Scene, Scene, Scene]) -> Non
 def test_what_joined_scenes_cannot_do_says_when_to_do_it(both: tuple[Scene, Scene, Scene]) -> None:
     whole = both[2]
     for work in (
-        lambda: whole.split_at((0.0, 0.0, 0.0)),
-        lambda: whole.point_at(cube_camera(), (12, 12)),
-        lambda: stylize_scene(whole, []),
         lambda: correct_palette(whole, None, None),  # type: ignore[arg-type]
         lambda: grid_of(whole, BakeOptions(), "pcn"),
         lambda: html_of(whole, "title", "name"),

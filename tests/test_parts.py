@@ -296,7 +296,7 @@ def test_a_file_holds_parts_and_those_without_are_as_before(two: Scene, split: S
     [
         lambda h, t: h["parts"].update(cells=48),
         lambda h, t: h["parts"].update(cells=32 * 8),
-        lambda h, t: h["parts"].update(undone=[{"colour": [0, 0, 0], "share": 0, "part_of": 7}]),
+        lambda h, t: h.update(undone=[{"colour": [0, 0, 0], "share": 0, "part_of": 7}]),
         lambda h, t: h.pop("parts"),
         lambda h, t: h["regions"][2].update(part_of=2),
         lambda h, t: h["regions"][2].update(part_of=-1),

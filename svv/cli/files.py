@@ -32,12 +32,13 @@ def load(path: Path, device: str = "cpu") -> Scene:
 def finish(scene: Scene, report: dict[str, Any], out: Path, json: Path | None, checkpoint: Path) -> None:
     """Save a trained scene and the report of its training, then delete the checkpoint."""
     from svv.io.atomic import write_json
+    from svv.io.scene_file import remove_checkpoints
 
     scene.save(out)
     report = {**report, "scene_bytes": out.stat().st_size}
     if json is not None:
         write_json(json, report)
-    checkpoint.unlink(missing_ok=True)
+    remove_checkpoints(checkpoint, len(scene.layers) + 1)
     total, size = duration(report["seconds"]["total"]), report["scene_bytes"] / 1e6
     source = f", from {report['learned_from']}" if "learned_from" in report else ""  # paint is not learned from views
     print(f"{out}: {size:.1f} MB, {len(scene.regions)} regions{source}, {total}")

@@ -33,7 +33,7 @@ POLE_LIMIT = np.radians(89.99)
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera or, with ``span_x``, an orthographic one, whom rays are parallel to its axis.
+    """A pinhole camera or, with ``span_x``, an orthographic one, whose rays are parallel to its axis.
 
     A point (X, Y, Z) in camera axes appears at column cx + f X / d and row cy - f Y / d, where (cx, cy) is the
     :attr:`principal_point`, f the :attr:`focal` length, and d = -Z, or 1 if the camera is orthographic.
@@ -41,7 +41,7 @@ class Camera:
     Args:
         camera_to_world: (4, 4) float64, OpenGL convention. Its last row is set to (0, 0, 0, 1) exactly.
         fov_x: Full horizontal angle of view in radians, in (0, pi); with ``centre``, that of an image of the same
-            width and focal length whom principal point is at its centre. Orthographic cameras do not use it.
+            width and focal length whose principal point is at its centre. Orthographic cameras do not use it.
         width: Width of the image in pixels, >= 1.
         height: Height of the image in pixels, >= 1.
         span_x: Full width of the image in world units, > 0, if the camera is orthographic (see

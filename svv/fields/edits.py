@@ -19,7 +19,7 @@ from svv.core.outlines import Pen
 from svv.errors import BadInput, Progress, silent
 from svv.fields.history import Edits, History, Step, edits_of, restyled, with_edits
 from svv.fields.model import Model
-from svv.fields.parts import Parts
+from svv.fields.parts import counted
 from svv.fields.region import Region
 from svv.fields.splitting import piece_at
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, SPLIT_LEVEL
@@ -158,11 +158,14 @@ class EditedModel(Model):
         Raises:
             BadInput: Nothing is at the point, the region is in one piece, or the level is out of range.
         """
-        self.check_alone("Splitting a region")
         region, parts, share = piece_at(self, point, level, progress)
+        return replace(self.with_part(region, share), parts=parts)
+
+    def with_part(self, region: int, share: float) -> Self:
+        """Return the scene with one more region, a part of this one; ``share``: fraction of the region's opacity."""
         whole = self.regions[region]
         part = replace(whole, part_of=region, share=share * whole.share)
-        return self._after(f"split region {region}", (*self.regions, part), parts=parts)
+        return replace(self._after(f"split region {region}", (*self.regions, part)), unsplit=())
 
     def with_strength(self, strength: float, *regions: int) -> Self:
         """Return a scene with the styles of these regions, by default all, at a strength of 0 (palette colours) to 1.
@@ -299,7 +302,12 @@ class EditedModel(Model):
             replace(restyled(theirs, own.style), strength=own.strength, mean_light=own.mean_light)
             for own, theirs in zip(self.regions, other.regions, strict=True)
         )
-        return replace(self, regions=tuple(regions), lamp=other.lamp, parts=other.parts, history=other.history)
+        shown = replace(self, regions=tuple(regions), unsplit=other.unsplit, lamp=other.lamp, history=other.history)
+        return shown.with_parts_of(other)
+
+    def with_parts_of(self, other: EditedModel) -> Self:
+        """Return this scene with the parts of another one."""
+        return replace(self, parts=other.parts)
 
     def _check_light(self) -> None:
         if self.settings.lighting == "none":
@@ -328,22 +336,23 @@ class EditedModel(Model):
     def _changed(self, what: str, changes: dict[int, Edits]) -> Self:
         return self._after(what, tuple(replace(r, **changes.get(k, {})) for k, r in enumerate(self.regions)))
 
-    def _after(
-        self, what: str, regions: tuple[Region, ...], lamp: Lamp | None = None, parts: Parts | None = None
-    ) -> Self:
+    def _after(self, what: str, regions: tuple[Region, ...], lamp: Lamp | None = None) -> Self:
         """Return the scene with other regions or light, and one more step in its history unless they are the same."""
         lamp = lamp or self.lamp
         if regions == self.regions and lamp == self.lamp:
             return self
         history = self.history.after(self.as_step(what))
-        return replace(self, regions=regions, lamp=lamp, parts=parts or self.parts, history=history)
+        return replace(self, regions=regions, lamp=lamp, history=history)
 
     def _at(self, step: Step, history: History) -> Self:
         """Return the scene at a step. Regions that were not yet split there wait for the split to be redone."""
         every, count = self.every_region, len(step.edits)
         regions = tuple(with_edits(r, e) for r, e in zip(every[:count], step.edits, strict=True))
-        parts = None if self.parts is None else replace(self.parts, undone=every[count:])
-        return replace(self, regions=regions, lamp=step.lamp, parts=parts, history=history)
+        return replace(self, regions=regions, unsplit=every[count:], lamp=step.lamp, history=history).counted()
+
+    def counted(self) -> Self:
+        """Return the scene with as many active parts as its regions are."""
+        return replace(self, parts=counted(self.parts, self.regions, 0))
 
 
 def _list(regions: Sequence[int]) -> str:

@@ -18,9 +18,10 @@ from torch import Tensor
 
 from svv.core.cameras import Camera
 from svv.core.compositing import LEAST_ALPHA
-from svv.errors import BadInput
+from svv.errors import BadInput, Progress, silent
 from svv.fields.history import History
 from svv.fields.phong import Beams
+from svv.fields.region import Region, of_layer
 from svv.fields.rendering import RayCaster, Rays, composite
 from svv.fields.variants import PaintedModel
 from svv.kernels.types import Samples
@@ -38,27 +39,29 @@ def joined(scenes: Sequence[Painted]) -> Painted:
     """Return one scene of several, whose regions are those of all, in their order.
 
     Args:
-        scenes: Scenes of the same volume. Each keeps its edits and the painting that it shows; histories are dropped,
-            and all are lit by the light of the first.
+        scenes: Scenes of the same volume. Each keeps its edits, its parts and the painting that it shows; histories are
+            dropped, and all are lit by the light of the first.
 
     Raises:
-        BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network or parts that were
-            split off, or they are of different places.
+        BadInput: There are fewer than two or more than ``MOST`` scenes, one has no palette network, or they are of
+            different places.
     """
     scenes = [member for scene in scenes for member in members(scene)]
     if not 2 <= len(scenes) <= MOST:
         raise BadInput(f"Give 2 to {MOST} scenes to join, not {len(scenes)}.")
     first = scenes[0]
-    for scene in scenes:
+    regions: list[Region] = []
+    for number, scene in enumerate(scenes):
         if scene.palette_network is None:
             raise BadInput("A scene without regions cannot be joined: train its palette network first.")
-        if scene.parts is not None and scene.parts.active:
-            raise BadInput("Scenes with parts that were split off cannot be joined: undo the splits first.")
         if not _near(first, scene):
             raise BadInput("The scenes are of different places: join scenes of one volume.")
-    regions = tuple(replace(r, layer=k) for k, scene in enumerate(scenes) for r in scene.regions)
-    layers = tuple(replace(s, regions=(), history=History(), others=(), parts=None) for s in scenes[1:])
-    return replace(first, regions=regions, layers=layers, history=History(), others=(), parts=None)
+        count = len(regions)
+        for region in scene.regions:
+            parent = None if region.part_of is None else count + region.part_of
+            regions.append(replace(region, layer=number, part_of=parent))
+    plain = [replace(scene, unsplit=(), history=History(), others=()) for scene in scenes]
+    return replace(plain[0], regions=tuple(regions), layers=tuple(replace(s, regions=()) for s in plain[1:]))
 
 
 def _near(first: PaintedModel, other: PaintedModel) -> bool:
@@ -72,21 +75,63 @@ def members(scene: Painted) -> tuple[Painted, ...]:
     if not scene.layers:
         return (scene,)
     layers = cast("tuple[Painted, ...]", scene.layers)
-    every = [replace(scene, layers=()), *(replace(s, steps=s.steps or scene.steps) for s in layers)]
-    return tuple(
-        replace(s, lamp=scene.lamp, history=History(), regions=tuple(r for r in scene.regions if r.layer == k))
-        for k, s in enumerate(every)
-    )
+    plain = [replace(scene, layers=()), *(replace(s, steps=s.steps or scene.steps) for s in layers)]
+    found = []
+    for number, member in enumerate(plain):
+        every, count = of_layer(scene.every_region, number), sum(r.layer == number for r in scene.regions)
+        found.append(replace(member, lamp=scene.lamp, history=History(), regions=every[:count], unsplit=every[count:]))
+    return tuple(found)
 
 
 def with_members(scene: Painted, changed: Sequence[Painted]) -> Painted:
-    """Return a joined scene with other networks of its members; its edits stay."""
-    layers = tuple(replace(s, regions=(), steps=None) for s in changed[1:])
-    return replace(changed[0], regions=scene.regions, lamp=scene.lamp, history=scene.history, layers=layers)
+    """Return a joined scene with its members changed, which keep their regions; its light and its history stay."""
+    own = [iter(member.every_region) for member in changed]
+    every = tuple(replace(next(own[r.layer]), layer=r.layer, part_of=r.part_of) for r in scene.every_region)
+    count = len(scene.regions)
+    layers = tuple(replace(s, regions=(), unsplit=(), steps=None, others=()) for s in changed[1:])
+    return replace(
+        changed[0],
+        regions=every[:count], unsplit=every[count:], lamp=scene.lamp, history=scene.history, others=(), layers=layers,
+    )  # fmt: skip
+
+
+def split_in_a_layer(scene: Painted, point: Sequence[float], level: float, progress: Progress = silent) -> Painted:
+    """Return a joined scene with a part of the function that is the most opaque one at a point as a region.
+
+    See :meth:`svv.fields.edits.EditedModel.split_at`.
+    """
+    every = members(scene)
+    opaque = [_extinction_seen_at(member, point) for member in every]
+    number = max(range(len(every)), key=opaque.__getitem__)
+    split = every[number].split_at(point, level, progress)
+    numbers = [k for k, region in enumerate(scene.regions) if region.layer == number]
+    part, whole = split.regions[-1], every[number].regions
+    assert part.part_of is not None
+    after = scene.with_part(numbers[part.part_of], part.share / max(whole[part.part_of].share, 1e-12))
+    if number == 0:
+        return replace(after, parts=split.parts)
+    layers = list(after.layers)
+    layers[number - 1] = replace(layers[number - 1], parts=split.parts)
+    return replace(after, layers=tuple(layers))
+
+
+@torch.no_grad()
+def _extinction_seen_at(member: PaintedModel, point: Sequence[float]) -> float:
+    """Return the edited extinction at a point in the world, in 1 / world unit; -1 outside the occupied cells."""
+    occupancy = member.occupancy
+    place = torch.as_tensor(occupancy.box.to_box(torch.tensor(point, dtype=torch.float64).numpy()))
+    cell = (place * occupancy.cells).floor().long()
+    inside = bool((cell >= 0).all()) and bool((cell < torch.tensor(occupancy.occupied.shape)).all())
+    if not inside or not occupancy.occupied[tuple(cell.tolist())]:
+        return -1.0
+    at = place[None].float().to(member.device)
+    assert member.palette_network is not None
+    region = int(member.region_of(at, member.palette_network.material(at)[1]))
+    return float(member.base.extinction_at(at)) * member.regions[region].seen_opacity / occupancy.box.size
 
 
 class Together(Generic[Painted]):
-    """Draws the members of a joined scene from one camera."""
+    """Draws a joined scene from one camera; a plain scene is one of one member."""
 
     def __init__(
         self,
@@ -97,26 +142,30 @@ class Together(Generic[Painted]):
     ) -> None:
         """Prepare the members that are visible; ``shaded`` returns what an image shows of one of them along rays."""
         self.camera, self.count, self.shaded = camera, len(scene.regions), shaded
-        self.shown: list[tuple[int, Painted, RayCaster, str]] = []
-        first = 0
-        for member in members(scene):
+        self.shown: list[tuple[Tensor, Painted, RayCaster, str]] = []
+        """Number in the whole of each region of a member (or 0 without regions), the member, its rays and network."""
+        for number, member in enumerate(members(scene)):
             if network == "base" or any(r.seen_opacity > 0.0 for r in member.regions):
                 caster = RayCaster([camera], member.occupancy.box, member.device)
                 own = network if network in member.networks else member.networks[-1]
-                self.shown.append((first, member, caster, own))
-            first += len(member.regions)
+                numbers = [k for k, r in enumerate(scene.regions) if r.layer == number] or [0]
+                self.shown.append((torch.tensor(numbers, device=member.device), member, caster, own))
 
     def in_sight(self) -> Tensor:
         """Return the pixels that may show something, ascending. (R,)"""
         found = [caster.in_sight(member.occupancy) for _, member, caster, _ in self.shown]
         return torch.cat(found).unique() if found else torch.zeros(0, dtype=torch.int64)
 
-    @torch.no_grad()
-    def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
-        """Draw pixels (R,) into RGBA (R, 4), depth (R,) and region (R,), all of them empty before."""
+    def samples(self, pixels: Tensor) -> tuple[Samples, Tensor, Tensor, Tensor] | None:
+        """Return the samples of all members along the rays of pixels (R,), in the order of their distances.
+
+        Returns:
+            The samples, whose ``sigma`` is their edited optical depth and whose step is 1; their colours (S, 3),
+            regions (S,) and distances from the camera in world units (S,). None if there are none.
+        """
         parts: list[tuple[Tensor, ...]] = []
-        tail = rgba.new_zeros(len(pixels))
-        for first, member, caster, network in self.shown:
+        tail = torch.zeros(len(pixels), device=pixels.device)
+        for numbers, member, caster, network in self.shown:
             rays = caster.rays(pixels)
             beams = Beams.of(member.lamp, self.camera, rays, member.settings.headlight)
             found = self.shaded(member, rays, beams, network)
@@ -125,19 +174,28 @@ class Together(Generic[Painted]):
             samples, colour, of, sigma = found
             size = member.occupancy.box.size
             distance = size * (samples.position - rays.origins[samples.ray.long()]).norm(dim=1)
-            parts.append((samples.ray, distance, samples.skipped, sigma * samples.step, colour, of + first))
-            tail += samples.tail
+            parts.append((samples.ray, distance, samples.skipped, sigma * samples.step, colour, numbers[of]))
+            tail = tail.to(samples.tail) + samples.tail
         if not parts:
-            return
+            return None
         ray, distance, skipped, thickness, colour, of = (torch.cat(each) for each in zip(*parts, strict=True))
         order = distance.argsort(stable=True)
         order = order[ray[order].argsort(stable=True)]
         count = torch.bincount(ray, minlength=len(pixels))
-        samples = Samples(
+        found_there = Samples(
             colour[order], thickness[order], skipped[order], ray[order], count.cumsum(0) - count, count, tail, 1.0
         )
-        regions = torch.nn.functional.one_hot(of[order], self.count).float()
-        values = torch.cat([colour[order], distance[order, None], regions], dim=1)
+        return found_there, colour[order], of[order], distance[order]
+
+    @torch.no_grad()
+    def draw(self, pixels: Tensor, rgba: Tensor, depth: Tensor, region: Tensor) -> None:
+        """Draw pixels (R,) into RGBA (R, 4), depth (R,) and region (R,), all of them empty before."""
+        found = self.samples(pixels)
+        if found is None:
+            return
+        samples, colour, of, distance = found
+        regions = torch.nn.functional.one_hot(of, self.count).float()
+        values = torch.cat([colour, distance[:, None], regions], dim=1)
         out, transmittance, _ = composite(samples, samples.sigma, values)
         alpha = 1.0 - transmittance
         seen = torch.nonzero(alpha > LEAST_ALPHA)[:, 0]
@@ -146,3 +204,19 @@ class Together(Generic[Painted]):
         rgba[seen, 3] = alpha[seen]
         depth[seen] = mean[:, 3]
         region[seen] = mean[:, 4:].argmax(1).to(torch.int16)
+
+    @torch.no_grad()
+    def most_visible(self, pixel: Tensor) -> tuple[float, float, float] | None:
+        """Return the world point where the region that a pixel (1,) shows is most visible; None if nothing is."""
+        found = self.samples(pixel)
+        if found is None:
+            return None
+        samples, _, of, distance = found
+        _, transmittance, weights = composite(samples, samples.sigma, samples.sigma[:, None])
+        if float(1.0 - transmittance) <= LEAST_ALPHA or float(weights.max()) <= 0.0:
+            return None
+        own = of == torch.bincount(of, weights).argmax()
+        origin, direction = (vectors.reshape(-1, 3)[int(pixel)] for vectors in self.camera.rays())
+        along = float(distance[torch.where(own, weights, -1.0).argmax()])
+        x, y, z = (origin + along * direction).tolist()
+        return x, y, z

@@ -54,6 +54,8 @@ class Model:
     """The values themselves, at one or several time steps; None for a scene that is no function of them."""
     parts: Parts | None = None
     """Where regions that are parts of others are; None if no region was ever split."""
+    unsplit: tuple[Region, ...] = ()
+    """Regions whose splits were undone and may be redone."""
 
     def check_alone(self, what: str) -> None:
         """Raise BadInput if the scene shows several transfer functions, which ``what`` does not support."""
@@ -63,7 +65,7 @@ class Model:
     @property
     def every_region(self) -> tuple[Region, ...]:
         """Its regions, and then those whose split was undone."""
-        return self.regions if self.parts is None else self.regions + self.parts.undone
+        return self.regions + self.unsplit
 
     @property
     def palette_regions(self) -> tuple[Region, ...]:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,19 +44,16 @@ class Parts:
     """Zone of each cell of the box. (X, Y, Z)"""
     inside: NDArray[np.bool_]
     """Whether each zone is inside each part's territory. (Z, N)"""
-    undone: tuple[Region, ...] = ()
-    """The last parts, whose splits were undone and may be redone."""
+    active: int = 0
+    """Number of parts whose splits were not undone: the first ones."""
     _moved: dict[torch.device, tuple[Tensor, Tensor]] = field(default_factory=dict, init=False, repr=False)
     """Zones and their table on the devices where they were used."""
 
     def __post_init__(self) -> None:
         if self.zone.max(initial=0) >= len(self.inside) or not 0 < len(self.inside) <= MOST_ZONES:
             raise ValueError("the zones of parts do not fit their table")
-
-    @property
-    def active(self) -> int:
-        """Number of parts whose splits were not undone."""
-        return self.inside.shape[1] - len(self.undone)
+        if not 0 <= self.active <= self.inside.shape[1]:
+            raise ValueError("the parts of regions do not fit their table")
 
     @cached_property
     def digest(self) -> str:
@@ -104,7 +101,7 @@ class Parts:
             raise OverflowError(f"{len(inside)} zones do not fit a byte")
         names = np.zeros(present[-1] + 1, np.uint8)
         names[present] = number.ravel()
-        return Parts(self.cells, names[code], inside)
+        return Parts(self.cells, names[code], inside, self.active + 1)
 
 
 def no_parts(shape: Sequence[int], cells: int) -> Parts:
@@ -124,3 +121,9 @@ def table_of(inside: NDArray[np.bool_], colours: int, parents: Sequence[int]) ->
     for number, parent in enumerate(parents):
         table[(table == parent) & inside[:, number, None]] = colours + number
     return table
+
+
+def counted(parts: Parts | None, regions: Sequence[Region], layer: int) -> Parts | None:
+    """Return parts of which as many are active as there are among the regions of a scene's layer."""
+    active = sum(region.layer == layer and region.part_of is not None for region in regions)
+    return parts if parts is None or parts.active == active else replace(parts, active=active)

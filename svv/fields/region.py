@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
 
@@ -67,3 +68,22 @@ class Region:
     def seen_opacity(self) -> float:
         """Factor on the extinction in images."""
         return 0.0 if self.hidden else self.opacity
+
+
+def of_layer(regions: Sequence[Region], layer: int) -> tuple[Region, ...]:
+    """Return a layer's regions as those of a scene of its own, numbered from 0.
+
+    Raises:
+        ValueError: A region is part of a later one, or of one of another layer.
+    """
+    own: dict[int, Region] = {}
+    numbers: dict[int, int] = {}
+    for number, region in enumerate(regions):
+        if region.layer != layer:
+            continue
+        if region.part_of is not None and region.part_of not in numbers:
+            raise ValueError("the parts of regions are out of order")
+        parent = None if region.part_of is None else numbers[region.part_of]
+        numbers[number] = len(own)
+        own[number] = replace(region, layer=0, part_of=parent)
+    return tuple(own.values())

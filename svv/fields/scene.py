@@ -21,12 +21,11 @@ from svv.core.palette_shading import lit
 from svv.errors import BadInput, Progress, silent
 from svv.fields.history import History
 from svv.fields.image import draw, image_kernels_of
-from svv.fields.joined import Shaded, Together, members
+from svv.fields.joined import Shaded, Together, members, split_in_a_layer
 from svv.fields.model import NETWORKS, for_colours, of_colour
 from svv.fields.networks import PaletteColours, encode_directions
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
-from svv.fields.region import Region
 from svv.fields.rendering import Marching, RayCaster, Rays, composite, empty_images, ended, march, not_hidden
 from svv.fields.scene_arrays import arrays_of, layers_of, parts_of
 from svv.fields.stroke_opacity import fade_of, followed
@@ -34,6 +33,7 @@ from svv.fields.variants import PaintedModel
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.dispatch import kernels_of
 from svv.kernels.types import Samples
+from svv.options.editing import SPLIT_LEVEL
 
 
 @dataclass(frozen=True)
@@ -195,21 +195,11 @@ class Scene(PaintedModel):
             raise BadInput(
                 f"The pixel {column},{row} is outside the picture of {camera.width} x {camera.height} pixels."
             )
-        self.check_alone("Finding a point in a picture")
-        network = network or self.networks[-1]
-        caster = RayCaster([camera], self.occupancy.box, self.device)
-        rays, how = caster.rays(torch.tensor([row * camera.width + column])), self._marching_as_edited(network)
-        samples = march(rays, self.occupancy, self.base.density, how)
-        if self.base.density is None:
-            samples, _ = not_hidden(samples, self.base.extinction(samples), how)
-        if len(samples):
-            _, of, sigma = self.shade(samples, rays, network)
-            _, transmittance, weights = composite(samples, sigma, sigma[:, None])
-            own = of == torch.bincount(of, weights).argmax()
-            nearest = samples.position[torch.where(own, weights, -1.0).argmax()]
-            if float(1.0 - transmittance) > LEAST_ALPHA and float(weights.max()) > 0.0:
-                x, y, z = self.occupancy.box.to_world(nearest.double().cpu().numpy()).tolist()
-                return x, y, z
+        found = Together(self, camera, network or self.networks[-1], Scene.shaded).most_visible(
+            torch.tensor([row * camera.width + column])
+        )
+        if found is not None:
+            return found
         raise BadInput(f"Nothing is visible at the pixel {column},{row}: click on something visible.")
 
     def shade(
@@ -245,6 +235,12 @@ class Scene(PaintedModel):
     def _marching_as_edited(self, network: str) -> Marching:
         """Return how rays are sampled; they go deeper where edits make regions more transparent."""
         return replace(self.marching_for_images, fade=fade_of(self, network))
+
+    def split_at(self, point: Sequence[float], level: float = SPLIT_LEVEL, progress: Progress = silent) -> Scene:
+        """Return the scene with a connected part as a region of its own; see :meth:`EditedModel.split_at`."""
+        if self.layers:
+            return split_in_a_layer(self, point, level, progress)
+        return super().split_at(point, level, progress)
 
     # --- files -----------------------------------------------------------------------------------------------------
 
@@ -286,11 +282,9 @@ class Scene(PaintedModel):
     @classmethod
     def from_arrays(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]]) -> Scene:
         """Restore a scene from the result of :meth:`to_arrays`."""
-        parts = parts_of(header, tensors)
-        model = cls(**{**parts, "regions": tuple(Region(**values) for values in parts["regions"])})
-        model = replace(
-            model, layers=tuple(cls.from_arrays(*layer) for layer in layers_of(header, tensors, model.steps))
-        )
+        model = cls(**parts_of(header, tensors))
+        layers = (cls.from_arrays(*layer) for layer in layers_of(header, tensors, model))
+        model = replace(model, layers=tuple(replace(layer, regions=(), unsplit=()) for layer in layers))
         if "history" not in header:
             return model
         return replace(model, history=History.from_json(header["history"], model.every_region))

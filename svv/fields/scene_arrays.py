@@ -18,8 +18,8 @@ from svv.fields.model import NETWORKS
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.of_values import TABLES, fill_base, fill_palette
-from svv.fields.parts import FINEST, Parts
-from svv.fields.region import Region
+from svv.fields.parts import FINEST, Parts, counted
+from svv.fields.region import Region, of_layer
 from svv.fields.rendering import Marching
 from svv.fields.time_steps import TimeSteps
 from svv.fields.value_function import ValueFunction
@@ -44,6 +44,7 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
         "density_resolutions": None if scene.base.density is None else scene.base.density.resolutions,
         "networks": [name for name, network in _networks(scene) if network is not None],
         "regions": [vars(r) for r in scene.regions],
+        "undone": [vars(r) for r in scene.unsplit],
         "history": scene.history.to_json(),
         "painting": scene.painting,
         "paint_resolutions": None if scene.styled is None else scene.styled.resolutions,
@@ -67,7 +68,7 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
         header["values"] = {"interval": own.interval, "visible": own.visible, "size": own.size}
         tensors["extinction_table"] = own.table.cpu().numpy()
     if scene.parts is not None:
-        header["parts"] = {"cells": scene.parts.cells, "undone": [vars(r) for r in scene.parts.undone]}
+        header["parts"] = {"cells": scene.parts.cells}
         tensors |= {f"parts.{name}": array for name, array in _packed(scene.parts, scene.occupancy).items()}
     named = _networks(scene) + [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
     for name, network in named:
@@ -93,8 +94,6 @@ def _networks(scene: PaintedModel) -> list[tuple[str, nn.Module | None]]:
 
 def _add_layers(scene: PaintedModel, header: dict[str, Any], tensors: Arrays, packed: bool, whole: bool) -> None:
     """Add what a joined scene is joined from."""
-    if scene.palette_network is not None and len(scene.palette_network.colours) != len(scene.palette_regions):
-        header["palette"] = len(scene.palette_network.colours)  # a joined scene has the regions of all, or none
     for number, layer in enumerate(scene.layers):
         told, arrays = arrays_of(layer if layer.steps else replace(layer, steps=scene.steps), packed, whole)
         if layer.steps is None and scene.steps is not None:  # the scene's own are its steps, too
@@ -104,11 +103,14 @@ def _add_layers(scene: PaintedModel, header: dict[str, Any], tensors: Arrays, pa
         tensors |= {f"layer{number}.{name}": array for name, array in arrays.items()}
 
 
-def layers_of(header: dict[str, Any], tensors: Arrays, steps: TimeSteps | None) -> list[tuple[dict[str, Any], Arrays]]:
-    """Return header and arrays of each further scene of a joined one, whose time steps are those of all."""
-    found = []
+def layers_of(header: dict[str, Any], tensors: Arrays, scene: PaintedModel) -> list[tuple[dict[str, Any], Arrays]]:
+    """Return header and arrays of each further scene of a joined one; the first has their regions and steps."""
+    found, steps = [], scene.steps
     for number, told in enumerate(header.get("layers", [])):
         start = f"layer{number}."
+        every = of_layer(scene.every_region, number + 1)
+        count = sum(region.layer == number + 1 for region in scene.regions)
+        told = {**told, "regions": [vars(r) for r in every[:count]], "undone": [vars(r) for r in every[count:]]}
         arrays = {name.removeprefix(start): array for name, array in tensors.items() if name.startswith(start)}
         if "steps" not in told and steps is not None:
             told, arrays = {**told, "steps": steps.to_json()}, {**arrays, **steps.to_arrays()}
@@ -117,7 +119,7 @@ def layers_of(header: dict[str, Any], tensors: Arrays, steps: TimeSteps | None) 
 
 
 def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
-    """Return the scene's fields by name from the result of :func:`arrays_of`; ``regions`` as plain values."""
+    """Return the scene's fields by name from the result of :func:`arrays_of`."""
     b = header["box"]
     box = Box(tuple(b["low"]), float(b["size"]), tuple(b["extent"]))
     shape = tuple(header["shape"])
@@ -129,9 +131,9 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"]), "finer": tuple(s.get("finer", ()))})
     base = BaseField(settings, occupancy, header["density_resolutions"])
     palette, styled = None, None
-    regions = [_values(r) for r in header["regions"]]
-    parts = _unpacked(header["parts"], tensors, occupancy) if "parts" in header else None
-    count = int(header.get("palette", _checked_parts(regions, parts)))
+    regions, unsplit, parts = _regions(header, tensors, occupancy)
+    own = of_layer((*regions, *unsplit), 0)
+    count = sum(region.part_of is None for region in own)
     if "pcn" in header["networks"]:
         colours, normals = torch.zeros(count, 3), header.get("normal_resolutions")
         palette = PaletteField(settings, occupancy, base.geometry_width, colours, normals)
@@ -148,10 +150,10 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     named += [(f"variant{number}", network) for number, network in enumerate(others)]
     for name, network in named:
         if network is not None:
-            own = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
-            state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in own.items()}
+            arrays = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
+            state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items()}
             for key, encoding in _encodings(name, network):
-                packed = {k.removeprefix(key): v for k, v in own.items() if k.startswith(key)}
+                packed = {k.removeprefix(key): v for k, v in arrays.items() if k.startswith(key)}
                 state = {k: v for k, v in state.items() if not k.startswith(key)}
                 state[key] = encoding.table.detach() if key in left_out else encoding.unpacked(packed)
             network.load_state_dict({k.removeprefix(f"{name}."): v for k, v in state.items()})
@@ -165,14 +167,13 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     variants = [
         Variant(v["name"], network, _tuple(v["styles"]), v["made"]) for v, network in zip(told, others, strict=True)
     ]
-    every = len(regions) if parts is None else len(regions) + len(parts.undone)
-    if not all(count <= len(v.styles) <= every for v in variants):
+    if not all(count <= len(v.styles) <= len(own) for v in variants):
         raise ValueError("a variant does not have the scene's regions")
     return {
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
         "styled": styled, "regions": regions, "camera_rig": rig, "made": header["made"], **images,
         "painting": header.get("painting"), "others": tuple(variants), "lamp": Lamp(**_values(header.get("lamp", {}))),
-        "parts": parts, "values": values, "steps": steps,
+        "parts": parts, "unsplit": unsplit, "values": values, "steps": steps,
     }  # fmt: skip
 
 
@@ -217,8 +218,7 @@ def _unpacked(header: dict[str, Any], tensors: Arrays, occupancy: Occupancy) -> 
         raise ValueError(f"parts of {header['cells']} cells do not fit {occupancy.cells}")
     zone = np.zeros([finer * n for n in occupancy.occupied.shape], np.uint8)
     _rows(zone, finer)[occupancy.occupied > 0] = tensors["parts.zone"].reshape(-1, finer, finer, finer)
-    undone = tuple(Region(**_values(r)) for r in header["undone"])
-    return Parts(int(header["cells"]), zone, tensors["parts.inside"] > 0, undone)
+    return Parts(int(header["cells"]), zone, tensors["parts.inside"] > 0)
 
 
 def _rows(zone: NDArray[np.uint8], finer: int) -> NDArray[np.uint8]:
@@ -227,17 +227,19 @@ def _rows(zone: NDArray[np.uint8], finer: int) -> NDArray[np.uint8]:
     return zone.reshape(x, finer, y, finer, z, finer).transpose(0, 2, 4, 1, 3, 5)
 
 
-def _checked_parts(regions: list[dict[str, Any]], parts: Parts | None) -> int:
-    """Return the number of the palette's regions; raises ValueError if parts do not follow them, one after another."""
-    parents = [region.get("part_of") for region in regions]
-    parents += [] if parts is None else [region.part_of for region in parts.undone]
-    own = sum(parent is None for parent in parents)
-    split = parents[own:]
-    if any(parent is None or not 0 <= parent < own + number for number, parent in enumerate(split)):
+def _regions(
+    header: dict[str, Any], tensors: Arrays, occupancy: Occupancy
+) -> tuple[tuple[Region, ...], tuple[Region, ...], Parts | None]:
+    """Return regions, those whose split was undone, and parts; raises ValueError if they do not fit each other."""
+    parts = _unpacked(header["parts"], tensors, occupancy) if "parts" in header else None
+    told = header.get("undone", header.get("parts", {}).get("undone", []))  # in older files, parts have it
+    regions, unsplit = (tuple(Region(**_values(r)) for r in values) for values in (header["regions"], told))
+    own = [region.part_of is not None for region in of_layer((*regions, *unsplit), 0)]
+    if own != sorted(own):
         raise ValueError("the parts of regions are out of order")
-    if len(split) != (0 if parts is None else parts.inside.shape[1]):
+    if sum(own) != (0 if parts is None else parts.inside.shape[1]):
         raise ValueError("the parts of regions do not fit their table")
-    return own
+    return regions, unsplit, counted(parts, regions, 0)
 
 
 def _normal_resolutions(scene: PaintedModel) -> tuple[int, ...] | None:

@@ -11,6 +11,7 @@ from svv.fields.edits import EditedModel
 from svv.fields.history import restyled
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import mean_lights
+from svv.fields.parts import counted
 from svv.fields.region import Region
 from svv.options.editing import SPLIT_LEVEL
 
@@ -112,6 +113,17 @@ class PaintedModel(EditedModel):
         # Styles of parts that were undone must not become those of the new part.
         return replace(result, others=tuple(replace(o, styles=o.styles[:count]) for o in result.others))
 
+    def with_parts_of(self, other: EditedModel) -> Self:
+        """Return this scene with the parts of another one of the same layers."""
+        theirs = other.layers if isinstance(other, PaintedModel) else ()
+        layers = (replace(own, parts=layer.parts) for own, layer in zip(self.layers, theirs, strict=True))
+        return replace(super().with_parts_of(other), layers=tuple(layers))
+
+    def counted(self) -> Self:
+        """Return the scene with as many active parts as its regions are, in each layer."""
+        layers = (replace(s, parts=counted(s.parts, self.regions, k)) for k, s in enumerate(self.layers, start=1))
+        return replace(super().counted(), layers=tuple(layers))
+
     def free_name(self, name: str | None) -> str:
         """Return the name for a new variant; by default :data:`UNNAMED`, which may be overwritten.
 
@@ -157,5 +169,4 @@ class PaintedModel(EditedModel):
             else:
                 regions.append(restyled(region, regions[region.part_of].style))
         count = len(self.regions)
-        parts = None if self.parts is None else replace(self.parts, undone=tuple(regions[count:]))
-        return replace(self, regions=tuple(regions[:count]), parts=parts)
+        return replace(self, regions=tuple(regions[:count]), unsplit=tuple(regions[count:]))

@@ -44,6 +44,17 @@ def checkpoint_of(scene: Path) -> Path:
     return scene.with_name(scene.name + ".checkpoint")
 
 
+def checkpoint_of_layer(checkpoint: Path, number: int) -> Path:
+    """Return the path of the checkpoint of one of the scenes that a scene is joined from."""
+    return checkpoint.with_name(f"{checkpoint.stem}.{number}{checkpoint.suffix}")
+
+
+def remove_checkpoints(checkpoint: Path, layers: int = 0) -> None:
+    """Delete the checkpoint of finished work, and those of the ``layers`` scenes that a scene is joined from."""
+    for path in (checkpoint, *(checkpoint_of_layer(checkpoint, number) for number in range(layers))):
+        path.unlink(missing_ok=True)
+
+
 def write_scene_file(path: str | Path, header: dict[str, Any], tensors: dict[str, np.ndarray]) -> None:
     """Write a scene, whole or not at all.
 

@@ -19,7 +19,7 @@ from svv.errors import Progress, part
 from svv.io.atomic import make_folder, write_json
 from svv.io.images import read_style
 from svv.io.output import write_mp4, write_png, write_region_png
-from svv.io.scene_file import checkpoint_of
+from svv.io.scene_file import checkpoint_of, remove_checkpoints
 from svv.io.transforms import transforms_file
 from svv.io.viewset import ViewSet
 from svv.job.source import Drawn, ViewSource
@@ -192,7 +192,7 @@ class Job:
             shown = [fitted(read_style(style), size) for style in self.styles]
             write_png(self.out / "styles.png", sheet([shown], [style.stem for style in self.styles]))
             write_json(self.out / "stylize.json", {**report, "scene_bytes": path.stat().st_size})
-            checkpoint.unlink(missing_ok=True)
+            remove_checkpoints(checkpoint, len(scene.layers) + 1)
 
         files = [path, self.out / "styles.png", self.out / "stylize.json"]
         self.stages.do("stylize", "Stylizing", settings, files, work, ["train"])

@@ -87,6 +87,10 @@ def digest_of_scene(scene: Scene) -> str:
 
     Parts count as well, although no network learned them: paintings belong to regions.
     """
+    if scene.layers:
+        from svv.fields.joined import members  # imports torch, which would delay the start of ParaView's window
+
+        return digest([digest_of_scene(member) for member in members(scene)])
     learned = (
         scene.base if scene.palette_network is None else scene.palette_network
     )  # a scene's edits and paintings share it

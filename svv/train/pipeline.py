@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from svv.train.checkpoint import Checkpoint
 from svv.train.config import VALUES, Preset, given
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.ink import Ink, Style, StyleInput
+from svv.train.layers import stylize_layers
 from svv.train.order import Painting, ordered
 from svv.train.previews import Show
 from svv.train.report import report_on
@@ -128,7 +130,8 @@ def stylize_scene(
         changes: Fields of the options to change, by name, such as ``variant="ink"``.
 
     Returns:
-        The scene with one more variant, which is shown, and the same edits, and a report as from :func:`train_scene`.
+        The scene with one more variant, which is shown, and the same edits (a scene of several transfer functions has
+        only one painting, which is replaced), and a report as from :func:`train_scene`.
         Its ``notes`` say which styles are unused or shared, which masks make no difference, and whether better features
         are available; ``features`` names those that were used.
 
@@ -137,9 +140,25 @@ def stylize_scene(
             a mask is empty or differs in size from its picture, a stroke size or strength is out of range, there is no
             styled network to continue with, the variant already exists, or ink is used where paint is not a lattice.
     """
-    scene.check_alone("Painting")
     asked, chosen = given(PaintOptions, options, changes)
     inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]
+    paint = partial(_stylize_alone, chosen, loss)
+    if scene.layers:
+        return stylize_layers(scene, inputs, asked, paint, progress, checkpoint, preview)
+    return paint(scene, inputs, asked, progress, checkpoint, preview)
+
+
+def _stylize_alone(
+    chosen: Preset,
+    loss: StyleLossSettings | None,
+    scene: Scene,
+    inputs: Sequence[StyleInput],
+    asked: PaintOptions,
+    progress: Progress,
+    checkpoint: Path | None,
+    preview: Show | None,
+) -> tuple[Scene, dict[str, Any]]:
+    """Stylize a scene of one transfer function; see :func:`stylize_scene`."""
     order = ordered(scene, inputs, asked)
     if order.inks and not is_laid(scene, chosen.stylize):
         raise BadInput("Ink needs paint on a lattice: train and stylize the scene with a preset other than 'paper'.")

@@ -15,7 +15,7 @@ from svv.core.shading import Shading
 from svv.dvr import mappers
 from svv.dvr.stage import Stage
 from svv.dvr.transfer_functions import TransferFunction
-from svv.render.baked import BakedVolume
+from svv.render.baked_volume import BakedVolume
 
 
 class BakedCaster(mappers.CpuMapper):

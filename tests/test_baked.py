@@ -33,7 +33,8 @@ from svv.fields.scene import Scene
 from svv.io.output import write_volume
 from svv.kernels.numba_baking import extend_colours
 from svv.options.baking import BakeOptions
-from svv.render.baked import OPACITY, UNIT_DISTANCE, BakedVolume, Baker, bake, baked, halved, write_baked
+from svv.render.baked import Baker, bake, baked
+from svv.render.baked_volume import OPACITY, UNIT_DISTANCE, BakedVolume, halved, write_baked
 from svv.render.voxels import Grid
 from tests.baked_views import BakedCaster
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene

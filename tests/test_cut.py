@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from svv.core.opacity_code import depths
-from svv.render.baked import BakedVolume, bake
+from svv.render.baked import bake
+from svv.render.baked_volume import BakedVolume
 from svv.render.cut import cut
 from svv.render.voxels import Grid
 from tests.cube import cube_scene

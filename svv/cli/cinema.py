@@ -122,7 +122,8 @@ def _page(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, 
 
 
 def _volume(out: Path, scene: Scene, options: ExportOptions, baking: BakeOptions, progress: Progress) -> str:
-    from svv.render.baked import bake, write_baked
+    from svv.render.baked import bake
+    from svv.render.baked_volume import write_baked
 
     volume = bake(scene, replace(baking, network=options.network), part(progress, 0.0, 0.8))
     preset = write_baked(out, volume, part(progress, 0.8, 1.0))

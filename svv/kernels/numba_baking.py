@@ -1,4 +1,4 @@
-"""The empty points around what a volume shows, compiled with numba: their colours, and the edges of hidden regions."""
+"""Volumes of colours and codes, compiled with numba: their empty points, hidden regions, halves and sums."""
 
 from __future__ import annotations
 
@@ -93,3 +93,74 @@ def halve(fine, roots, first, out, root):  # type: ignore[no-untyped-def]
                     out[z, y, x, 2] = np.uint8(blue / weights + 0.5)
                 elif 0 <= k < depth and 0 <= j < height and 0 <= i < width:
                     out[z, y, x, :3] = fine[k, j, i, :3]
+
+
+@njit(parallel=True, cache=True)
+def longest(volume):  # type: ignore[no-untyped-def]
+    """Return the greatest length of a point's vector of all four bytes; ``volume`` (Z, Y, X, 4) uint8."""
+    found = np.zeros(volume.shape[0], np.int64)
+    for z in prange(volume.shape[0]):
+        for y in range(volume.shape[1]):
+            for x in range(volume.shape[2]):
+                square = np.int64(0)
+                for n in range(4):
+                    square += np.int64(volume[z, y, x, n]) ** 2
+                found[z] = max(found[z], square)
+    return np.sqrt(found.max())
+
+
+@njit(parallel=True, cache=True)
+def add_up(volumes, tables, first, step, out, total):  # type: ignore[no-untyped-def]
+    """Add the extinctions of volumes on another grid, and mix their colours by them.
+
+    ``volumes``: tuple of K volumes (Z, Y, X, 4) uint8, colours and codes; ``tables`` (K, 256): extinction of each code;
+    ``first`` (K, 3): where the grid's first point is in each volume, in its points, z, y, x; ``step`` (K,): distance
+    between points of the grid in points of each volume. Writes the extinctions into ``total`` (z, y, x) float32 and the
+    colours into the first three bytes of ``out`` (z, y, x, 4) uint8.
+    """
+    for z in prange(out.shape[0]):
+        mixed = np.zeros((out.shape[1], out.shape[2], 3), np.float32)
+        for k in range(len(volumes)):
+            _add(volumes[k], tables[k], first[k], step[k], z, mixed, total)
+        for y in range(out.shape[1]):
+            for x in range(out.shape[2]):
+                if total[z, y, x] > 0.0:
+                    for c in range(3):
+                        out[z, y, x, c] = np.uint8(mixed[y, x, c] / total[z, y, x] + 0.5)
+
+
+@njit(cache=True)
+def _add(volume, table, first, step, z, mixed, total):  # type: ignore[no-untyped-def]
+    """Add one volume to a slice of the grid; see :func:`add_up`."""
+    depth, height, width = volume.shape[:3]
+    w, found = first[0] + z * step, np.zeros(4)
+    if not -1e-3 < w < depth - 1 + 1e-3:
+        return
+    k = min(max(int(np.floor(w)), 0), depth - 1)
+    w = min(max(w - k, 0.0), 1.0)
+    for y in range(mixed.shape[0]):
+        v = first[1] + y * step
+        if not -1e-3 < v < height - 1 + 1e-3:
+            continue
+        j = min(max(int(np.floor(v)), 0), height - 1)
+        v = min(max(v - j, 0.0), 1.0)
+        for x in range(mixed.shape[1]):
+            u = first[2] + x * step
+            if not -1e-3 < u < width - 1 + 1e-3:
+                continue
+            i = min(max(int(np.floor(u)), 0), width - 1)
+            u = min(max(u - i, 0.0), 1.0)
+            found[:] = 0.0
+            for c in range(2):
+                for b in range(2):
+                    for a in range(2):
+                        weight = (w if c else 1.0 - w) * (v if b else 1.0 - v) * (u if a else 1.0 - u)
+                        if weight > 0.0:
+                            for n in range(4):
+                                found[n] += weight * volume[min(k + c, depth - 1), min(j + b, height - 1),
+                                                            min(i + a, width - 1), n]  # fmt: skip
+            code = min(int(found[3]), 254)
+            extinction = table[code] + (found[3] - code) * (table[code + 1] - table[code])
+            total[z, y, x] += extinction
+            for n in range(3):
+                mixed[y, x, n] += extinction * found[n]

@@ -27,7 +27,7 @@ from svv.pv.identity import digest_of_views
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
     from svv.io.viewset import ViewSet
-    from svv.render.baked import BakedVolume
+    from svv.render.baked_volume import BakedVolume
 
 SCENE = "StyleRF Scene"
 VIEWS = "StyleRF Views"

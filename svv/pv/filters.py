@@ -70,13 +70,16 @@ class Filter(VTKPythonAlgorithmBase):
         All ranks do, or the filters before this one would not be executed on the same ranks: those that draw a volume
         together would wait for each other in vain. Only the first rank's scenes and images are not empty.
         """
-        for number, port in enumerate(in_info):
-            info = port.GetInformationObject(0)
-            executive = self.GetExecutive()
-            if info is not None and info.Has(executive.WHOLE_EXTENT()):
+        executive = self.GetExecutive()
+        connected = [
+            (n, k, port) for n, port in enumerate(in_info) for k in range(port.GetNumberOfInformationObjects())
+        ]
+        for number, connection, port in connected:
+            info = port.GetInformationObject(connection)
+            if info.Has(executive.WHOLE_EXTENT()):
                 info.Set(executive.UPDATE_EXTENT(), info.Get(executive.WHOLE_EXTENT()), 6)
-            data = None if info is None else self.GetInputDataObject(number, 0)
-            if info is not None and (self.first_rank or (data is not None and any(map(data.IsA, WHOLE)))):
+            data = self.GetInputDataObject(number, connection)
+            if self.first_rank or (data is not None and any(map(data.IsA, WHOLE))):
                 info.Set(executive.UPDATE_PIECE_NUMBER(), 0)
                 info.Set(executive.UPDATE_NUMBER_OF_PIECES(), 1)
         return 1

@@ -93,6 +93,12 @@ def takes_scene(cls: Any) -> Any:
     return smproperty.input(name="Input", port_index=0)(cls)
 
 
+def takes_scenes(cls: Any) -> Any:
+    """Give the filter the tables of several scenes as its input."""
+    cls = smdomain.datatype(dataTypes=["vtkTable"], composite_data_supported=False)(cls)
+    return smproperty.input(name="Input", port_index=0, multiple_input=True)(cls)
+
+
 def volume_properties(views: ViewOptions) -> list[Property]:
     """Return the properties of how a volume is shown and how many views of it are drawn."""
     return [

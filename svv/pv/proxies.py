@@ -226,12 +226,11 @@ class StyleRFVolume(VolumeOutput):
 
     def grid_for(self, data: Any) -> Any:
         from svv.kernels.dispatch import device_named
-        from svv.render.baked import network_of
-        from svv.render.voxels import grid_of
+        from svv.render.baked import grid_for
 
         options, scene = options_in(BakeOptions, self.values), scene_of(data)
         device_named(options.device)
-        return grid_of(scene, options, network_of(scene, options))
+        return grid_for(scene, options)
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.kernels.dispatch import device_named

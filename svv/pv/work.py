@@ -29,7 +29,7 @@ from svv.pv.steps import Moment
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
     from svv.io.viewset import ViewSet
-    from svv.render.baked import BakedVolume
+    from svv.render.baked_volume import BakedVolume
 
 Values = Mapping[str, Any]
 

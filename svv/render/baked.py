@@ -1,8 +1,4 @@
-"""A scene baked into a volume of bytes that VTK's volume mappers draw: a colour and a code of the extinction a point.
-
-The volume is drawn with its colours as they are (``MapScalars`` off, no independent components) and with the opacity
-function of :mod:`svv.core.opacity_code` over the volume's unit distance. Points around the visible ones are empty but
-have their neighbours' colour, because mappers interpolate colours and codes apart.
+"""A scene baked into a volume of bytes that VTK's volume mappers draw (:mod:`svv.render.baked_volume`).
 
 What edits do not change (:class:`svv.render.voxels.Matter`) can be kept for the next bake.
 
@@ -11,8 +7,8 @@ Letters: S points in occupied cells, (Z, Y, X) points of the grid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import torch
@@ -21,8 +17,9 @@ from torch import Tensor
 
 from svv.core import palette_shading
 from svv.core.cameras import Camera, look_at
-from svv.core.opacity_code import CODES, LEAST_LOG_DEPTH, codes_of, depths, most_of, opacity_points
+from svv.core.opacity_code import CODES, LEAST_LOG_DEPTH, codes_of, most_of
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.joined import members
 from svv.fields.model import for_colours, of_colour
 from svv.fields.networks import PaletteField, encode_directions
 from svv.fields.paint_light import lights_of
@@ -30,17 +27,11 @@ from svv.fields.phong import Beams
 from svv.fields.rendering import Rays
 from svv.fields.scene import Scene
 from svv.fields.stroke_opacity import followed
-from svv.io.atomic import write_json
-from svv.io.output import write_volume
-from svv.kernels.numba_baking import extend_colours, halve, soften_edges
+from svv.kernels.numba_baking import extend_colours, soften_edges
 from svv.options.baking import BakeOptions
-from svv.render.voxels import CHUNK, Grid, Matter, as_samples, grid_of, matter_of, paint_at, twice
-
-OPACITY, UNIT_DISTANCE = "StyleRF Opacity", "StyleRF Unit Distance"
-"""Field data of a baked volume: the opacity function, pairs of code and opacity, and its unit distance."""
-
-COLOURS = "RGBA"
-"""Name of a baked volume's array."""
+from svv.options.making import NetworkName
+from svv.render.baked_volume import BakedVolume, halved, span_all_bytes, summed
+from svv.render.voxels import CHUNK, Grid, Matter, as_samples, grid_around, grid_of, matter_of, paint_at, twice
 
 SIDES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 """Directions towards the viewers over which baked light is the mean."""
@@ -52,41 +43,14 @@ LEAST_SEEN = 1e-3
 """Weight of a direction from which a point is hidden; a point hidden from all sides has the plain mean."""
 
 
-@dataclass(frozen=True)
-class BakedVolume:
-    """A scene as a volume.
-
-    ``rgba`` (Z, Y, X, 4) uint8: the colour of each point and the code of its extinction
-    (:mod:`svv.core.opacity_code`); ``grid``: where the points are; ``most``: what code 255 stands for.
-    """
-
-    rgba: NDArray[np.uint8]
-    grid: Grid
-    most: float
-    ranges: tuple[NDArray[np.float64], tuple[float, float]]
-    """Smallest and largest value of each component (4, 2), and of the length of a point's vector of all four."""
-
-    @property
-    def empty(self) -> bool:
-        """Whether nothing in it is visible."""
-        return not self.rgba[..., 3].any()
-
-    def fields(self) -> dict[str, NDArray[np.float64]]:
-        """Return the field data that go with it: the opacity function (256, 2) and its unit distance (1, 1)."""
-        return {OPACITY: np.array(opacity_points(self.most)), UNIT_DISTANCE: np.array([[self.grid.unit_distance]])}
-
-    def told(self) -> str:
-        """Return its size for the user."""
-        x, y, z = self.grid.shape
-        return f"{x} x {y} x {z} points, {self.rgba.nbytes / 1e6:.0f} MB"
-
-
 class Baker:
     """Bakes scenes, and keeps what the next bake of the same scene can use again, whatever its edits."""
 
     def __init__(self) -> None:
         self._matter: tuple[object, Matter] | None = None
         self._paint: tuple[object, Tensor] | None = None
+        self._layers: dict[int, tuple[Baker, object, BakedVolume]] = {}
+        """Of each function of a joined scene: its baker, what its volume depends on, and its volume."""
 
     @torch.no_grad()
     def bake(self, scene: Scene, options: BakeOptions, progress: Progress = silent) -> BakedVolume:
@@ -104,6 +68,8 @@ class Baker:
         network = network_of(scene, options)
         if options.regions is not None:
             scene = scene.isolated(*options.regions)
+        if scene.layers:
+            return self._together(scene, options, progress)
         grid = grid_of(scene, options, network)
         finer = twice(scene, grid, network)
         if finer is not None:  # points of a coarse grid miss thin surfaces
@@ -122,19 +88,49 @@ class Baker:
             paint = self._paint[1]
         return baked(scene, matter, paint, network, options, part(progress, 0.6, 1.0))
 
+    def _together(self, scene: Scene, options: BakeOptions, progress: Progress) -> BakedVolume:
+        """Bake the functions of a joined scene, and add up what they show."""
+        every = members(scene)
+        shown = [k for k, member in enumerate(every) if any(r.seen_opacity for r in member.regions)] or [0]
+        for done, number in enumerate(shown):
+            member, own = every[number], network_in(every[number], network_of(scene, options))
+            key = member.base, member.palette_network, member.styled, member.regions, member.parts, member.lamp, options
+            baker, known, volume = self._layers.get(number, (Baker(), None, None))
+            if volume is None or known != key:
+                share = part(progress, done / len(shown), (done + 1) / len(shown))
+                volume = baker.bake(member, replace(options, network=own, regions=None), share)
+            self._layers[number] = baker, key, volume
+        return summed([self._layers[number][2] for number in shown], grid_for(scene, options))
+
+
+def grid_for(scene: Scene, options: BakeOptions) -> Grid:
+    """Return the grid of a scene's baked volume.
+
+    Raises:
+        BadInput: See :meth:`Baker.bake`.
+    """
+    network = network_of(scene, options)
+    grids = [grid_of(member, options, network_in(member, network)) for member in members(scene)]
+    return grids[0] if len(grids) == 1 else grid_around(grids, options.memory)
+
+
+def network_in(member: Scene, network: NetworkName) -> NetworkName:
+    """Return the name of a member's network that is drawn for one of its joined scene."""
+    return network if network in member.networks else cast(NetworkName, member.networks[-1])
+
 
 def bake(scene: Scene, options: BakeOptions = BakeOptions(), progress: Progress = silent) -> BakedVolume:
     """Bake a scene with its edits; see :meth:`Baker.bake`."""
     return Baker().bake(scene, options, progress)
 
 
-def network_of(scene: Scene, options: BakeOptions) -> str:
+def network_of(scene: Scene, options: BakeOptions) -> NetworkName:
     """Return the name of the network that gives the colours.
 
     Raises:
         BadInput: The scene lacks it, or it is ``base``.
     """
-    network = options.network or scene.networks[-1]
+    network = options.network or cast(NetworkName, scene.networks[-1])
     if network not in scene.networks:
         raise BadInput(f"The scene has no network '{network}', only {', '.join(scene.networks)}.")
     if network == "base":
@@ -177,36 +173,10 @@ def baked(
     extend_colours(rgba, matter.near)
     if _soften_edges(scene, matter, rgba, most):
         extend_colours(rgba, matter.near)
-    _span_all_bytes(flat)
+    span_all_bytes(flat)
     progress(1.0, "colouring")
     ends = np.array([[0.0, 255.0]] * 3 + [[0.0, codes.max(initial=0)]])
     return BakedVolume(rgba, grid, most, (ends, (0.0, longest**0.5)))
-
-
-def halved(volume: BakedVolume, grid: Grid) -> BakedVolume:
-    """Return a volume on a grid of half its resolution.
-
-    Points of a coarse grid miss what is thinner than its voxels, so points around each are averaged: the square root of
-    their extinction, which gives better images than its logarithm, opacity, or extinction itself
-    (docs/measurements/baked.md).
-
-    Args:
-        volume: The finer volume.
-        grid: Points of the coarser one, on which those of the finer one lie between them.
-    """
-    fine = volume.grid
-    first = 2 * np.array(grid.first[::-1]) - np.array(fine.first[::-1])
-    rgba = np.zeros((*grid.shape[::-1], 4), np.uint8)
-    root = np.zeros(grid.shape[::-1], np.float32)
-    halve(volume.rgba, np.sqrt(depths(volume.most)), first, rgba, root)
-    with np.errstate(divide="ignore"):
-        logs = (2.0 * np.log(root) + np.log(grid.unit_distance / fine.unit_distance)).astype(np.float32)
-    most = most_of(logs)
-    rgba[..., 3] = codes_of(logs, most)
-    extend_colours(rgba, np.flatnonzero(rgba[..., 3] == 0))
-    _span_all_bytes(rgba.reshape(-1, 4))
-    ends = np.array([*volume.ranges[0][:3], [0.0, rgba[..., 3].max()]])
-    return replace(volume, rgba=rgba, grid=grid, most=most, ranges=(ends, volume.ranges[1]))
 
 
 def _soften_edges(scene: Scene, matter: Matter, rgba: NDArray[np.uint8], most: float) -> bool:
@@ -227,18 +197,6 @@ def _soften_edges(scene: Scene, matter: Matter, rgba: NDArray[np.uint8], most: f
     soften_edges(codes, matter.place[rows], own, drop, softened)
     rgba.reshape(-1, 4)[matter.place[rows], 3] = softened
     return bool(softened.any())
-
-
-def _span_all_bytes(flat: NDArray[np.uint8]) -> None:
-    """Let every colour range from 0 to 255 and codes begin at 0, by two points that show nothing or next to nothing.
-
-    VTK's mappers on the GPU scale each component by its range, and colours are to stay what they are.
-    """
-    words = flat.view("<u4").ravel()  # the code is the last and most significant byte
-    white = words.argmin()
-    words[white] = 0xFFFFFFFF
-    black = words.argmin()
-    flat[white, 3], flat[black] = 0, 0
 
 
 def _seen_extinction(scene: Scene, matter: Matter, paint: Tensor | None) -> Tensor:
@@ -321,32 +279,3 @@ def _light_from(
         coefficients = for_colours(coefficients, scene.regions_at(position))
         specular, shade = palette.phong(position, weights, beams, coefficients)
     return torch.stack([specular, shade], dim=1)
-
-
-def write_baked(path: Path, volume: BakedVolume, progress: Progress = silent) -> Path:
-    """Write a volume as VTK image data, and beside it its opacity function as a ParaView preset.
-
-    The file's field data hold the function and its unit distance as well (:data:`OPACITY`, :data:`UNIT_DISTANCE`).
-
-    Args:
-        path: The file, by convention ``NAME.vti``.
-        volume: The volume.
-        progress: Called while it is compressed.
-
-    Returns:
-        The preset's file, ``NAME.json``.
-
-    Raises:
-        BadInput: Nothing is visible, or a file cannot be written.
-    """
-    if volume.empty:
-        raise BadInput("Nothing in the scene is visible: show a region, or make it more opaque.")
-    preset = path.with_suffix(".json")
-    place = volume.grid.origin, (volume.grid.spacing,) * 3
-    write_volume(path, {COLOURS: volume.rgba}, *place, volume.fields(), progress)
-    write_json(preset, [{
-        "Name": "StyleRF Volume", "ColorSpace": "RGB", "ScalarOpacityUnitDistance": volume.grid.unit_distance,
-        "RGBPoints": [0.0, 0.0, 0.0, 0.0, 255.0, 1.0, 1.0, 1.0],
-        "Points": [x for code, opacity in opacity_points(volume.most) for x in (code, opacity, 0.5, 0.0)],
-    }])  # fmt: skip
-    return preset

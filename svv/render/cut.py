@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.opacity_code import CODES, LEAST_LOG_DEPTH, codes_of
-from svv.render.baked import BakedVolume
+from svv.render.baked_volume import BakedVolume
 
 Side = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """A function of world coordinates (N, 3) whose values (N,) are positive on the side that is cut off."""

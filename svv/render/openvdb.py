@@ -23,7 +23,7 @@ from svv.core.opacity_code import depths
 from svv.errors import BadInput, Progress, silent
 from svv.io import openvdb_script
 from svv.io.atomic import atomic_path, write_json
-from svv.render.baked import BakedVolume
+from svv.render.baked_volume import BakedVolume
 
 PYTHON = "SVV_OPENVDB_PYTHON"
 """Environment variable that names a Python with OpenVDB's module."""

@@ -6,7 +6,7 @@ repeats what the lattice holds. Letters: S points in occupied cells, P palette c
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,7 +70,6 @@ def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
     Raises:
         BadInput: Not even the coarsest grid fits into the memory allowed, or the scene holds nothing.
     """
-    scene.check_alone("Making a volume")
     cells = scene.occupancy.cells
     filled = np.argwhere(scene.occupancy.occupied > 0)
     if not len(filled):
@@ -84,6 +83,29 @@ def grid_of(scene: Scene, options: BakeOptions, network: str) -> Grid:
         if 4 * grid.points <= options.memory * 1e9:
             return grid
     raise BadInput(f"A volume of the scene does not fit into {options.memory:g} GB: allow it more memory.")
+
+
+def grid_around(grids: Sequence[Grid], memory: float) -> Grid:
+    """Return a grid that contains others, as fine as the finest of them and aligned with it if memory allows.
+
+    Args:
+        grids: At least one grid.
+        memory: Gigabytes that a volume may take, 4 bytes for each point.
+    """
+    finest = min(grids, key=lambda grid: grid.spacing)
+    spacing, origin = finest.spacing, np.array(finest.origin)
+    low = np.min([grid.origin for grid in grids], axis=0)
+    high = np.max([grid.origin + grid.spacing * (np.array(grid.shape) - 1) for grid in grids], axis=0)
+    while True:
+        first = origin - spacing * np.ceil((origin - low) / spacing - 1e-6)
+        x, y, z = (int(n) + 1 for n in np.ceil((high - first) / spacing - 1e-6))
+        size = 4.0 * x * y * z / (memory * 1e9)
+        if size <= 1.0:
+            place = float(first[0]), float(first[1]), float(first[2])
+            return Grid(
+                max(1, round(finest.resolution * finest.spacing / spacing)), (x, y, z), (0, 0, 0), place, spacing
+            )
+        spacing *= 1.01 * float(np.cbrt(size))
 
 
 def twice(scene: Scene, grid: Grid, network: str) -> Grid | None:

@@ -8,7 +8,8 @@ import numpy as np
 from PIL import Image
 
 from svv.options.baking import BakeOptions
-from svv.render.baked import bake, write_baked
+from svv.render.baked import bake
+from svv.render.baked_volume import write_baked
 from tests.cube import cube_scene
 
 VIEW = """

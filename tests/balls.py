@@ -36,8 +36,13 @@ def two_balls(camera: Camera) -> np.ndarray:
     return (image * 255.0).round().astype(np.uint8)
 
 
-def balls_scene() -> Scene:
-    """The scene, trained for a few seconds."""
+def balls_views() -> ViewSet:
+    """Views of the balls from all around."""
     cameras = sphere_cameras(24, (0.0, 0.0, 0.0), 4.0, np.radians(30), 56)
     names = tuple(f"r_{k:04d}" for k in range(len(cameras)))
-    return train_scene(ViewSet(tuple(cameras), np.stack([two_balls(c) for c in cameras]), names), SHORT)[0]
+    return ViewSet(tuple(cameras), np.stack([two_balls(c) for c in cameras]), names)
+
+
+def balls_scene() -> Scene:
+    """The scene, trained for a few seconds."""
+    return train_scene(balls_views(), SHORT)[0]

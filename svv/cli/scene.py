@@ -80,6 +80,9 @@ def train(
             view_set = ranks.once(lambda folder=folder: read(folder))  # type: ignore[misc]
             with shown("Training", quiet=not ranks.is_first()) as progress:
                 made.append(train_scene(view_set, options, progress, checkpoint_of(file)))
+            if ranks.is_first():
+                for said in set(made[-1][1]["warnings"]) - {equal_views(view_set)}:
+                    print(said, file=sys.stderr)
         if ranks.is_first():
             for (scene, report), file in zip(made, files.values(), strict=True):
                 told = json if json is None or file == out else json.with_name(f"{json.stem}.{file.stem}{json.suffix}")

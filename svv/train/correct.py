@@ -85,7 +85,8 @@ def correct_palette(
         views = replace(views, classified=None)
     volume = views.classified if all(region.values for region in scene.palette_regions) else None
     ranges = () if volume is None else volume.ranges
-    entries, notes = corrected(_entries(scene, volume), correction, ranges)
+    entries, found = corrected(_entries(scene, volume), correction, ranges)
+    notes = [*found]
     palette = np.array([entry.colour for entry in entries])
     owners: Labelled | None = None
     if volume is not None:
@@ -103,7 +104,7 @@ def correct_palette(
     with measured() as cost:
         network, shares, spent = recolour(
             views, scene, palette, how,
-            Running(seed, time_limit, part(progress, 0.0, 0.98), saved), owners, unmixing, values,
+            Running(seed, time_limit, part(progress, 0.0, 0.98), saved, notes), owners, unmixing, values,
         )  # fmt: skip
         begin = time.monotonic()
         shown = [tuple((ranges[r].low, ranges[r].high) for r in entry.ranges) for entry in entries]
@@ -113,7 +114,7 @@ def correct_palette(
                         others=(), parts=None, **kept)  # fmt: skip
         plain, reason = with_fewest_samples(plain, views.cameras)
         progress(1.0, "palette colour network")
-    notes = (*notes, *_dropped(scene))
+    notes += _dropped(scene)
     edits = (edits_of(scene.regions[entry.origin[0]]) if entry.origin else {} for entry in entries)
     result = replace(plain, regions=tuple(with_edits(r, e) for r, e in zip(regions, edits, strict=True)))
     seconds = {"pcn": spent, "sampling": time.monotonic() - begin}

@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from svv.errors import Cancelled, Progress, silent
+from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.train import ranks
 from svv.train.checkpoint import Checkpoint
+from svv.train.last_good import LastGood
 
 SAVE_EVERY = 30.0
 """Seconds between two checkpoints."""
@@ -23,6 +24,9 @@ SHOW_EVERY = 0.2
 
 AGREE_EVERY = 8
 """Steps between two times at which several ranks agree on how much of the time limit is over, and whether to stop."""
+
+CHECK_EVERY, KEEP_EVERY = 64, 512
+"""Steps between two times at which the loss is checked, and between two at which the network's state is kept."""
 
 PARTS = 10
 """Number of parts of a run whose losses are recorded separately."""
@@ -40,6 +44,8 @@ class Running:
     """Called several times a second; stops the work when it raises."""
     saved: Checkpoint | None = None
     """Checkpoint to resume from and to save to."""
+    notes: list[str] = field(default_factory=list)
+    """Receives sentences for the user about how the stage went."""
 
 
 @dataclass
@@ -62,6 +68,11 @@ class Loop:
     """Called with the steps done and the seconds spent, to write a checkpoint."""
     watch: Callable[[], None] | None = None
     """Called after every step."""
+    network: nn.Module | None = None
+    """The network that is trained. If its loss or a parameter is no longer finite, its last good state is kept, and the
+    run ends."""
+    notes: list[str] = field(default_factory=list)
+    """Receives a sentence if that happens."""
     done: int = 0
     """Number of steps done."""
     spent: float = 0.0
@@ -77,9 +88,13 @@ class Loop:
 
         Returns:
             Seconds spent, including those before an interruption.
+
+        Raises:
+            BadInput: The training diverged before there was a good state.
         """
         begin = saved = told = time.monotonic()
         before = self.spent
+        good = None if self.network is None else LastGood(self.network)
         mean: Tensor | None = None
         elapsed: float | None = None  # as a fraction of the limit
         stop = False
@@ -93,6 +108,8 @@ class Loop:
             mean = loss if mean is None else mean + 0.05 * (loss - mean)
             self.course.setdefault(int(PARTS * fraction), []).append(loss)
             self.done += 1
+            if good is not None and self.done % CHECK_EVERY == 0 and not self._is_good(good, mean):
+                break
             now = time.monotonic()
             self.spent = before + now - begin
             if now - told > SHOW_EVERY:
@@ -103,13 +120,33 @@ class Loop:
                     if not ranks.many():
                         raise
                     stop = True
-            if self.save is not None and now - saved > SAVE_EVERY:
+            if self.save is not None and now - saved > SAVE_EVERY and bool(mean.isfinite()):
                 self.save(self.done, self.spent)
                 saved = time.monotonic()
             if self.watch is not None:
                 self.watch()
+        if good is not None and mean is not None and not (bool(mean.isfinite()) and good.is_finite()):
+            self._go_back(good)
         self.progress(1.0, self.label)
         return self.spent
+
+    def _is_good(self, good: LastGood, mean: Tensor) -> bool:
+        """Return whether the loss is finite and, now and then, whether the parameters are, which are then kept."""
+        due = good.step is None or self.done - good.step >= KEEP_EVERY or good.outgrown()
+        return bool(mean.isfinite()) and (not due or good.keep(self.done))
+
+    def _go_back(self, good: LastGood) -> None:
+        """Restore the last good state, and say so."""
+        step = good.restore()
+        advice = "lower its learning rates with --set, or leave those of the preset"
+        if step is None:
+            raise BadInput(
+                f"The stage '{self.label}' diverged at step {self.done}, and no earlier state is good: {advice}."
+            )
+        self.notes.append(
+            f"the stage '{self.label}' diverged at step {self.done} and ended with the state of step {step}: {advice}"
+        )
+        self.course.clear()
 
     def last_gain(self) -> float | None:
         """Return how many dB the mean loss of the last part is below that of the part before; None without both."""

@@ -125,6 +125,8 @@ class Painting:
         self.network, self.seed, self.saved = network, seed, saved
         self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
         self.seconds: dict[str, float] = {"stylize": 0.0}
+        self.notes: list[str] = []
+        """What there is to say about how it went."""
         self.refined: list[int] = []
         """Regions that start from their present paint."""
 
@@ -138,7 +140,7 @@ class Painting:
         plain = as_colours and not self.refined and isinstance(self.network, PatchFeatures)
         laid, end = plain or not targets, 0.9 if as_colours and self.weights.contrast else 1.0
         start = Start(self._transferred(targets), targets, order.inks, scene.styled if order.go_on else None)
-        running = Running(self.seed, None, part(progress, 0.0, end if laid else 0.3), self.saved)
+        running = Running(self.seed, None, part(progress, 0.0, end if laid else 0.3), self.saved, self.notes)
         field = started(scene, start, settings, running, self.seconds, self.previews)
         if not laid:
             self._match(field, targets, part(progress, 0.3, end))
@@ -171,5 +173,8 @@ class Painting:
         """Match features, which joins the pieces, or makes strokes where none were laid."""
         work = Stylization(self.scene, field, targets, self.settings, part(progress, 0.0, 0.08), self.refined)
         watch = None if self.previews is None else partial(self.previews.look, field)
-        loop = Loop(self.settings.style_iterations, None, part(progress, 0.08, 1.0), "stylization", watch=watch)
+        loop = Loop(
+            self.settings.style_iterations, None, part(progress, 0.08, 1.0), "stylization",
+            watch=watch, network=field, notes=self.notes,
+        )  # fmt: skip
         self.seconds["stylize"] = run_stage(loop, work, self.saved, "stylize")

@@ -189,7 +189,7 @@ def _stylize_alone(
         masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
         stroke_size=asked.stroke_size, strength=asked.strength, continued=work.refined,
         previews=[] if work.previews is None else work.previews.seconds,
-        notes=[*order.notes, *([network.note] if network and network.note else [])],
+        notes=[*order.notes, *work.notes, *([network.note] if network and network.note else [])],
     )  # fmt: skip
     return replace(styled, made={**scene.made, "stylized": report}), report
 

@@ -207,7 +207,10 @@ def recolour(
     pool = RayPool(views, occupancy.box, seed, device)
     headlight = scene.settings.headlight
     work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given, headlight)
-    loop = Loop(settings.iterations, running.limit, running.progress, "palette colour network")
+    loop = Loop(
+        settings.iterations, running.limit, running.progress, "palette colour network",
+        network=network, notes=running.notes,
+    )  # fmt: skip
     if checkpoint is not None:
         state = checkpoint.stage("palette", network, work.networks, work.tables)
         if state.restored is not None:

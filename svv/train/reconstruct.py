@@ -208,7 +208,9 @@ def reconstruct(
         The frozen field, the pruned occupancy, the sampling of rays, the seconds spent, and why training stopped.
     """
     work, checkpoint = kind(views, beginning, field, settings, running.seed, device), running.saved
-    loop = Loop(settings.iterations, running.limit, running.progress, "base NeRF")
+    loop = Loop(
+        settings.iterations, running.limit, running.progress, "base NeRF", network=work.field, notes=running.notes
+    )
     if checkpoint is not None:
         work.go_on_from(checkpoint.extra("base"))
         state = checkpoint.stage("base", work.field, work.networks, work.tables)

@@ -92,9 +92,10 @@ def started(
         watch = None if previews is None else partial(previews.look, distillation.field)
         known = before is not None and all(scene.regions[k].style is not None for k in start.targets)
         steps = 0 if known else settings.distil_iterations
-        loop = Loop(steps, None, progress, "distillation", watch=watch)
+        field, notes = distillation.field, running.notes
+        loop = Loop(steps, None, progress, "distillation", watch=watch, network=field, notes=notes)
         seconds["distil"] = run_stage(loop, distillation, saved, "distil") if steps else 0.0
-        return distillation.field
+        return field
     pixel = paint_pixel(scene, settings)
     if saved is not None and "paint" in saved.finished:
         field = painted_field(scene, pixel)

@@ -132,7 +132,7 @@ class Training:
         first = None if left is None else max(0.1, left * BASE_PART)
         base, occupancy, marching, self.seconds["base"], reason = reconstruct(
             views, field, chosen.reconstruct, beginning,
-            Running(self.seed, first, part(progress, 0.1, 0.7), self.saved), self.device,
+            Running(self.seed, first, part(progress, 0.1, 0.7), self.saved, self.warnings), self.device,
             Reconstruction if beginning.values is None else ValueReconstruction,
         )  # fmt: skip
         self.notes.append(reason)
@@ -231,7 +231,7 @@ class Training:
         told = part(self.progress, 0.76 if "lighting" in self.seconds else 0.7, 1.0)
         network, shares, self.seconds["pcn"] = recolour(
             self.views, scene, palette.colours, self.chosen.recolour,
-            Running(self.seed, self._left(), told, self.saved), owners, given, self._values,
+            Running(self.seed, self._left(), told, self.saved, self.warnings), owners, given, self._values,
         )  # fmt: skip
         return replace(
             scene,

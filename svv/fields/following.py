@@ -34,7 +34,7 @@ Painted = TypeVar("Painted", bound=PaintedModel)
 CPU = torch.device("cpu")
 
 Matter = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Where the matter at positions of a box (S, 3) was when it was painted. (S, 3)"""
+"""Where the matter at positions (S, 3), of a box or the world, was when it was painted. (S, 3)"""
 
 
 def at_step(scene: Painted, step: int, anew: bool = False) -> Painted:
@@ -81,15 +81,18 @@ def step_at(steps: TimeSteps, time: float) -> int:
     return max(0, int(np.searchsorted(steps.times, time, side="right")) - 1)
 
 
-def at_volume(scene: Painted, volume: ClassifiedVolume, time: float = 0.0) -> Painted:
+def at_volume(
+    scene: Painted, volume: ClassifiedVolume, time: float = 0.0, matter: Matter = lambda position: position
+) -> Painted:
     """Return the scene as another volume's values make it, with the same palette, edits and paint.
 
-    Paint stays where it is in space; where the scene was empty before, it is that of the nearest place.
+    Where there was no paint before, it is that of the nearest place.
 
     Args:
         scene: A scene of the encoding ``values``, with a palette network and without regions that were split off.
         volume: The other volume, classified by the scene's transfer function.
         time: Its time.
+        matter: Where the matter at positions in the world was when the scene was painted; by default at rest.
 
     Raises:
         BadInput: The scene is not one of these, or the volume comes without its values.
@@ -98,7 +101,8 @@ def at_volume(scene: Painted, volume: ClassifiedVolume, time: float = 0.0) -> Pa
     if volume.values is None:
         raise BadInput("The volume comes without its values: classify it again.")
     grid = volume.values.over(function.interval, function.visible)
-    return _over(scene, grid, volume.box, TimeSteps.of(grid, volume.box, time), lambda position: position)
+    box = volume.box
+    return _over(scene, grid, box, TimeSteps.of(grid, box, time), lambda at: box.to_box(matter(box.to_world(at))))
 
 
 def check_follows(scene: PaintedModel) -> tuple[ValueFunction, PaletteField]:

@@ -154,7 +154,7 @@ class StyleRFTrain(DividedInput, Keeping):
         told = self.steps.told(now)
         if follows(scene, inputs[0], self.steps.made, now):
             whole, told = scene, f" Followed to time {now.time:g}."
-            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], self.values))
+            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], self.values, now))
         put_scene(scene, outputs[0])
         said = f"{regions_said(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
         said = " ".join([said, *scene.made.get("warnings", [])])
@@ -276,7 +276,17 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
 
     def work(self, inputs: list[Any], outputs: list[Any], out_info: Any) -> str:
         from svv.pv.styling import stylize
-        from svv.pv.work import camera_for, draw, followed, follows, regions_said, style_key, train, training_moment
+        from svv.pv.work import (
+            camera_for,
+            draw,
+            followed,
+            follows,
+            moving_from,
+            regions_said,
+            style_key,
+            train,
+            training_moment,
+        )
 
         values = self.values
         now, each = training_moment(inputs[0], values, time_asked_for(self)), values["TrainEachTimeStep"]
@@ -305,8 +315,12 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
             scene = painted
         told, whole = self.steps.told(now), scene
         camera = camera_for(whole, values)
-        if follows(whole, inputs[0], self.steps.made, now):
-            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], values))
+        made = self.steps.made
+        if made is not None and made.data == now.data:
+            self.kept("moving", (name, now.data), lambda: moving_from(whole, inputs[0], values, now.time))
+        if made is not None and follows(whole, inputs[0], made, now):
+            moving = self.kept("moving", (name, made.data), lambda: None)
+            scene = self.kept("followed", (name, now.data), lambda: followed(whole, inputs[0], values, now, moving))
             told = f" Followed to time {now.time:g}."
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])

@@ -29,6 +29,7 @@ from svv.pv.steps import Moment
 if TYPE_CHECKING:
     from svv.fields.scene import Scene
     from svv.io.viewset import ViewSet
+    from svv.job.moving import Moving
     from svv.render.baked_volume import BakedVolume
 
 Values = Mapping[str, Any]
@@ -175,8 +176,21 @@ def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: 
     )
 
 
-def followed(scene: Scene, image: vtkImageData, values: Values) -> Scene:
-    """Return a scene as another time step of its volume makes it.
+def moving_from(scene: Scene, data: vtkDataObject | None, values: Values, time: float | None) -> Moving | None:
+    """Return what follows the matter of a volume from the time at which a scene is painted.
+
+    None if the scene cannot follow its volume, has no paint, or the data have no time.
+    """
+    if scene.values is None or scene.styled is None or time is None or not isinstance(data, vtkImageData):
+        return None
+    from svv.dvr.grids import as_volume
+    from svv.job.moving import Moving
+
+    return Moving(as_volume(data, values["Scalars"] or None, "The input"), scene.values.interval, time)
+
+
+def followed(scene: Scene, image: vtkImageData, values: Values, now: Moment, moving: Moving | None = None) -> Scene:
+    """Return a scene as another time step of its volume makes it; paint moves with the matter where that is known.
 
     Raises:
         BadInput: The scene shows nothing of the volume, or has paint or parts that cannot follow.
@@ -189,7 +203,10 @@ def followed(scene: Scene, image: vtkImageData, values: Values) -> Scene:
     volume = as_volume(image, values["Scalars"] or None, "The input")
     told = scene.made.get("source", {}).get("tf")
     tf = transfer_function_of(values) if told is None else TransferFunction.from_dict(told)
-    return at_volume(scene, classified_as(volume, tf))
+    time = now.time or 0.0
+    if moving is None:
+        return at_volume(scene, classified_as(volume, tf), time)
+    return at_volume(scene, classified_as(volume, tf), time, moving.matter(volume, time))
 
 
 def scene_in(file: Path, now: Moment, values: Values) -> Scene | None:

@@ -1,0 +1,65 @@
+"""Where the matter of a volume that changes in time was when it was painted, found while the volume is played."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from vtkmodules.vtkCommonDataModel import vtkImageData
+
+from svv.core.matter import CELLS, Field, came_from, small
+from svv.dvr.grids import index_to_world, to_array
+
+MOST_KNOWN = 32
+"""Maximum number of times whose displacements are kept."""
+
+Place = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Positions in the world (S, 3) -> where their matter was when it was painted. (S, 3)"""
+
+
+class Moving:
+    """Follows the matter of a volume from one time to another, from the nearest time that is known."""
+
+    def __init__(self, image: vtkImageData, interval: tuple[float, float], time: float) -> None:
+        """Begin with the time at which the volume was painted.
+
+        Args:
+            image: The volume at that time (see :func:`svv.dvr.grids.as_volume`).
+            interval: Values between which it shows something.
+            time: The time.
+        """
+        self.interval, self.world, self.points = interval, index_to_world(image), image.GetDimensions()
+        self.painted = time
+        self._known: dict[float, tuple[Field, Field | None]] = {time: (self._small(image), None)}
+
+    def matter(self, image: vtkImageData, time: float) -> Place:
+        """Return where the matter of the volume at a time was; on another grid than before, it is at rest."""
+        if image.GetDimensions() != self.points or not np.allclose(index_to_world(image), self.world):
+            return lambda position: position
+        if time not in self._known:
+            before, earlier = self._known[min(self._known, key=lambda known: abs(known - time))]
+            after = self._small(image)
+            self._known[time] = after, came_from(before, after, earlier)
+            if len(self._known) > MOST_KNOWN:
+                del self._known[next(known for known in self._known if known != self.painted)]
+        values, moved = self._known[time]
+        if moved is None:
+            return lambda position: position
+        factor = (np.array(self.points) - 1) / (np.array(values.shape) - 1)
+        axes, origin = self.world[:3, :3] * factor, self.world[:3, 3]
+
+        def place(position: NDArray[np.float64]) -> NDArray[np.float64]:
+            cell = np.linalg.solve(axes, (position - origin).T)
+            found = np.stack([map_coordinates(axis, cell, order=1, mode="nearest") for axis in moved])
+            return np.asarray(position + (axes @ found).T)
+
+        return place
+
+    def _small(self, image: vtkImageData) -> Field:
+        """Return the volume's values as fractions of the interval, on a small grid. (X, Y, Z)"""
+        low, high = self.interval
+        every = tuple(slice(None, None, max(1, n // (4 * CELLS))) for n in self.points[::-1])
+        values = to_array(image)[every].transpose(2, 1, 0).astype(np.float32)
+        return small(np.clip(np.nan_to_num((values - low) / (high - low)), 0.0, 1.0))

@@ -17,7 +17,7 @@ from svv.core.colour import WHITE
 from svv.core.light import Lamp
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene import Scene
-from svv.render.web.page import html_of
+from svv.render.web.page import html_of, paintings_of
 
 FRAME = '<iframe title="Scene" srcdoc="{page}" style="width: 100%; height: {height}px; border: 0"></iframe>'
 """HTML that shows a page without Python and without the widget's own program: exported notebooks contain it."""
@@ -89,7 +89,8 @@ def _edited(scene: Scene, told: dict[str, Any]) -> Scene:
     """Return a scene as a page shows it after edits (``state.js``)."""
     painting = told["painting"]
     if painting is not None:
-        scene = scene.with_variant(scene.variants[painting])
+        name = paintings_of(scene)[painting]
+        scene = scene if scene.layers else scene.with_variant(name)  # a joined scene has no other painting
     strength = 0.0 if painting is None else told["strength"]
     regions = tuple(
         replace(

@@ -53,18 +53,15 @@ const float CEILING = 9.0; // greatest logarithm of the extinction
 
 const float BEYOND = 1e30; // farther than any sample
 
-// The number of a layer, that of its first region, how many it has, and whether its sample after so many steps is the nearest of all:
-// of a single layer, compilers know all this.
+// The number of a layer, that of its first region, and how many it has: of a single layer, compilers know them.
 #if LAYERS == 1
 #define L 0
 #define FIRST 0
 #define COUNT REGIONS
-#define IS_NEAREST(steps) true
 #else
 #define L l
 #define FIRST int(uKind[l].x)
 #define COUNT int(uKind[l].y)
-#define IS_NEAREST(steps) ((steps) * uMarch[l].y < until)
 #endif
 
 // The light of a layer, which compilers know if it is the same in all.
@@ -200,11 +197,11 @@ void main() {
 #if (LIT & 2) != 0
   prepareLamp(d);
 #endif
-  // Of each layer: its ray's origin in box coordinates; its next and last sample; the optical depth since it was last shaded, with
-  // the factor and the place of that sample.
+  // Of each layer: its ray's origin in box coordinates; its next and last sample; the optical depth that waits to be shaded, where, at
+  // which distance in the first layer's box units, and the factor on that shaded before.
   vec3 origins[LAYERS], places[LAYERS];
   int nexts[LAYERS], lasts[LAYERS];
-  float waitings[LAYERS], factors[LAYERS];
+  float waitings[LAYERS], times[LAYERS], factors[LAYERS];
   for (int l = 0; l < LAYERS; l++) {
     vec3 o = uPosition[l].xyz + uAxes * vec3(parallel ? at / uPosition[l].w : vec2(0.0), 0.0);
     vec3 a = -o / d, b = (uBox[l].xyz - o) / d, low = min(a, b), high = max(a, b);
@@ -212,29 +209,32 @@ void main() {
     bool met = near < far && uMarch[l].w > 0.5;
     nexts[l] = met ? int(ceil(near / pace - 0.5)) : 0;
     lasts[l] = met ? int(floor(far / pace - 0.5)) : -1;
-    origins[l] = o, waitings[l] = 0.0, factors[l] = -1.0;
+    origins[l] = o, waitings[l] = times[l] = 0.0, factors[l] = -1.0;
   }
   vec3 ahead = step(0.0, d), sum = vec3(0.0);
   float front = 1.0;
   for (;;) {
-    // The layer whose next sample is the nearest, up to the next sample of another one.
-    int l = 0;
-    float until = BEYOND;
-#if LAYERS > 1
-    float least = BEYOND;
-    for (int k = 0; k < LAYERS; k++) {
-      float t = nexts[k] > lasts[k] ? BEYOND : (float(nexts[k]) + 0.5) * uMarch[k].y;
-      if (t < least) { until = least; least = t; l = k; }
-      else until = min(until, t);
+    int l = 0; // the layer that is to be shaded at the least distance; at first, none is to be shaded
+    for (int k = 1; k < LAYERS; k++) if (times[k] < times[l]) l = k;
+    if (times[L] == BEYOND) break;
+    vec3 place = places[L];
+    float waiting = waitings[L];
+    if (waiting > 0.0) {
+      vec4 found = shaded(l, place);
+      float through = exp(-waiting * found.a);
+      sum += front * (1.0 - through) * found.rgb;
+      front *= through;
+      factors[L] = found.a, waiting = waitings[L] = 0.0;
+      if (front < uStop) break;
     }
-#endif
-    int i = nexts[L], last = lasts[L];
-    if (i > last) break;
-    vec3 o = origins[L], extent = uBox[L].xyz, place = places[L];
+    // On to its next sample that is to be shaded.
+    vec3 o = origins[L], extent = uBox[L].xyz;
     vec2 grid = uGrid[L].xy, code = uCode[L].xy;
-    float pace = uMarch[L].x, joined = uMarch[L].z, cells = uBox[L].w, waiting = waitings[L], factor = factors[L];
+    float pace = uMarch[L].x, joined = uMarch[L].z, cells = uBox[L].w;
     ivec3 most = ivec3(uCells[L].xyz) - 1, begin = ivec3(0, 0, int(uCells[L].w));
-    do {
+    int i = nexts[L], last = lasts[L];
+    bool found = false;
+    while (!found && i <= last) {
       vec3 p = o + (float(i) + 0.5) * pace * d;
       ivec3 cell = clamp(ivec3(p * cells), ivec3(0), most);
       float empty = float(texelFetch(uLeaps, cell.zyx + begin, 0).r);
@@ -248,19 +248,11 @@ void main() {
       i++;
       place = clamp(p, vec3(0.0), extent);
       float value = texture(uExtinction, onGrid(place, grid, uExtinctionSize)).r;
-      float thickness = exp(min(code.x + code.y * value, CEILING)) * pace + waiting;
-      waiting = thickness;
-      if (front * thickness < joined || front * (1.0 - exp(-thickness)) < joined) continue;
-      waiting = 0.0;
-      vec4 found = shaded(l, place);
-      factor = found.a;
-      float through = exp(-thickness * factor);
-      sum += front * (1.0 - through) * found.rgb;
-      front *= through;
-      if (front < uStop) break;
-    } while (i <= last && IS_NEAREST(float(i) + 0.5));
-    nexts[L] = i, waitings[L] = waiting, factors[L] = factor, places[L] = place;
-    if (LAYERS == 1 || front < uStop) break;
+      waiting = exp(min(code.x + code.y * value, CEILING)) * pace + waiting;
+      found = front * waiting >= joined && front * (1.0 - exp(-waiting)) >= joined;
+    }
+    nexts[L] = i, waitings[L] = waiting, places[L] = place;
+    times[L] = found ? (float(i) - 0.5) * uMarch[L].y : BEYOND;
   }
   for (int l = 0; l < LAYERS; l++)
     if (waitings[l] > 0.0) front *= exp(-waitings[l] * (factors[l] < 0.0 ? shaded(l, places[l]).a : factors[l]));

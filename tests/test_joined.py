@@ -20,7 +20,6 @@ from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.options.baking import BakeOptions
 from svv.render.voxels import grid_of
-from svv.render.web.page import html_of
 from svv.train.correct import correct_palette
 from svv.train.pipeline import stylize_scene
 from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
@@ -126,7 +125,6 @@ def test_what_joined_scenes_cannot_do_says_when_to_do_it(both: tuple[Scene, Scen
         lambda: stylize_scene(whole, []),
         lambda: correct_palette(whole, None, None),  # type: ignore[arg-type]
         lambda: grid_of(whole, BakeOptions(), "pcn"),
-        lambda: html_of(whole, "title", "name"),
     ):
         with pytest.raises(BadInput, match="before svv join"):
             work()

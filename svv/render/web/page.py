@@ -161,8 +161,10 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, Any]:
 
 
 def _layers(scene: Scene, progress: Progress) -> tuple[list[dict[str, Any]], list[NDArray[np.uint8]]]:
-    """Return what is told of each layer, as plain values, and the occupancy and codes of all: bits, then differences
-    between each channel's neighbours."""
+    """Return what is told of each layer, as plain values, and the arrays of all, one after the other.
+
+    Arrays are a layer's occupied cells, as bits, and its codes, as differences between a channel's neighbours.
+    """
     every, told, packed, first = members(scene), [], [], 0
     for number, member in enumerate(every):
         own = part(progress, number / len(every), (number + 1) / len(every))

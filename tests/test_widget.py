@@ -19,6 +19,7 @@ import svv
 from svv.core.cameras import CameraRig
 from svv.core.colour import over
 from svv.errors import BadInput
+from svv.fields.joined import joined
 from svv.fields.scene import Scene
 from svv.render.dataset import dataset_of
 from svv.render.notebook import SceneWidget, _edited
@@ -156,6 +157,19 @@ def test_paintings_are_those_of_the_page(balls: Scene) -> None:
         assert edited.variant == variant and [r.strength for r in edited.regions] == strengths
     assert _edited(scene, told) is scene
     assert [r.lighting for r in _edited(scene, {**told, "light": 0.5}).regions] == [0.5, 0.5]
+
+
+def test_the_painting_of_a_joined_scene_is_that_of_its_members(balls: Scene) -> None:
+    painted = balls.painted(cube_paint(balls, 1), {0: "a"}, {}, "one")
+    both = joined([balls, painted])
+    regions = [{"edited": None, "opacity": 1, "hidden": k == 1} for k in range(4)]
+    told = {"painting": 0, "strength": 0.5, "light": 1, "lamp": vars(both.lamp), "regions": regions}
+    edited = _edited(both, told)
+    assert [r.strength for r in edited.regions] == [1.0, 1.0, 0.5, 1.0]
+    assert [r.hidden for r in edited.regions] == [False, True, False, False]
+    assert [r.strength for r in _edited(both, {**told, "painting": None}).regions] == [1.0, 1.0, 0.0, 1.0]
+    with pytest.raises(IndexError):
+        _edited(both, {**told, "painting": 1})
 
 
 def test_edits_that_do_not_fit_are_refused(shown: SceneWidget) -> None:

@@ -11,6 +11,7 @@ import argparse
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -63,9 +64,19 @@ def edits(page: Any, scene: Scene) -> list[tuple[str, Any, Scene]]:
             page.get_by_label("Painting", exact=True).select_option("")
         page.get_by_label("Colour of Region 0").fill("#20a040")
 
+    # Of a joined scene, this takes the paint of the first function only, and nothing of another may be painted.
     plain = scene.without_variant(scene.variant) if scene.variant is not None else scene
     green = plain.edited(0, (32 / 255, 160 / 255, 64 / 255))
+    alone = [
+        (
+            f"alone-{number}",
+            partial(page.get_by_label(f"Show only Function {number}").click),
+            scene.isolated(*(k for k, region in enumerate(scene.regions) if region.layer == number)),
+        )
+        for number in range(len(scene.layers) + 1 if scene.layers else 0)
+    ]
     return [
+        *alone,
         ("unedited", lambda: None, scene),
         ("recoloured", recolour, green),
         ("opacity 40 %", lambda: page.get_by_label("Opacity of Region 0").fill("0.4"), scene.edited(0, opacity=0.4)),

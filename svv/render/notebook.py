@@ -17,7 +17,7 @@ from svv.core.colour import WHITE
 from svv.core.light import Lamp
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene import Scene
-from svv.render.web.page import html_of
+from svv.render.web.page import html_of, numbers_of, paintings_of
 
 FRAME = '<iframe title="Scene" srcdoc="{page}" style="width: 100%; height: {height}px; border: 0"></iframe>'
 """HTML that shows a page without Python and without the widget's own program: exported notebooks contain it."""
@@ -89,8 +89,10 @@ def _edited(scene: Scene, told: dict[str, Any]) -> Scene:
     """Return a scene as a page shows it after edits (``state.js``)."""
     painting = told["painting"]
     if painting is not None:
-        scene = scene.with_variant(scene.variants[painting])
+        name = paintings_of(scene)[painting]
+        scene = scene if scene.layers else scene.with_variant(name)  # a joined scene has no other painting
     strength = 0.0 if painting is None else told["strength"]
+    listed = dict(zip(numbers_of(scene), told["regions"], strict=True))
     regions = tuple(
         replace(
             region,
@@ -100,7 +102,7 @@ def _edited(scene: Scene, told: dict[str, Any]) -> Scene:
             strength=region.strength * strength if region.style is not None else region.strength,
             lighting=region.lighting * told["light"],
         )
-        for region, own in zip(scene.regions, told["regions"], strict=True)
+        for region, own in ((r, listed[number]) for number, r in enumerate(scene.regions))
     )
     lamp = Lamp(**told["lamp"])
     if regions == scene.regions and lamp == scene.lamp:

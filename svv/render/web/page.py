@@ -1,7 +1,8 @@
 """Writes a scene as one HTML file, which a browser draws without a server, a network or further files.
 
 The page consists of the files in ``viewer``, the scene's settings as JSON, its fields (:mod:`svv.render.web.fields`) as
-compressed text, and a picture from the front and a small movie for browsers that cannot draw it.
+compressed text, and a picture from the front and a small movie for browsers that cannot draw it. A scene that was
+joined from several has as many layers, each with fields of its own; any other is its only layer.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from svv.core.cameras import Camera, CameraRig
 from svv.core.colour import WHITE, over
 from svv.core.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
 from svv.errors import BadInput, Progress, part, silent
+from svv.fields.joined import members
 from svv.fields.scene import Scene
 from svv.fields.stroke_opacity import strokes_of
 from svv.io.atomic import atomic_path, check_writable, to_json
@@ -35,8 +37,8 @@ from svv.io.output import to_bytes, write_mp4
 from svv.render.web.fields import Field, fields_of
 
 SCRIPTS = (
-    "decode.js", "reduce.js", "colours.js", "state.js", "camera.js", "draw.js", "show.js", "panel.js", "hands.js",
-    "main.js",
+    "decode.js", "reduce.js", "colours.js", "state.js", "camera.js", "textures.js", "draw.js", "show.js", "panel.js",
+    "hands.js", "main.js",
 )  # fmt: skip
 """The viewer's program, in order."""
 
@@ -83,16 +85,15 @@ def html_of(
     Raises:
         BadInput: The scene has no palette network.
     """
-    scene.check_alone("Making a page")
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
     scene = scene.on(torch.device("cpu"))
     rig = _closer(scene)
     stills = _stills(scene, rig, background, part(progress, 0.0, 0.3))
-    fields, light = fields_of(scene, part(progress, 0.3, 0.9))
+    layers, packed = _layers(scene, part(progress, 0.3, 0.9))
     progress(0.9, "compressing")
-    header = _header(scene, rig, fields) | {"light": light, "file": name, "background": list(background)}
-    page = _page(header, _packed(scene, fields), stills, title)
+    header = _header(scene, rig) | {"layers": layers, "file": name, "background": list(background)}
+    page = _page(header, _compressed(packed), stills, title)
     progress(1.0, "")
     return page
 
@@ -118,6 +119,8 @@ def _script_json(data: object) -> str:
 def _said(header: dict[str, Any]) -> str:
     regions, paintings = len(header["regions"]), len(header["paintings"])
     said = f"{regions} region{'s' * (regions != 1)}"
+    if len(header["layers"]) > 1:
+        said += f" of {len(header['layers'])} transfer functions"
     return said + (f", {paintings} painting{'s' * (paintings != 1)}" if paintings else "")
 
 
@@ -133,12 +136,56 @@ def _closer(scene: Scene) -> CameraRig:
     return replace(rig, fov_x=float(fov), span_x=None if rig.span_x is None else part * rig.span_x)
 
 
-def _header(scene: Scene, rig: CameraRig, fields: Sequence[Field]) -> dict[str, Any]:
-    """Return everything but the fields' codes, as plain values."""
+def _header(scene: Scene, rig: CameraRig) -> dict[str, Any]:
+    """Return everything but the layers, as plain values."""
+    bounds = np.array([member.occupancy.box.bounds for member in members(scene)])
+    room = rig.radius - 0.5 * float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
+    names = paintings_of(scene)
+    shown = names[:1] if scene.layers else [name for name in names if name == scene.variant]
+    return {
+        "camera": {
+            "centre": rig.centre,
+            "radius": rig.radius,
+            "fov": rig.fov_x,
+            "span": rig.span_x,
+            # up to which the camera comes closer: it keeps a tenth of the room between it and the boxes
+            "nearest": rig.radius / max(rig.radius - 0.9 * room, 0.1 * rig.radius),
+        },
+        "normal_softness": NORMAL_SOFTNESS,
+        "rim_cosine": RIM_COSINE,
+        "lamp": vars(scene.lamp),
+        "regions": [
+            {**told, "number": number}
+            for told, number in zip(
+                (told for member in members(scene) for told in _regions(member)), numbers_of(scene), strict=True
+            )
+        ],
+        "painting": names.index(shown[0]) if shown else None,
+        "paintings": [_painting(scene if scene.layers else scene.with_variant(name), name) for name in names],
+    }
+
+
+def _layers(scene: Scene, progress: Progress) -> tuple[list[dict[str, Any]], list[NDArray[np.uint8]]]:
+    """Return what is told of each layer, as plain values, and the arrays of all, one after the other.
+
+    Arrays are a layer's occupied cells, as bits, and its codes, as differences between a channel's neighbours.
+    """
+    every, told, packed, first = members(scene), [], [], 0
+    for number, member in enumerate(every):
+        own = part(progress, number / len(every), (number + 1) / len(every))
+        # All are looked at from where the views of the whole stand.
+        fields, light = fields_of(replace(member, camera_rig=scene.rig), own)
+        told.append(_layer(member, first, fields) | {"light": light})
+        packed.append(np.packbits(member.occupancy.occupied > 0))
+        packed += [np.diff(channel, prepend=np.uint8(0)) for field in fields for channel in field.codes]
+        first += len(member.regions)
+    return told, packed
+
+
+def _layer(scene: Scene, first: int, fields: Sequence[Field]) -> dict[str, Any]:
+    """Return what is told of a layer whose first region has the number ``first`` in the whole."""
     occupancy, how = scene.occupancy, scene.marching_for_images
     box = occupancy.box
-    room = rig.radius - 0.5 * float(np.linalg.norm(box.bounds[1] - box.bounds[0]))  # between the camera and the box
-    shown = [variant.name for variant in scene.every_variant]
     return {
         "box": {"low": box.low, "size": box.size, "extent": box.extent},
         "cells": occupancy.cells,
@@ -146,21 +193,10 @@ def _header(scene: Scene, rig: CameraRig, fields: Sequence[Field]) -> dict[str, 
         "step": how.step,
         "joined": how.least_weight,
         "stop": how.stop,
-        "camera": {
-            "centre": rig.centre,
-            "radius": rig.radius,
-            "fov": rig.fov_x,
-            "span": rig.span_x,
-            "nearest": rig.radius / max(rig.radius - 0.9 * room, 0.1 * rig.radius),
-        },
         "lighting": scene.settings.lighting,
         "headlight": scene.settings.headlight,
-        "normal_softness": NORMAL_SOFTNESS,
-        "rim_cosine": RIM_COSINE,
-        "lamp": vars(scene.lamp),
-        "regions": _regions(scene),
-        "painting": None if scene.variant is None else shown.index(scene.variant),
-        "paintings": [_painting(scene.with_variant(name)) for name in shown],
+        "first": first,
+        "count": len(scene.regions),
         "fields": [{k: v for k, v in vars(field).items() if k != "codes"} for field in fields],
     }
 
@@ -178,22 +214,34 @@ def _regions(scene: Scene) -> list[dict[str, Any]]:
     return told
 
 
-def _painting(scene: Scene) -> dict[str, Any]:
+def numbers_of(scene: Scene) -> list[int]:
+    """Return the numbers of a scene's regions in the order of a page, which lists those of one function together."""
+    return sorted(range(len(scene.regions)), key=lambda number: scene.regions[number].layer)
+
+
+def paintings_of(scene: Scene) -> list[str]:
+    """Return the names of the paintings that a page offers; those of a joined scene's members are one."""
+    if not scene.layers:
+        return list(scene.variants)
+    names = dict.fromkeys(member.variant for member in members(scene) if member.variant is not None)
+    return [" + ".join(names)] if names else []
+
+
+def _painting(scene: Scene, name: str) -> dict[str, Any]:
     """Return the name, the regions' styles and the effects of the painting that a scene shows."""
-    strokes = strokes_of(scene)
+    strokes = [(strokes_of(member), len(member.regions)) for member in members(scene)]
+    rows = [row for own, count in strokes for row in ([[0.0] * 4] * count if own is None else own.tolist())]
+    regions = [scene.regions[number] for number in numbers_of(scene)]
     return {
-        "name": scene.variant,
-        "styles": [r.style for r in scene.regions],
-        "paint_light": [r.paint_light for r in scene.regions],
-        "strokes": None if strokes is None else strokes.tolist(),
+        "name": name,
+        "styles": [r.style for r in regions],
+        "paint_light": [r.paint_light for r in regions],
+        "strokes": None if all(own is None for own, _ in strokes) else rows,
     }
 
 
-def _packed(scene: Scene, fields: Sequence[Field]) -> str:
-    """Return occupancy and codes as text: bits, then each channel's differences between neighbours, compressed."""
-    content = [np.packbits(scene.occupancy.occupied > 0)]
-    content += [np.diff(channel, prepend=np.uint8(0)) for field in fields for channel in field.codes]
-    return base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in content), 9)).decode()
+def _compressed(arrays: Sequence[NDArray[np.uint8]]) -> str:
+    return base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in arrays), 9)).decode()
 
 
 def _stills(scene: Scene, rig: CameraRig, background: Sequence[float], progress: Progress) -> dict[str, str]:

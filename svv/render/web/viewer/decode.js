@@ -101,17 +101,21 @@ function bytesOf(codes, start, count, levels) {
   }
 }
 
-// Return the shape of the occupancy, its leaps, and the fields. A field has channels of bytes in the order of its grid's
+// Return the fields of each layer, and its leaps of the given shape. A field has channels of bytes in the order of its grid's
 // places; the value of a byte is low + byte / 255 (high - low).
 function decoded(header, content) {
-  let at = 0;
-  const take = (count) => content.subarray(at, (at += count));
-  const shape = header.shape;
+  let from = 0;
+  const take = (count) => content.subarray(from, (from += count));
+  return header.layers.map((layer) => decodedLayer(layer, take));
+}
+
+// take: returns the next bytes of the content.
+function decodedLayer({ shape, cells, fields: all }, take) {
   const occupied = cellsFromBits(take(Math.ceil((shape[0] * shape[1] * shape[2]) / 8)), shape);
   const grids = new Map(), fields = {};
-  for (const told of header.fields) {
+  for (const told of all) {
     if (!grids.has(told.resolution)) {
-      const finer = resampled(occupied, shape, header.cells, told.resolution);
+      const finer = resampled(occupied, shape, cells, told.resolution);
       grids.set(told.resolution, { resolution: told.resolution, ...verticesOf(finer.occupied, finer.shape) });
     }
     const grid = grids.get(told.resolution), count = grid.places.length;

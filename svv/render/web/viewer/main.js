@@ -23,13 +23,13 @@ async function begin() {
   if (gl === null) throw new Unable("this browser has no WebGL2, or it is turned off");
   const content = decoded(header, await inflated(page("arrays").textContent));
   const most = { side: gl.getParameter(gl.MAX_3D_TEXTURE_SIZE), bytes: MOST_BYTES };
-  const { fields, said } = fitted(content.fields, most);
+  const { layers, said } = fitted(content.map(({ fields }) => fields), most);
   page("said").textContent = said;
   const state = stateOf(header), orbit = new Orbit(header.camera), heard = [];
   let show = start();
 
   function start() {
-    return new Show(canvas, new Painter(gl, header, { ...content, fields }), orbit, state);
+    return new Show(canvas, new Painter(gl, header, content.map((layer, number) => ({ ...layer, fields: layers[number] }))), orbit, state);
   }
   function changed() {
     show.change();

@@ -61,14 +61,43 @@ class Panel {
 
   regions() {
     const list = made("ul", { class: "regions" });
-    this.header.regions.forEach((told, k) => list.append(this.region(told, k)));
+    this.header.layers.forEach((layer, number, { length }) => {
+      if (length > 1) list.append(this.layer(layer, number));
+      ofLayer(this.header.regions, layer).forEach((told, k) => list.append(this.region(told, layer.first + k)));
+    });
     const all = made("button", { type: "button", onclick: () => this.set(() => this.state.regions.forEach((r) => (r.hidden = false))) }, "Show all");
     this.updates.push(() => (all.disabled = !this.state.regions.some((r) => r.hidden)));
     return this.section("Regions", list, all);
   }
 
+  // Hides and shows all regions of a transfer function.
+  layer(layer, number) {
+    const name = `Function ${number}`, own = ofLayer(this.state.regions, layer);
+    return made("li", { class: "layer row" }, made("span", { class: "name" }, name), this.only(name, own), this.hide(name, own));
+  }
+
+  // A button that hides some regions.
+  hide(name, own) {
+    const hidden = () => own.every((r) => r.hidden);
+    return this.toggle("Hide", `Hide ${name}`, hidden, () => {
+      const before = hidden();
+      for (const region of own) region.hidden = !before;
+    });
+  }
+
+  // A button that hides all other regions.
+  only(name, own) {
+    const others = this.state.regions.filter((r) => !own.includes(r));
+    const alone = () => own.every((r) => !r.hidden) && others.every((r) => r.hidden);
+    return this.toggle("Only", `Show only ${name}`, () => others.length > 0 && alone(), () => {
+      const before = alone();
+      for (const other of others) other.hidden = !before;
+      for (const region of own) region.hidden = false;
+    });
+  }
+
   region(told, k) {
-    const region = this.state.regions[k], name = `Region ${k}`;
+    const region = this.state.regions[k], name = `Region ${told.number}`;
     const colour = this.colour(`Colour of ${name}`, () => region.edited ?? region.colour, (rgb) => {
       region.edited = toHex(rgb) === toHex(region.colour) ? null : rgb;
     });
@@ -80,15 +109,8 @@ class Panel {
       colour.title = covered ? "Its colours come from the style; turn the painting off to recolour it" : "";
       style.textContent = painted ?? told.values;
     });
-    const hide = this.toggle("Hide", `Hide ${name}`, () => region.hidden, () => (region.hidden = !region.hidden));
-    const others = () => this.state.regions.filter((r) => r !== region);
-    const only = this.toggle("Only", `Show only ${name}`, () => others().length > 0 && !region.hidden && others().every((r) => r.hidden), () => {
-      const alone = !region.hidden && others().every((r) => r.hidden);
-      for (const other of others()) other.hidden = !alone;
-      region.hidden = false;
-    });
     const opacity = this.slider("Opacity", [0, Math.max(2, told.opacity), 0.01], percent, () => region.opacity, (v) => (region.opacity = v), `Opacity of ${name}`);
-    const item = made("li", {}, made("div", { class: "row" }, colour, made("span", { class: "name" }, name, style), only, hide), opacity);
+    const item = made("li", {}, made("div", { class: "row" }, colour, made("span", { class: "name" }, name, style), this.only(name, [region]), this.hide(name, [region])), opacity);
     this.updates.push(() => item.classList.toggle("hidden", region.hidden));
     return item;
   }
@@ -114,10 +136,10 @@ class Panel {
   }
 
   lights() {
-    const { lighting } = this.header, { state } = this;
-    if (lighting === "none") return [];
+    const kinds = this.header.layers.map(({ lighting }) => lighting), { state } = this;
+    if (kinds.every((lighting) => lighting === "none")) return [];
     const content = [this.slider("Amount", [0, 1, 0.01], (v) => (v === 0 ? "off" : percent(v)), () => state.light, (v) => (state.light = v), "Light")];
-    if (lighting === "phong") {
+    if (kinds.includes("phong")) {
       const move = (name) => (v) => (state.lamp = { ...state.lamp, direction: null, [name]: v });
       content.push(
         this.slider("Right", [-180, 180, 1], degrees, () => state.lamp.azimuth, move("azimuth"), "Light from the right of the camera, in degrees"),

@@ -2,33 +2,37 @@
 
 const MOST_BYTES = 5e8; // that the textures may take: half of what laptops and new phones spare for a page
 
-// Return the bytes of the textures that a field becomes (draw.js): of the material, only its diffuse colour is one.
-function textureBytes(name, field) {
-  const [x, y, z] = field.grid.size, texels = x * y * z;
-  if (name === "extinction") return texels;
-  return texels * 4 * (name === "material" ? 1 : Math.ceil(field.channels / 4));
+// Return the size of the texture that holds one field of all layers (null where a layer does not have it), and its bytes: of the
+// material, only its diffuse colour is one (textures.js).
+function textureOf(name, fields) {
+  const { size } = stacked(fields.map((field) => field && field.grid.size)), texels = size[0] * size[1] * size[2];
+  const channels = Math.max(...fields.map((field) => field?.channels ?? 0));
+  return { side: Math.max(...size), bytes: texels * (name === "extinction" ? 1 : 4 * (name === "material" ? 1 : Math.ceil(channels / 4))) };
 }
 
-// Return fields that fit: none has more points a side than most.side, and one painting with all else takes at most
-// most.bytes. Also return what there is to say about it, empty where nothing had to be changed.
-function fitted(fields, most) {
-  const wanted = Math.max(...Object.values(fields).map(finest));
-  const here = () => Object.entries(fields).filter(([name]) => !/^paint[1-9]/.test(name));
-  const bytes = () => here().reduce((sum, [name, field]) => sum + textureBytes(name, field), 0);
+// Return the layers' fields such that they fit: no texture has more points a side than most.side, and one painting with all else
+// takes at most most.bytes. Also return what there is to say about it, empty where nothing had to be changed.
+function fitted(layers, most) {
+  const names = [...new Set(layers.flatMap((fields) => Object.keys(fields)))];
+  const finestOfAll = () => layers.flatMap((fields) => Object.values(fields)).map(finest).reduce((a, b) => Math.max(a, b));
+  const wanted = finestOfAll();
+  let long = false;
   for (;;) {
-    const largest = Object.values(fields).map(finest).reduce((a, b) => Math.max(a, b));
-    if (largest <= most.side && bytes() <= most.bytes) break;
+    const textures = names.map((name) => [name, textureOf(name, layers.map((fields) => fields[name] ?? null))]);
+    const bytes = textures.filter(([name]) => !/^paint[1-9]/.test(name)).reduce((sum, [, { bytes }]) => sum + bytes, 0);
+    const tooLong = textures.some(([, { side }]) => side > most.side), largest = finestOfAll();
+    if ((!tooLong && bytes <= most.bytes) || largest <= 2) break;
+    long ||= tooLong;
     const smaller = new Map();
-    fields = Object.fromEntries(Object.entries(fields).map(([name, field]) => {
+    layers = layers.map((fields) => Object.fromEntries(Object.entries(fields).map(([name, field]) => {
       if (finest(field) < largest) return [name, field];
       if (!smaller.has(field.grid)) smaller.set(field.grid, halved(field.grid));
       return [name, coarser(field, smaller.get(field.grid))];
-    }));
+    })));
   }
-  const left = Math.max(...Object.values(fields).map(finest));
-  const why = left > most.side / 2 ? `hold ${most.side} points a side` : "have little memory";
+  const left = finestOfAll(), why = long ? `hold ${most.side} points a side` : "have little memory";
   const said = left === wanted ? "" : `This browser's graphics ${why}: the scene is drawn from ${left} points a side instead of ${wanted}, without its finest details.`;
-  return { fields, said };
+  return { layers, said };
 }
 
 const finest = (field) => Math.max(...field.grid.size);

@@ -47,3 +47,8 @@ function lightsOf(state, header) {
 function strokesOf(state, header) {
   return header.paintings[state.painting].strokes ?? state.regions.map(() => [0, 0, 0, 0]);
 }
+
+// The part of a list over all regions that is of one layer.
+function ofLayer(list, { first, count }) {
+  return list.slice(first, first + count);
+}

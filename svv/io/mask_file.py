@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.io.atomic import atomic_path, write_json
 
@@ -94,13 +94,15 @@ def read_selection(mask: Path) -> Selection | None:
     if not path.is_file():
         return None
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = parsed(path.read_text(encoding="utf-8"))
         if values.pop("svv") != "selection":
             raise ValueError
         width, height = (int(v) for v in values.pop("size"))
+        if min(width, height) < 1:
+            raise ValueError
         pairs = {name: tuple((float(x), float(y)) for x, y in values.pop(name)) for name in ("positive", "negative")}
         return Selection((width, height), **pairs, segmenter=str(values["segmenter"]), grown=bool(values["grown"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise BadInput(f"{path} does not contain the points of a mask: delete it, or give another mask.") from error
 
 

@@ -1,0 +1,73 @@
+"""What files declare is checked before memory is allocated for it."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import zipfile
+from collections.abc import Sequence
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.errors import BadInput
+
+MOST_INFLATED = 1032
+"""Largest factor by which deflate can shrink."""
+
+
+def memory() -> int:
+    """Return the bytes that this process may hold: the computer's memory, or the process's limit if that is smaller."""
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 1 << 40
+    if sys.platform == "win32":
+        return there
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return there if limit == resource.RLIM_INFINITY else min(there, limit)
+
+
+def check_fits(declared: int, what: str) -> None:
+    """Raise BadInput if ``what`` declares more bytes than memory can hold."""
+    if declared > memory():
+        raise BadInput(
+            f"{what} declares {declared / 1e9:.3g} GB, more than this computer's memory can hold: it is damaged, or "
+            "needs a larger computer."
+        )
+
+
+def arrays_of_npz(file: BinaryIO, names: Sequence[str], optional: Sequence[str], what: str) -> dict[str, NDArray[Any]]:
+    """Read arrays of a ``.npz`` file, after their headers were compared with the sizes of the archive's members.
+
+    Args:
+        file: The file, open.
+        names: Arrays that it must have.
+        optional: Arrays that it may have.
+        what: Its name in messages.
+
+    Raises:
+        BadInput: The arrays would not fit into memory.
+        ValueError, KeyError: An array is missing or not what its header says. NumPy and zipfile raise more kinds.
+    """
+    with zipfile.ZipFile(file) as archive:
+        there = {info.filename: info for info in archive.infolist()}
+        members = [f"{name}.npy" for name in (*names, *(name for name in optional if f"{name}.npy" in there))]
+        sizes = [there[member].file_size for member in members]
+        check_fits(sum(sizes), what)
+        packed = file.seek(0, io.SEEK_END)
+        if any(size > MOST_INFLATED * packed for size in sizes):
+            raise ValueError("an array is larger than its file can hold")
+        found = {}
+        for member in members:
+            with archive.open(there[member]) as opened:
+                version = np.lib.format.read_magic(opened)  # type: ignore[no-untyped-call]
+                reader = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+                shape, _, kind = reader[version](opened)  # type: ignore[no-untyped-call]
+                count = int(np.prod(shape, dtype=object)) * kind.itemsize
+                if kind.hasobject or min(shape, default=0) < 0 or opened.tell() + count != there[member].file_size:
+                    raise ValueError(f"{member} is not what its header says")
+            with archive.open(there[member]) as opened:
+                found[member.removesuffix(".npy")] = np.lib.format.read_array(opened, allow_pickle=False)  # type: ignore[no-untyped-call]
+        return found

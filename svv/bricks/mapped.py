@@ -217,10 +217,13 @@ def open_vti(file: Path, array: str | None) -> MappedSource | None:
         raise BadInput(f"Cannot read {file}: its header is damaged ({error}).") from error
     if len(extent) != 6 or len(spacing) != 3 or len(origin) != 3:
         raise BadInput(f"Cannot read {file}: its extent, spacing or origin is damaged.")
-    steps = axes * spacing
+    with np.errstate(all="ignore"):  # what is not finite is rejected below
+        steps = axes * spacing
     dims = [extent[2 * i + 1] - extent[2 * i] + (0 if on_cells else 1) for i in range(3)]
-    first = np.array(extent[::2]) + (0.5 if on_cells else 0.0)  # cells' values are at their centres
-    return mapped(file, offset, kind, dims[::-1], steps, (origin + steps @ first).tolist())
+    first = np.array(extent[::2], np.float64) + (0.5 if on_cells else 0.0)  # cells' values are at their centres
+    with np.errstate(all="ignore"):
+        place = origin + steps @ first
+    return mapped(file, offset, kind, dims[::-1], steps, place.tolist())
 
 
 def _data_array(piece: Element, array: str | None, name: str) -> tuple[Element, bool] | None:

@@ -51,9 +51,9 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
             return _pixels(path, image, long_side)
     except UnidentifiedImageError as error:
         raise BadInput(f"{path} is not a picture that can be read: save it as PNG or JPEG.") from error
-    except (OSError, SyntaxError, ValueError, EOFError) as error:
-        if isinstance(error, BadInput):
-            raise
+    except BadInput:
+        raise
+    except Exception as error:  # damaged files make Pillow raise all kinds of errors
         raise BadInput(f"The style picture {path} is damaged or unusual ({error}): save it again.") from error
     finally:
         Image.MAX_IMAGE_PIXELS = limit

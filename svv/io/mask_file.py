@@ -138,9 +138,11 @@ def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
                     "belongs to another picture."
                 )
             flat = Image.alpha_composite(Image.new("RGBA", size, "black"), image.convert("RGBA")).convert("L")
+    except BadInput:
+        raise
     except UnidentifiedImageError as error:
         raise BadInput(f"{path} is not a picture that can be read: save the mask as PNG.") from error
-    except (OSError, SyntaxError, EOFError) as error:
+    except Exception as error:  # damaged files make Pillow raise all kinds of errors
         raise BadInput(f"The mask {path} is damaged ({error}): make it again.") from error
     if not np.any(np.asarray(flat) > 127):
         raise BadInput(f"The mask {path} is empty: no pixel is white; make another one with svv style-mask.")
@@ -152,7 +154,14 @@ def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
 
 
 def picture_size(path: str | Path) -> tuple[int, int]:
-    """Return the width and height in pixels of a picture as displayed, with a camera's rotation undone."""
-    with Image.open(path) as image:
-        turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
-        return (image.height, image.width) if turned else image.size
+    """Return the width and height in pixels of a picture as displayed, with a camera's rotation undone.
+
+    Raises:
+        BadInput: The file is not a picture that can be read.
+    """
+    try:
+        with Image.open(path) as image:
+            turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
+            return (image.height, image.width) if turned else image.size
+    except Exception as error:  # damaged files make Pillow raise all kinds of errors
+        raise BadInput(f"The picture {path} cannot be read ({error}): save it again as PNG.") from error

@@ -33,6 +33,9 @@ READABLE = (1, 2)
 """Older formats that can also be read: without variants and a history of edits; the tables of format 1 are half floats
 instead of bytes."""
 
+MOST_HEADER, MOST_ARRAYS = 8 << 20, 20_000
+"""Largest header in bytes, and largest number of arrays, which a scene of thousands of time steps does not reach."""
+
 _KEY = "svv"
 _REMEDY = "copy it again, or train the scene again"
 _OUR_START = b'{"__metadata__":{"svv":'
@@ -106,12 +109,14 @@ def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np
     """
     if content[8:_START] != _OUR_START:
         raise BadInput(f"{name} is not a scene file of svv; make one with `svv train`.")
+    length = int.from_bytes(content[:8], "little")
+    if length > MOST_HEADER or content.count(b'"dtype"', 8, 8 + length) > MOST_ARRAYS:
+        raise BadInput(f"The header of the scene file {name} is damaged; {_REMEDY}.")
     try:
         tensors = load(content)
     except (SafetensorError, KeyError, TypeError, ValueError, OverflowError) as error:  # all for types of numbers
         raise BadInput(f"The scene file {name} is truncated or damaged; {_REMEDY}.") from error
     # load() has checked the length and the JSON of the safetensors header, but returns only the arrays.
-    length = int.from_bytes(content[:8], "little")
     header, tables = _checked_header(name, content[8 : 8 + length])
     try:
         check_fits(sum(rows * columns for rows, columns in tables.values()), f"The scene file {name}")

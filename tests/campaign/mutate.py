@@ -70,8 +70,8 @@ def places(tree: Any) -> list[tuple[Any, Any]]:
 
 
 def changed(tree: Any, random: Random) -> Any:
-    """Return a copy of a JSON tree with one to three changes."""
-    tree = json.loads(json.dumps(tree))
+    """Return a copy of a JSON tree, given as such or as text, with one to three changes."""
+    tree = json.loads(tree) if isinstance(tree, str) else json.loads(json.dumps(tree))
     for _ in range(random.choice((1, 1, 1, 2, 3))):
         there = places(tree)
         if not there or random.random() < 0.01:
@@ -119,9 +119,10 @@ def as_json(tree: Any, random: Random) -> bytes:
 
 def json_like(*seeds: Any) -> Maker:
     """Return a generator of JSON texts that resemble the seeds."""
+    texts = [json.dumps(seed) for seed in seeds]
 
     def make(random: Random) -> bytes:
-        return as_json(changed(random.choice(seeds), random), random)
+        return as_json(changed(random.choice(texts), random), random)
 
     return make
 

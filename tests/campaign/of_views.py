@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import struct
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -280,26 +279,6 @@ def _array(content: bytes, random: Random) -> bytes:
     file = io.BytesIO()
     np.save(file, array)
     return file.getvalue()
-
-
-def png_like(random: Random) -> bytes:
-    """Return a PNG file whose chunks have right checksums but say anything."""
-    import zlib
-
-    width, height = random.choice((1, 8, 16, 20, 0, 2**31 - 1, 65_536)), random.choice((1, 8, 16, 20, 0, 65_536))
-    head = struct.pack(">IIBBBBB", width, height, random.choice((1, 2, 4, 8, 16, 3)), random.choice((0, 2, 3, 4, 6, 1)),
-                       random.choice((0, 0, 0, 1)), 0, random.choice((0, 0, 1, 2)))  # fmt: skip
-    data = zlib.compress(random.randbytes(random.choice((0, 8, 300, 1700))))
-    chunks = [(b"IHDR", head), (b"IDAT", data), (b"IEND", b"")]
-    extra = [(b"tRNS", random.randbytes(6)), (b"PLTE", random.randbytes(random.choice((3, 48, 7)))),
-             (b"iCCP", b"a\0\0" + data), (b"zTXt", b"a\0\0" + zlib.compress(bytes(1 << 20))), (b"eXIf", data),
-             (b"acTL", struct.pack(">II", 2**31, 0)), (b"gAMA", b"\0\0\0\0"), (b"IHDR", head)]  # fmt: skip
-    for _ in range(random.randrange(3)):
-        chunks.insert(random.randrange(len(chunks)), random.choice(extra))
-    out = b"\x89PNG\r\n\x1a\n"
-    for kind, content in chunks:
-        out += struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-    return out
 
 
 ALL = {

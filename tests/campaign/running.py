@@ -18,13 +18,18 @@ from typing import Any
 from svv.errors import BadInput
 
 MOST_SECONDS = 1.0
-"""Time after which a parser counts as hanging."""
+"""Time after which a parser counts as hanging, beyond what the bytes that are declared and allowed take."""
+
+BYTES_A_SECOND = 400e6
+"""Rate at which declared bytes may be worked on: large pictures take their time."""
 
 SLACK = 16 << 20
 """Bytes that any parser may take besides what its input declares: decoders' own tables and buffers."""
 
 TRACED = 256
 """One input in so many is run again with every allocation traced; the resident memory is watched at each."""
+
+CRASH = "a crash that became a sentence"
 
 Read = Callable[[bytes], object]
 
@@ -44,6 +49,10 @@ class Parser:
     make: Callable[[Random], bytes]
     declared: Callable[[bytes], int] = thrice
     """Bytes that the input declares, which may be allocated."""
+    clock: Callable[[], float] = time.process_time
+    """What its time is measured by: that of this process's own work, or all time if another process does it."""
+    ready: Callable[[], object] = lambda: None
+    """Called before each input: starts what a crash has ended, which is not the input's time."""
 
 
 @dataclass
@@ -52,6 +61,8 @@ class Figures:
 
     inputs: int = 0
     rejected: int = 0
+    crashes: int = 0
+    """Crashes of a library that became a sentence."""
     seconds: float = 0.0
     slowest: float = 0.0
     largest: int = 0
@@ -68,7 +79,7 @@ def _stop(signum: int, frame: FrameType | None) -> None:
     raise Hang
 
 
-def watched(seconds: float = 5.0) -> Callable[[bool], None]:
+def watched(seconds: float = 20.0) -> Callable[[bool], None]:
     """Return a function that starts and stops the alarm for a hang (main thread only)."""
     signal.signal(signal.SIGALRM, _stop)
     return lambda on: signal.setitimer(signal.ITIMER_REAL, seconds if on else 0.0) and None
@@ -84,12 +95,13 @@ def outcome(read: Read, content: bytes) -> tuple[str | None, bool]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a user would see it beside the sentence
+            warnings.filterwarnings("ignore", module="PIL")  # what it says about a picture may be shown
             read(content)
     except BadInput as error:
         message = str(error)
         if not message.strip() or "Traceback" in message:
             return "a sentence that says nothing", True
-        return None, True
+        return CRASH if "crashed on it" in message else None, True
     except Hang:
         return "a hang", False
     except Exception as error:  # anything else is what the campaign looks for
@@ -110,23 +122,40 @@ def traced(read: Read, content: bytes) -> int:
         tracemalloc.stop()
 
 
-def campaign(parser: Parser, seed: int, inputs: int, seconds: float, folder: Path | None = None) -> Figures:
+@dataclass(frozen=True)
+class Extent:
+    """How far a campaign goes, and where it keeps what fails."""
+
+    seed: object
+    inputs: int
+    seconds: float
+    folder: Path | None = None
+    """Folder for inputs that fail; None shows their beginning."""
+    note: Path | None = None
+    """File that holds the input in work, for parsers that may end the process."""
+
+
+def campaign(parser: Parser, extent: Extent) -> Figures:
     """Attack a parser until a number of inputs or a time is reached; failures are kept as files."""
     figures, start, alarm = Figures(), time.perf_counter(), watched()
-    random = Random(f"{parser.name} {seed}")
+    random = Random(f"{parser.name} {extent.seed}")
     before = resident()
-    while figures.inputs < inputs and figures.seconds < seconds:
+    while figures.inputs < extent.inputs and figures.seconds < extent.seconds:
         content = parser.make(random)
-        begun = time.perf_counter()
+        if extent.note is not None:
+            extent.note.write_bytes(figures.inputs.to_bytes(8, "little") + content)
+        parser.ready()
+        begun = parser.clock()
         alarm(True)
         kind, rejected = outcome(parser.read, content)
         alarm(False)
-        now = time.perf_counter()
-        taken, figures.seconds = now - begun, now - start
+        taken, figures.seconds = parser.clock() - begun, time.perf_counter() - start
         figures.inputs += 1
         figures.rejected += rejected
         figures.slowest = max(figures.slowest, taken)
-        if kind is None and taken > MOST_SECONDS:
+        if kind == CRASH:
+            figures.crashes, kind = figures.crashes + 1, None
+        if kind is None and taken > MOST_SECONDS + parser.declared(content) / BYTES_A_SECOND:
             kind = "slower than a second"
         held = resident()
         grown, before = held - before, held
@@ -137,11 +166,11 @@ def campaign(parser: Parser, seed: int, inputs: int, seconds: float, folder: Pat
             before = resident()
         figures.largest = max(figures.largest, grown)
         if kind is not None and kind not in figures.failures:
-            figures.failures[kind] = _kept(parser.name, kind, content, folder)
+            figures.failures[kind] = kept(parser.name, kind, content, extent.folder)
     return figures
 
 
-def _kept(name: str, kind: str, content: bytes, folder: Path | None) -> str:
+def kept(name: str, kind: str, content: bytes, folder: Path | None) -> str:
     """Keep a reproducer in a file, and return where."""
     if folder is None:
         return repr(content[:300])
@@ -154,6 +183,7 @@ def _kept(name: str, kind: str, content: bytes, folder: Path | None) -> str:
 def plain(figures: Figures) -> dict[str, Any]:
     """Return figures as a line of JSON holds them."""
     return {
-        "inputs": figures.inputs, "rejected": figures.rejected, "seconds": round(figures.seconds, 1),
+        "inputs": figures.inputs, "rejected": figures.rejected, "crashes": figures.crashes,
+        "seconds": round(figures.seconds, 1),
         "slowest": round(figures.slowest, 3), "largest": figures.largest, "failures": figures.failures,
     }  # fmt: skip

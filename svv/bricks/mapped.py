@@ -213,6 +213,8 @@ def open_vti(file: Path, array: str | None) -> MappedSource | None:
         kind = np.dtype((">" if root.get("byte_order") == "BigEndian" else "<") + XML_TYPES[data.attrib["type"]])
         length = np.dtype({"UInt32": "u4", "UInt64": "u8"}[root.get("header_type", "UInt32")]).itemsize
         offset = begin.end() + int(data.attrib["offset"]) + length
+        if offset < begin.end() + length:
+            raise ValueError("values begin before the data")
     except (KeyError, ValueError) as error:
         raise BadInput(f"Cannot read {file}: its header is damaged ({error}).") from error
     if len(extent) != 6 or len(spacing) != 3 or len(origin) != 3:

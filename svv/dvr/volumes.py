@@ -175,7 +175,7 @@ def _read_nifti(file: Path) -> vtkImageData:
 def _read_npy(file: Path) -> vtkImageData:
     try:
         values = np.load(file, allow_pickle=False)
-    except (ValueError, OSError, EOFError, MemoryError) as error:
+    except Exception as error:  # a damaged header makes NumPy raise all kinds of errors
         raise damaged(file) from error
     return from_array(values, name=file.stem)
 

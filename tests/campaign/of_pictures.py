@@ -159,9 +159,21 @@ def volumes() -> tuple[tuple[str, bytes], ...]:
     return tuple(found)
 
 
+def started(folder: Path) -> Callable[[], object]:
+    """Return a function that starts the process of VTK's readers, if a crash has ended it."""
+    from svv.dvr.apart import apart
+    from svv.dvr.volumes import read_volume
+
+    def ready() -> None:
+        if apart._process is None:
+            (folder / "whole.vti").write_bytes(VTI.encode("latin-1"))
+            read_volume(folder / "whole.vti")
+
+    return ready
+
+
 def read_apart(folder: Path) -> Parser:
     """Volumes of all formats, as ``svv`` reads them: VTK's readers run in a process apart from this one."""
-    from svv.dvr.apart import apart
     from svv.dvr.volumes import read_volume
 
     every = volumes()
@@ -180,18 +192,13 @@ def read_apart(folder: Path) -> Parser:
             content = some_bytes(content, random)
         return bytes([number]) + content
 
-    def ready() -> None:
-        if apart._process is None:
-            (folder / "whole.vti").write_bytes(VTI.encode("latin-1"))
-            read_volume(folder / "whole.vti")
-
     def read(content: bytes) -> None:
         suffix = every[content[0] % len(every)][0]
         path = folder / f"volume{suffix}"
         path.write_bytes(content[1:])
         read_volume(path)
 
-    return Parser("volumes", read, make, lambda content: 1 << 20, time.perf_counter, ready)
+    return Parser("volumes", read, make, lambda content: 1 << 20, time.perf_counter, started(folder))
 
 
 def names(folder: Path) -> Parser:
@@ -210,7 +217,7 @@ def names(folder: Path) -> Parser:
         path.write_bytes(content)
         read_volume(path)
 
-    return Parser("volumes that name files", read, make, clock=time.perf_counter)
+    return Parser("volumes that name files", read, make, clock=time.perf_counter, ready=started(folder))
 
 
 ALL = {

@@ -1,0 +1,56 @@
+"""Coverage-guided fuzzing of our own parsers with Atheris, which watches the branches of svv that an input reaches.
+
+Atheris mutates bytes; a number in front of them chooses a generated input of the campaign to begin with, so that it
+also reaches what a header of several kilobytes opens.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from random import Random
+
+from tests.campaign.running import Parser, kept, outcome
+
+SEEDS = 200
+"""Inputs that the generator gives Atheris to begin with."""
+
+
+def guide(names: Sequence[str], seconds: float, out: Path | None) -> int:
+    """Attack one parser until the time is over; the number of kinds of failures is the exit code.
+
+    Atheris runs one target in a process and ends it, so only the first name is used.
+    """
+    try:
+        import atheris
+    except ImportError:
+        print("Atheris is not installed: pip install 'svv[campaign]' (Python 3.11 to 3.13).", file=sys.stderr)
+        return 2
+    from tests.campaign import fuzz
+
+    folder = Path(tempfile.mkdtemp(prefix="svv-guided-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
+    parser: Parser = fuzz.PARSERS[names[0]](folder)
+    resource.setrlimit(resource.RLIMIT_AS, (fuzz.MEMORY, fuzz.MEMORY))
+    corpus, random = folder / "corpus", Random(names[0])
+    corpus.mkdir()
+    for number in range(SEEDS):
+        (corpus / str(number)).write_bytes(parser.make(random))
+    seen: set[str] = set()
+
+    def one(content: bytes) -> None:
+        if not content:
+            return
+        kind, _ = outcome(parser.read, content)
+        if kind is not None and kind not in seen:
+            seen.add(kind)
+            print(f"{names[0]}: {kind}: {kept(names[0], kind, content, out)}", flush=True)
+
+    atheris.instrument_all()
+    atheris.Setup(
+        [sys.argv[0], f"-max_total_time={int(seconds)}", "-max_len=65536", "-close_fd_mask=2", str(corpus)], one
+    )
+    atheris.Fuzz()
+    return len(seen)

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from svv.errors import BadInput
 
+MOST_NUMBERS = 1 << 16
+"""Most numbers of an array that describes others."""
+
 MOST_INFLATED = 1032
 """Largest factor by which deflate can shrink."""
 
@@ -38,13 +41,16 @@ def check_fits(declared: int, what: str) -> None:
         )
 
 
-def arrays_of_npz(file: BinaryIO, names: Sequence[str], optional: Sequence[str], what: str) -> dict[str, NDArray[Any]]:
+def arrays_of_npz(
+    file: BinaryIO, names: Sequence[str], optional: Sequence[str], large: Sequence[str], what: str
+) -> dict[str, NDArray[Any]]:
     """Read arrays of a ``.npz`` file, after their headers were compared with the sizes of the archive's members.
 
     Args:
         file: The file, open.
         names: Arrays that it must have.
         optional: Arrays that it may have.
+        large: Those that may have more than :data:`MOST_NUMBERS` numbers.
         what: Its name in messages.
 
     Raises:
@@ -68,6 +74,8 @@ def arrays_of_npz(file: BinaryIO, names: Sequence[str], optional: Sequence[str],
                 count = int(np.prod(shape, dtype=object)) * kind.itemsize
                 if kind.hasobject or min(shape, default=0) < 0 or opened.tell() + count != there[member].file_size:
                     raise ValueError(f"{member} is not what its header says")
+                if count > MOST_NUMBERS * kind.itemsize and member.removesuffix(".npy") not in large:
+                    raise ValueError(f"{member} has too many numbers")
             with archive.open(there[member]) as opened:
                 found[member.removesuffix(".npy")] = np.lib.format.read_array(opened, allow_pickle=False)  # type: ignore[no-untyped-call]
         return found

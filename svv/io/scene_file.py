@@ -15,7 +15,7 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from svv.core.json_values import parsed
+from svv.core.json_values import list_in, parsed, whole_in
 from svv.errors import BadInput
 from svv.io.atomic import atomic_path, to_json
 from svv.io.declared import MOST_INFLATED, check_fits
@@ -119,10 +119,9 @@ def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np
     # load() has checked the length and the JSON of the safetensors header, but returns only the arrays.
     header, tables = _checked_header(name, content[8 : 8 + length])
     try:
-        check_fits(sum(rows * columns for rows, columns in tables.values()), f"The scene file {name}")
-        tensors |= {table: _inflated(tensors[table], shape) for table, shape in tables.items()}
-    except BadInput:
-        raise
+        shapes = {table: tuple(whole_in(n, "size") for n in list_in(s, 2, "sizes")) for table, s in tables.items()}
+        check_fits(sum(rows * columns for rows, columns in shapes.values()), f"The scene file {name}")
+        tensors |= {table: _inflated(tensors[table], shape) for table, shape in shapes.items()}
     except (zlib.error, KeyError, TypeError, ValueError, OverflowError) as error:
         raise BadInput(f"The tables of the scene file {name} are damaged; {_REMEDY}.") from error
     return header, tensors
@@ -138,7 +137,7 @@ def _deflated(table: np.ndarray) -> np.ndarray:
     return np.frombuffer(stream.compress(columns.tobytes()) + stream.flush(), np.uint8)
 
 
-def _inflated(content: np.ndarray, shape: list[int]) -> np.ndarray:
+def _inflated(content: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Invert :func:`_deflated`; raises ValueError or zlib.error if the content is not from it."""
     rows, columns = shape
     if not 1 <= rows * columns <= MOST_INFLATED * len(content):

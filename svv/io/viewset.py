@@ -37,9 +37,6 @@ PNG_LEVEL = 1
 MIN_TRAIN_VIEWS = 3
 """Minimum number of training views."""
 
-MOST_NUMBERS = 1 << 16
-"""Most numbers of a classified volume's box and ranges, which become Python's."""
-
 CLASSIFIED = "classified.npz"
 """File name of the classified volume."""
 
@@ -224,12 +221,11 @@ def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
 def _read_classified(file: Path) -> ClassifiedVolume:
     names = ("low", "size", "extent", "cells", "exponent", "owner", "ranges")
     of_values = ("codes", "counted", "value_cells", "integral")  # files from before the values were kept have none
+    large = ("exponent", "owner", "codes")
     try:
         with file.open("rb") as opened:
-            arrays = arrays_of_npz(opened, names, of_values, str(file))
+            arrays = arrays_of_npz(opened, names, of_values, large, str(file))
         low, size, extent, cells, exponent, owner, values = (arrays[k] for k in names)
-        if any(arrays[k].size > MOST_NUMBERS for k in ("low", "extent", "ranges", "counted") if k in arrays):
-            raise ValueError("its box or its ranges are damaged")
         grid = None
         if "codes" in arrays:
             start, stop, least, most = arrays["counted"].tolist()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import sys
 from pathlib import Path
 from random import Random
@@ -59,7 +60,7 @@ def test_the_same_seed_gives_the_same_inputs(tmp_path: Path) -> None:
 
 
 def test_the_command_adds_a_line_of_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fuzz.resource, "setrlimit", lambda *_: None)
+    monkeypatch.setattr(resource, "setrlimit", lambda *_: None)
     monkeypatch.setattr(sys, "argv", ["fuzz", "--parser", "series", "--inputs", "20", "--out", str(tmp_path)])
     assert fuzz.main() == 0
     line = json.loads((tmp_path / "figures.jsonl").read_text())

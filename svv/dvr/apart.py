@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -25,7 +25,12 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from svv.dvr.grids import to_array
 from svv.errors import BadInput
 
-START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from svv.dvr.apart import serve; serve()"
+START = """import json, sys
+sys.path[:] = json.loads(sys.argv[1])
+from svv.dvr.apart import serve
+from svv.dvr.volumes import read_here
+serve(read_here)
+"""
 """What the process runs: with the path of this one, so that it finds the same packages."""
 
 BLOCK = 1 << 24
@@ -80,17 +85,15 @@ class Apart:
             process.communicate()
 
 
-def serve() -> None:
+def serve(read: Callable[..., vtkImageData]) -> None:
     """Read one volume after another, as lines on the standard input ask for them, until it ends."""
-    from svv.dvr.volumes import read_here
-
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # readers may write anything there
     for line in sys.stdin.buffer:
         asked = json.loads(line)
         os.chdir(asked.pop("folder"))  # paths and messages stay as they were given
         try:
-            image = read_here(Path(asked.pop("path")), **asked)
+            image = read(Path(asked.pop("path")), **asked)
         except BadInput as error:
             _send(out, {"says": str(error)})
             continue
@@ -102,7 +105,7 @@ def serve() -> None:
             "name": image.GetPointData().GetScalars().GetName(),
         }  # fmt: skip
         _send(out, told)
-        content = memoryview(values).cast("B")
+        content = values.data.cast("B")
         for start in range(0, len(content), BLOCK):
             out.write(content[start : start + BLOCK])
         out.flush()

@@ -313,7 +313,8 @@ class TransferFunction:
         values = np.unique(feet + between)
         if len(values) > MOST_POINTS:
             raise BadInput(f"'{name}' has {len(shapes)} bumps, too many: leave some out.")
-        height = np.max([h * np.clip(1 - np.abs(values - c) / half, 0, None) for c, half, h, _ in shapes], axis=0)
+        with np.errstate(all="ignore"):  # far from a narrow bump, quotients may exceed any number
+            height = np.max([h * np.clip(1 - np.abs(values - c) / half, 0, None) for c, half, h, _ in shapes], axis=0)
         height = height.round(12)  # exactly 0 at the foot of a bump, despite rounding errors
         opacities = tuple((float(v), float(o), 0.5, 0.0) for v, o in zip(values, height))
         hues = [colour or HUES[i % len(HUES)] for i, (*_, colour) in enumerate(shapes)]

@@ -7,6 +7,7 @@ import os
 import sys
 import zipfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -16,6 +17,9 @@ from svv.errors import BadInput
 
 MOST_NUMBERS = 1 << 16
 """Most numbers of an array that describes others."""
+
+FEW_PIXELS = 1 << 22
+"""Pixels of a picture that any number of bytes may have."""
 
 MOST_INFLATED = 1032
 """Largest factor by which deflate can shrink."""
@@ -38,6 +42,20 @@ def check_fits(declared: int, what: str) -> None:
         raise BadInput(
             f"{what} declares {declared / 1e9:.3g} GB, more than this computer's memory can hold: it is damaged, or "
             "needs a larger computer."
+        )
+
+
+def check_pixels(path: Path, width: int, height: int) -> None:
+    """Raise BadInput if a picture has fewer bytes than any picture of so many pixels that shows something.
+
+    Eight pixels of one bit to a byte, deflated as far as can be, are the densest that formats have in practice; only
+    pictures of one colour, and headers that lie, have less. Small pictures may.
+    """
+    there = path.stat().st_size
+    if width * height > max(FEW_PIXELS, 8 * MOST_INFLATED * there):
+        raise BadInput(
+            f"The picture {path} says that it has {width} x {height} pixels, but it has {there} bytes: it is damaged, "
+            "or shows nothing; save it again."
         )
 
 
@@ -68,14 +86,14 @@ def arrays_of_npz(
         found = {}
         for member in members:
             with archive.open(there[member]) as opened:
-                version = np.lib.format.read_magic(opened)  # type: ignore[no-untyped-call]
+                version = np.lib.format.read_magic(opened)
                 reader = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-                shape, _, kind = reader[version](opened)  # type: ignore[no-untyped-call]
+                shape, _, kind = reader[version](opened)
                 count = int(np.prod(shape, dtype=object)) * kind.itemsize
                 if kind.hasobject or min(shape, default=0) < 0 or opened.tell() + count != there[member].file_size:
                     raise ValueError(f"{member} is not what its header says")
                 if count > MOST_NUMBERS * kind.itemsize and member.removesuffix(".npy") not in large:
                     raise ValueError(f"{member} has too many numbers")
             with archive.open(there[member]) as opened:
-                found[member.removesuffix(".npy")] = np.lib.format.read_array(opened, allow_pickle=False)  # type: ignore[no-untyped-call]
+                found[member.removesuffix(".npy")] = np.lib.format.read_array(opened, allow_pickle=False)
         return found

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 
 from svv.errors import BadInput
+from svv.io.declared import check_pixels
 
 SMALLEST = 16
 """Minimum side of a style picture in pixels; smaller pictures have no strokes to match."""
@@ -45,6 +46,7 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     )  # our own limit, checked below, gives a clear message
     try:
         with Image.open(path) as image:
+            check_pixels(path, *image.size)
             _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
             image.draft(image.mode, (2 * long_side, 2 * long_side))
             image.load()

@@ -13,6 +13,7 @@ from PIL import Image, UnidentifiedImageError
 from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.io.atomic import atomic_path, write_json
+from svv.io.declared import check_pixels
 
 Mask = NDArray[np.bool_]
 Point = tuple[float, float]
@@ -131,6 +132,7 @@ def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
     try:
         with Image.open(path) as image:
             size = image.size
+            check_pixels(path, *size)
             ratio = None if shape is None else size[0] / size[1] / (shape[1] / shape[0])
             if ratio is not None and shape is not None and abs(np.log(ratio)) > ASPECT:
                 raise BadInput(

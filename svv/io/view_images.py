@@ -15,6 +15,7 @@ from PIL import Image
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress
+from svv.io.declared import check_pixels
 from svv.io.lenses import Lens, rectify
 from svv.io.transforms import Frame, camera_in, file_in, mask_files
 
@@ -119,6 +120,7 @@ def decode(file: Path) -> Images:
     """Return uint8 levels: (h, w, 4) with straight alpha, or (h, w, 3) if the file has no alpha."""
     try:
         with Image.open(file) as image:
+            check_pixels(file, *image.size)
             if image.mode.startswith("I") or image.mode == "F":  # PIL would clip instead of scale
                 raise BadInput(f"{file} is a greyscale image of more than 8 bits; views must be 8-bit RGBA.")
             alpha = "A" in image.getbands() or "transparency" in image.info

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageCms
 
+from svv.io.declared import FEW_PIXELS, MOST_INFLATED
 from svv.io.images import read_style
 from svv.io.mask_file import picture_size, read_mask
 from svv.io.view_images import decode
@@ -88,8 +89,8 @@ def shown(content: bytes) -> int:
             pixels = image.width * image.height
     except Exception:  # what cannot be opened declares nothing
         pixels = 0
-    # What Pillow takes for a bomb is not decoded.
-    return 40 * len(content) + 40 * min(pixels, 180_000_000) + (8 << 20)
+    # What has too few bytes for its pixels, or is a bomb in Pillow's opinion, is not decoded.
+    return 40 * len(content) + 40 * min(pixels, max(FEW_PIXELS, 8 * MOST_INFLATED * len(content)), 180_000_000)
 
 
 def _picture(name: str, read: Callable[[Path], object]) -> Callable[[Path], Parser]:

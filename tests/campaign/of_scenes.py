@@ -111,6 +111,7 @@ def altered(content: bytes, random: Random) -> bytes:
     kind = random.random()
     if kind < 0.15:
         return some_bytes(content, random)
+    own: Any
     outer, own, data = taken_apart(content)
     if kind < 0.6:
         own = changed(own, random)
@@ -215,7 +216,7 @@ def checkpoints(folder: Path) -> Parser:
     begun.finish("carve", {"seconds": 1.0}, {"occupied": np.ones(4, np.uint8)})
     state = stage(begun, network)
     state.optimiser.zero_grad()
-    sum(p.square().sum() for p in network.colour_mlp.parameters()).backward()
+    torch.stack([p.square().sum() for p in network.colour_mlp.parameters()]).sum().backward()
     state.optimiser.step()
     state.save(3, 1.0, {"age": np.zeros(2)})
     whole = path.read_bytes()

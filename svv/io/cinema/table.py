@@ -251,9 +251,16 @@ def _filled(pattern: str, values: Mapping[str, str]) -> str:
 
 def _check_inside(path: Path, files: Iterable[str]) -> None:
     """Raise BadInput if a file is not in the folder of the table."""
-    outside = next((name for name in files if leaves(name)), None)
+    outside = next((name for name in files if leaves(name) or "\0" in name or not _can_be_written(name)), None)
     if outside is not None:
-        raise BadInput(f"{path} names the file {outside}, which is outside its folder: copy the database again.")
+        raise BadInput(f"{path} names the file {outside}, which is not in its folder: copy the database again.")
+
+
+def _can_be_written(name: str) -> bool:
+    try:
+        return bool(name.encode()) or not name
+    except UnicodeEncodeError:  # half a character, which JSON can hold
+        return False
 
 
 def _same(one: str, other: str) -> bool:

@@ -161,7 +161,7 @@ BAD = {
     "colour -1": ({"RGBPoints": [0, -1, 0, 0, 1, 1, 1, 1]}, "between 0 and 1"),
     "space": ({"ColorSpace": "CMYK"}, "colour space"),
     "unit distance": ({"ScalarOpacityUnitDistance": 0}, "unit distance"),
-    "unit distance text": ({"ScalarOpacityUnitDistance": "x"}, "must be a number"),
+    "unit distance text": ({"ScalarOpacityUnitDistance": "x"}, "must be a finite number"),
     "bumps": ({"bumps": [{"centre": 1}]}, "centre, width and opacity"),
     "no bumps": ({"bumps": []}, "at least one bump"),
     "flat bump": ({"bumps": [{"centre": 1, "width": 0, "opacity": 1}]}, "width above 0"),

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import mmap
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from svv.bricks.source import ArraySource, Box
+from svv.core.xml_values import parsed_xml
 from svv.errors import BadInput
+from svv.io.atomic import is_file
 
 KEPT = 16 << 20
 """Bytes read from a map after which its pages are let go."""
@@ -87,6 +89,8 @@ def mapped(
         raise BadInput(
             f"{file} has {there} bytes, but {size} voxels of {dtype.name} need {needed}: it is damaged or cut off."
         )
+    if min(shape) < 1 or offset < 0:
+        raise BadInput(f"Cannot read {file}: its header is damaged.")
     values = np.memmap(file, dtype, "r", offset, tuple(shape))
     return MappedSource(values, np.asarray(axes, float), np.asarray(origin, float), file.name)
 
@@ -128,7 +132,7 @@ def open_npy(file: Path) -> MappedSource:
     """
     try:
         values = np.load(file, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
+    except Exception as error:  # a damaged header makes NumPy raise all kinds of errors
         raise BadInput(f"Cannot read {file}: it is damaged, incomplete, or not an array of numbers.") from error
     return MappedSource(values, name=file.name)
 
@@ -158,14 +162,15 @@ def open_meta(file: Path) -> MappedSource | None:
         origin = _numbers(fields, ("Offset", "Position", "Origin"), "0 0 0")
         msb = next((fields[k] for k in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB") if k in fields), "False")
         kind = np.dtype(META_TYPES[fields["ElementType"]]).newbyteorder(">" if msb.lower() == "true" else "<")
-        turned = axes.reshape(3, 3) * spacing  # the rows of VTK's direction matrix; ITK takes them for the axes
+        with np.errstate(all="ignore"):  # what is not finite is rejected below
+            turned = axes.reshape(3, 3) * spacing  # the rows of VTK's direction matrix; ITK takes them for the axes
         skipped = int(fields.get("HeaderSize", "0"))
     except (KeyError, ValueError) as error:
         raise BadInput(f"Cannot read {file}: its header is damaged ({error}).") from error
     if len(dims) != 3:
         return None
     data = file if target.upper() == "LOCAL" else file.parent / target
-    if not data.is_file():
+    if not is_file(data):
         raise BadInput(f"{file} refers to {data}, which does not exist.")
     count = int(np.prod(dims, dtype=object)) * kind.itemsize
     offset = end.end() + 1 if data == file else data.stat().st_size - count if skipped < 0 else skipped
@@ -190,7 +195,7 @@ def open_vti(file: Path, array: str | None) -> MappedSource | None:
     if begin is None:
         return None
     try:
-        root = ElementTree.fromstring(head[: begin.start()] + b"</VTKFile>")
+        root = parsed_xml(head[: begin.start()] + b"</VTKFile>")
         grid = root.find("ImageData")
         pieces = [] if grid is None else grid.findall("Piece")
         if grid is None or len(pieces) != 1 or root.get("compressor"):
@@ -208,15 +213,22 @@ def open_vti(file: Path, array: str | None) -> MappedSource | None:
         kind = np.dtype((">" if root.get("byte_order") == "BigEndian" else "<") + XML_TYPES[data.attrib["type"]])
         length = np.dtype({"UInt32": "u4", "UInt64": "u8"}[root.get("header_type", "UInt32")]).itemsize
         offset = begin.end() + int(data.attrib["offset"]) + length
-    except (KeyError, ValueError, ElementTree.ParseError) as error:
+        if offset < begin.end() + length:
+            raise ValueError("values begin before the data")
+    except (KeyError, ValueError) as error:
         raise BadInput(f"Cannot read {file}: its header is damaged ({error}).") from error
-    steps = axes * spacing
+    if len(extent) != 6 or len(spacing) != 3 or len(origin) != 3:
+        raise BadInput(f"Cannot read {file}: its extent, spacing or origin is damaged.")
+    with np.errstate(all="ignore"):  # what is not finite is rejected below
+        steps = axes * spacing
     dims = [extent[2 * i + 1] - extent[2 * i] + (0 if on_cells else 1) for i in range(3)]
-    first = np.array(extent[::2]) + (0.5 if on_cells else 0.0)  # cells' values are at their centres
-    return mapped(file, offset, kind, dims[::-1], steps, (origin + steps @ first).tolist())
+    first = np.array(extent[::2], np.float64) + (0.5 if on_cells else 0.0)  # cells' values are at their centres
+    with np.errstate(all="ignore"):
+        place = origin + steps @ first
+    return mapped(file, offset, kind, dims[::-1], steps, place.tolist())
 
 
-def _data_array(piece: ElementTree.Element, array: str | None, name: str) -> tuple[ElementTree.Element, bool] | None:
+def _data_array(piece: Element, array: str | None, name: str) -> tuple[Element, bool] | None:
     """Return the array with one component that is shown, and whether it belongs to cells; None if it is not appended.
 
     Raises:

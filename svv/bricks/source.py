@@ -88,8 +88,9 @@ def level_of(shape: Sequence[int], axes: Array, origin: Array, name: str) -> Lev
     if len(shape) != 3 or min(shape) < 2:
         size = " x ".join(str(side) for side in reversed(shape))
         raise BadInput(f"{name} has {size} voxels; a volume needs at least 2 along each of three axes.")
-    spacing = np.linalg.norm(axes, axis=0)
-    if not (np.isfinite(axes).all() and np.isfinite(origin).all()) or spacing.min() <= 0:
+    with np.errstate(all="ignore"):  # what is not finite is rejected
+        spacing = np.linalg.norm(axes, axis=0)
+    if not (np.isfinite(axes).all() and np.isfinite(origin).all() and 0 < spacing.min() <= spacing.max() < np.inf):
         raise BadInput(f"{name} has the spacing {tuple(spacing.tolist())}; it must be positive along each axis.")
     cosines = (axes / spacing).T @ (axes / spacing)
     if np.abs(cosines - np.eye(3)).max() > ORTHOGONAL_TOLERANCE:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping
+from typing import Any
 
 from svv.errors import BadInput
 
@@ -12,6 +14,25 @@ Json = Mapping[str, object]
 
 LARGEST = sys.float_info.max
 """Largest number that counts as finite; integers in a file may be larger."""
+
+
+def parsed(text: str | bytes) -> Any:
+    """Return the value of a JSON text; integers beyond the range of floats and deep nesting are no data of ours.
+
+    Raises:
+        ValueError: It is not JSON, is nested too deeply for Python, or has an integer of more than 308 digits.
+    """
+    try:
+        return json.loads(text, parse_int=_integer)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def _integer(digits: str) -> int:
+    number = int(digits)
+    if abs(number) > LARGEST:
+        raise ValueError("a number in it is too large")
+    return number
 
 
 def object_in(value: object, name: str) -> Json:

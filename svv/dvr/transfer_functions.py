@@ -6,7 +6,6 @@ opacity a keeps the fraction (1 - a) ** (d / unit) of the light behind it.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -19,6 +18,7 @@ from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.bricks.source import Level
+from svv.core.json_values import number_in, parsed
 from svv.core.opacity_code import unit_distance
 from svv.errors import BadInput
 
@@ -30,6 +30,12 @@ OPAQUE = 0.99
 
 HUES = ((0.15, 0.45, 0.95), (1.0, 0.55, 0.15), (0.25, 0.8, 0.4), (0.9, 0.2, 0.5))
 """Colours for ranges that are given without one, in this order."""
+
+MOST_POINTS = 5000
+"""Most points of a function; VTK looks each value up by going through them all."""
+
+LARGEST_VALUE = 1e100
+"""Largest value of a point; differences of larger ones are not numbers any more."""
 
 Points = tuple[tuple[float, ...], ...]
 """Points of a function, four numbers each, the first of which is the value."""
@@ -63,10 +69,16 @@ class TransferFunction:
         for kind in ("colours", "opacities"):
             try:
                 points = np.array(getattr(self, kind), dtype=np.float64)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 points = np.empty(0)
+            if len(points) > MOST_POINTS:
+                raise BadInput(f"'{self.name}' has {len(points)} {kind}, more than {MOST_POINTS}; resample it.")
             if points.ndim != 2 or points.shape[1] != 4 or not np.isfinite(points).all():
                 raise BadInput(f"'{self.name}' needs {kind} as a list of points of four finite numbers each.")
+            if np.abs(points[:, 0]).max() > LARGEST_VALUE:
+                raise BadInput(
+                    f"The values of '{self.name}' must lie between -{LARGEST_VALUE:g} and {LARGEST_VALUE:g}."
+                )
             if (np.diff(points[:, 0]) < 0).any():
                 raise BadInput(f"The {kind} of '{self.name}' must be in ascending order of their values.")
             if points[:, 1:].min() < 0 or points[:, 1:].max() > 1:
@@ -205,8 +217,8 @@ class TransferFunction:
             )
         name = str(data.get("Name", name))
         unit = data.get("ScalarOpacityUnitDistance")
-        if unit is not None and not isinstance(unit, (int, float)):
-            raise BadInput(f"The ScalarOpacityUnitDistance of '{name}' must be a number, not {unit}.")
+        if unit is not None:
+            unit = float(number_in(unit, f"The ScalarOpacityUnitDistance of '{name}'"))
         if "bumps" in data:
             return cls.from_bumps(data["bumps"], name, unit)
         colours = _quadruples(data["RGBPoints"], "RGBPoints", name)
@@ -261,7 +273,7 @@ class TransferFunction:
             BadInput: The file does not exist, is not JSON, or is rejected by ``from_dict``.
         """
         try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
+            data = parsed(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise BadInput(f"Cannot read the transfer function {path}: {error.strerror or error}.") from error
         except ValueError as error:
@@ -290,14 +302,19 @@ class TransferFunction:
                 (float(b["centre"]), 0.5 * float(b["width"]), float(b["opacity"]), tuple(b.get("colour", ())))
                 for b in bumps
             )
-        except (KeyError, TypeError, ValueError, AttributeError):
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
             raise BadInput(f"Each bump of '{name}' needs the numbers centre, width and opacity.") from None
+        if any(not abs(number) <= LARGEST_VALUE for bump in shapes for number in bump[:3]):
+            raise BadInput(f"The centres, widths and opacities of the bumps of '{name}' must be finite numbers.")
         if not shapes or min(half for _, half, _, _ in shapes) <= 0:
             raise BadInput(f"'{name}' needs at least one bump, and each bump a width above 0.")
         feet = [(c + side * half) for c, half, _, _ in shapes for side in (-1, 0, 1)]
         between = [0.5 * (a + b) for a, b in pairwise(sorted(feet))]
         values = np.unique(feet + between)
-        height = np.max([h * np.clip(1 - np.abs(values - c) / half, 0, None) for c, half, h, _ in shapes], axis=0)
+        if len(values) > MOST_POINTS:
+            raise BadInput(f"'{name}' has {len(shapes)} bumps, too many: leave some out.")
+        with np.errstate(all="ignore"):  # far from a narrow bump, quotients may exceed any number
+            height = np.max([h * np.clip(1 - np.abs(values - c) / half, 0, None) for c, half, h, _ in shapes], axis=0)
         height = height.round(12)  # exactly 0 at the foot of a bump, despite rounding errors
         opacities = tuple((float(v), float(o), 0.5, 0.0) for v, o in zip(values, height))
         hues = [colour or HUES[i % len(HUES)] for i, (*_, colour) in enumerate(shapes)]

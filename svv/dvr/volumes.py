@@ -19,6 +19,7 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from svv.bricks.mapped import raw_layout
 from svv.bricks.tiff_files import TIFFFILE_DECODES, in_order
+from svv.dvr.apart import apart, can_start
 from svv.dvr.grids import Triple, as_volume, from_array, put_scalars, set_geometry
 from svv.dvr.other_formats import reader_of
 from svv.dvr.vtk_readers import damaged, run, vtk_messages
@@ -26,6 +27,10 @@ from svv.errors import BadInput
 
 SUPPORTED = ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .slc .npy .raw .tif (or a folder of .tif)"
 """Formats that are read without PyVista."""
+
+
+OURS = (".npy", ".raw", ".bin", ".dat")
+"""Endings of the formats that neither VTK nor libtiff reads."""
 
 
 def read_volume(
@@ -55,6 +60,25 @@ def read_volume(
         BadInput: The file does not exist, has an unknown format, is damaged or is rejected by ``as_volume``.
     """
     file = Path(path)
+    if dims is None and dtype is None and not file.name.lower().endswith(OURS) and file.exists() and can_start():
+        place = {"spacing": _plain(spacing), "origin": _plain(origin)}
+        return apart.read(file, {**place, "array": array})
+    return read_here(file, dims, dtype, spacing, origin, array)
+
+
+def _plain(numbers: Triple | None) -> list[float] | None:
+    return None if numbers is None else [float(number) for number in numbers]
+
+
+def read_here(
+    file: Path,
+    dims: Sequence[int] | None = None,
+    dtype: DTypeLike | None = None,
+    spacing: Triple | None = None,
+    origin: Triple | None = None,
+    array: str | None = None,
+) -> vtkImageData:
+    """Read a volume in this process; see :func:`read_volume`, which lets VTK's readers run in one of their own."""
     if not file.exists():
         raise BadInput(f"There is no volume {file}; check the path.")
     image = _read(file, dims, dtype)
@@ -89,10 +113,8 @@ def _read(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None) -> vt
 
 
 def _read_nrrd(file: Path) -> vtkImageData:
+    fields = _nrrd_fields(file)
     image = run(vtkNrrdReader(), file)
-    with file.open("rb") as opened:
-        header = re.split(rb"\r?\n\r?\n", opened.read(65536))[0].decode("latin-1")
-    fields = dict(re.findall(r"^([a-z ]+): *(.*?)\r?$", header, re.MULTILINE))
     try:
         sizes = [int(size) for size in fields["sizes"].split()]
         if len(sizes) != 3:
@@ -111,6 +133,21 @@ def _read_nrrd(file: Path) -> vtkImageData:
     except (KeyError, ValueError) as error:
         raise damaged(file) from error
     return image
+
+
+def _nrrd_fields(file: Path) -> dict[str, str]:
+    """Return the fields of a header.
+
+    Raises:
+        BadInput: It lacks one without which there is no volume, or is not text: VTK would read on for ever.
+    """
+    with file.open("rb") as opened:
+        header = re.split(rb"\r?\n\r?\n", opened.read(65536))[0].decode("latin-1")
+    fields = dict(re.findall(r"^([a-z ]+): *(.*?)\r?$", header, re.MULTILINE))
+    is_text = not re.search(r"[\0-\x08\x0b\x0c\x0e-\x1f]", header)
+    if not (is_text and {"type", "dimension", "sizes", "encoding"} <= set(fields)):
+        raise damaged(file)
+    return fields
 
 
 def _vector(text: str) -> list[float]:
@@ -138,7 +175,7 @@ def _read_nifti(file: Path) -> vtkImageData:
 def _read_npy(file: Path) -> vtkImageData:
     try:
         values = np.load(file, allow_pickle=False)
-    except (ValueError, OSError, EOFError, MemoryError) as error:
+    except Exception as error:  # a damaged header makes NumPy raise all kinds of errors
         raise damaged(file) from error
     return from_array(values, name=file.stem)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from svv.core.light import Lamp
+from svv.fields.checked import values_of
 from svv.fields.paint_light import paint_light_of
 from svv.fields.region import Region
 
@@ -85,14 +86,10 @@ class History:
         fewest = sum(region.part_of is None for region in regions)
 
         def step(values: dict[str, Any]) -> Step:
-            edits = [_with_tuples(e) for e in values["edits"]]
+            edits = [values_of(Region, e) for e in values["edits"]]
             if len(edits) < fewest:
                 raise ValueError(f"a step with the edits of {len(edits)} regions does not fit {fewest}")
             told = [edits_of(with_edits(region, e)) for region, e in zip(regions[: len(edits)], edits, strict=True)]
-            return Step(str(values["what"]), tuple(told), Lamp(**_with_tuples(values.get("lamp", {}))))
+            return Step(str(values["what"]), tuple(told), Lamp(**values_of(Lamp, values.get("lamp", {}))))
 
         return cls(*(tuple(step(values) for values in content[name])[-MOST_UNDO_STEPS:] for name in ("past", "future")))
-
-
-def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}

@@ -267,7 +267,7 @@ class Scene(PaintedModel):
     def _restored(cls, header: dict[str, Any], tensors: dict[str, NDArray[Any]], name: str) -> Scene:
         try:
             return cls.from_arrays(header, tensors)
-        except (KeyError, TypeError, ValueError, ArithmeticError, MemoryError, RuntimeError) as error:
+        except Exception as error:  # a damaged file may say anything, and so fail anywhere
             raise BadInput(f"{name} is damaged ({type(error).__name__}: {error}): train it again.") from error
 
     def to_arrays(self, packed: bool = True) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -10,14 +10,15 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from svv.core.box import Box
 from svv.core.cameras import CameraRig
+from svv.core.json_values import object_in, text_in
 from svv.core.light import Lamp
+from svv.fields.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
 from svv.fields.encodings import Encoding
-from svv.fields.model import NETWORKS
-from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.model import NETWORKS, Model
+from svv.fields.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
-from svv.fields.of_values import TABLES, fill_base, fill_palette
+from svv.fields.of_values import SLOPES, TABLES, VALUES, fill_base, fill_palette
 from svv.fields.parts import FINEST, Parts, counted
 from svv.fields.region import Region, of_layer
 from svv.fields.rendering import Marching
@@ -120,21 +121,19 @@ def layers_of(header: dict[str, Any], tensors: Arrays, scene: PaintedModel) -> l
 
 def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     """Return the scene's fields by name from the result of :func:`arrays_of`."""
-    b = header["box"]
-    box = Box(tuple(b["low"]), float(b["size"]), tuple(b["extent"]))
-    shape = tuple(header["shape"])
-    bits = np.unpackbits(tensors["occupied"], count=int(np.prod(shape)))
-    occupancy = Occupancy(box, int(header["cells"]), np.ascontiguousarray(bits.reshape(shape)))
-    s = dict(header["settings"])
-    if "lit" in s:  # files from before the explicit light
-        s["lighting"] = "network" if s.pop("lit") else "none"
-    settings = FieldSettings(**{**s, "resolutions": tuple(s["resolutions"]), "finer": tuple(s.get("finer", ()))})
+    check_finite(tensors)
+    box = box_of(header["box"])
+    occupancy = Occupancy(box, header["cells"], occupied_of(header, tensors, box))
+    settings = settings_of(header["settings"])
+    check_sizes(header, tensors, settings, occupancy.occupied)
     base = BaseField(settings, occupancy, header["density_resolutions"])
     palette, styled = None, None
     regions, unsplit, parts = _regions(header, tensors, occupancy)
     own = of_layer((*regions, *unsplit), 0)
     count = sum(region.part_of is None for region in own)
     if "pcn" in header["networks"]:
+        if tensors["pcn.colours"].shape != (count, 3):
+            raise ValueError(f"the palette does not have {count} colours")
         colours, normals = torch.zeros(count, 3), header.get("normal_resolutions")
         palette = PaletteField(settings, occupancy, base.geometry_width, colours, normals)
     if "styled" in header["networks"]:
@@ -161,19 +160,22 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     if "base.density.table" in left_out:
         _fill(base, palette, occupancy, values, steps)
     rig = CameraRig.from_json(header["camera_rig"]) if header["camera_rig"] else None
-    m = header["marching"]
-    marching = Marching(float(m["step"]), float(m["least_weight"]), 0.0, float(m["stop"]))
-    images = {name: float(value) for name, value in header.get("images", {}).items()}
+    marching = Marching(**values_of(Marching, header["marching"]))
+    images = values_of(Model, header.get("images", {}))
+    if not (marching.step > 0.0 and images.get("stride", 1.0) > 0.0):
+        raise ValueError("the distance of samples is not above 0")
     variants = [
-        Variant(v["name"], network, _tuple(v["styles"]), v["made"]) for v, network in zip(told, others, strict=True)
+        Variant(text_in(v["name"], "name"), network, _styles_in(v["styles"]), dict(object_in(v["made"], "made")))
+        for v, network in zip(told, others, strict=True)
     ]
+    painting = None if header.get("painting") is None else text_in(header["painting"], "painting")
     if not all(count <= len(v.styles) <= len(own) for v in variants):
         raise ValueError("a variant does not have the scene's regions")
     return {
         "settings": settings, "occupancy": occupancy, "marching": marching, "base": base, "palette_network": palette,
-        "styled": styled, "regions": regions, "camera_rig": rig, "made": header["made"], **images,
-        "painting": header.get("painting"), "others": tuple(variants), "lamp": Lamp(**_values(header.get("lamp", {}))),
-        "parts": parts, "unsplit": unsplit, "values": values, "steps": steps,
+        "styled": styled, "regions": regions, "camera_rig": rig, "made": dict(object_in(header["made"], "made")),
+        "painting": painting, "others": tuple(variants), "lamp": Lamp(**values_of(Lamp, header.get("lamp", {}))),
+        **images, "parts": parts, "unsplit": unsplit, "values": values, "steps": steps,
     }  # fmt: skip
 
 
@@ -199,7 +201,7 @@ def _value_function(header: dict[str, Any], tensors: Arrays) -> ValueFunction | 
         return None
     told, table = header["values"], torch.from_numpy(tensors["extinction_table"].astype(np.float32))
     (low, high), (least, most), size = told["interval"], told["visible"], float(told["size"])
-    if table.ndim != 1 or not (low < high and 0.0 <= least <= most <= 1.0 and size > 0.0):
+    if table.shape != (VALUES * SLOPES,) or not (low < high and 0.0 <= least <= most <= 1.0 and size > 0.0):
         raise ValueError("the function of the values is damaged")
     return ValueFunction((float(low), float(high)), (float(least), float(most)), size, table)
 
@@ -233,7 +235,9 @@ def _regions(
     """Return regions, those whose split was undone, and parts; raises ValueError if they do not fit each other."""
     parts = _unpacked(header["parts"], tensors, occupancy) if "parts" in header else None
     told = header.get("undone", header.get("parts", {}).get("undone", []))  # in older files, parts have it
-    regions, unsplit = (tuple(Region(**_values(r)) for r in values) for values in (header["regions"], told))
+    regions, unsplit = (tuple(Region(**values_of(Region, r)) for r in values) for values in (header["regions"], told))
+    if any(not 0 <= region.layer <= len(header.get("layers", [])) for region in (*regions, *unsplit)):
+        raise ValueError("a region belongs to none of the transfer functions")
     own = [region.part_of is not None for region in of_layer((*regions, *unsplit), 0)]
     if own != sorted(own):
         raise ValueError("the parts of regions are out of order")
@@ -252,10 +256,5 @@ def _encodings(name: str, network: nn.Module) -> list[tuple[str, Encoding]]:
     return [(f"{name}.{k}.table", m) for k, m in network.named_modules() if isinstance(m, Encoding)]
 
 
-def _values(region: dict[str, Any]) -> dict[str, Any]:
-    """Turn the lists that JSON makes of tuples back into tuples."""
-    return {key: _tuple(value) for key, value in region.items()}
-
-
-def _tuple(value: Any) -> Any:
-    return tuple(map(_tuple, value)) if isinstance(value, list) else value
+def _styles_in(value: list[Any]) -> tuple[str | None, ...]:
+    return tuple(None if style is None else text_in(style, "style") for style in value)

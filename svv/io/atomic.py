@@ -74,6 +74,14 @@ def check_writable(path: str | Path) -> None:
     _claim(Path(path)).unlink()
 
 
+def is_file(path: Path) -> bool:
+    """Return whether there is such a file; a name that no file can have, or a loop of links, is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def make_folder(path: str | Path) -> Path:
     """Create a folder for results, with its parents, if it does not exist.
 

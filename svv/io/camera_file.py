@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from svv.core.cameras import NOMINAL_FOV, Camera
+from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.io.transforms import camera_in
 
@@ -53,7 +53,7 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None, frame: in
             angle = np.radians(float(content["fov"])) if span is None or "fov" in content else NOMINAL_FOV
         own = (int(content.get("width", 0)), int(content.get("height", 0)))
         rotation = np.asarray(matrix, dtype=np.float64)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise BadInput(
             f"{path} does not contain a camera: camera_to_world must be 4 x 4 numbers, and fov (degrees) or "
             "camera_angle_x (radians) must be a number."
@@ -78,7 +78,7 @@ def _of_frame(path: Path, scene: dict[str, Any], frame: dict[str, Any], size: tu
 
 def _object(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parsed(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise BadInput(f"There is no camera file {path}; check the path.") from error
     except OSError as error:

@@ -17,10 +17,11 @@ import subprocess
 import sys
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 from importlib.util import find_spec
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import cannot_write, check_writable
@@ -66,7 +67,7 @@ def megabytes(count: int) -> str:
 
 
 def download(url: str, folder: Path, sha256: str, size: int, progress: Progress = silent) -> Path:
-    """Fetch a file over HTTP.
+    """Fetch a file over HTTPS, under a temporary name until its hash was checked.
 
     Args:
         url: Address of the file.
@@ -79,13 +80,16 @@ def download(url: str, folder: Path, sha256: str, size: int, progress: Progress 
         The file's path.
 
     Raises:
-        BadInput: The address cannot be reached, the download is interrupted, the disk is full, or the file has another
-            hash. The incomplete file is removed.
+        BadInput: The address is not encrypted or cannot be reached, the download is interrupted, the disk is full, or
+            the file has another hash. The incomplete file is removed.
     """
-    path = folder / url.rsplit("/", 1)[1]
-    check_writable(path)
+    final = folder / url.rsplit("/", 1)[1]
+    check_writable(final)
+    _check_encrypted(url)
+    path = final.with_name(f".{final.name}.part")
     try:
-        with urllib.request.urlopen(url, timeout=CONNECT_SECONDS) as reply, path.open("wb") as file:
+        opened = urllib.request.build_opener(_Encrypted).open(url, timeout=CONNECT_SECONDS)
+        with opened as reply, path.open("wb") as file:
             done = 0
             while done < size and (block := reply.read(min(BLOCK, size - done))):
                 _write(file, block, path)
@@ -94,6 +98,7 @@ def download(url: str, folder: Path, sha256: str, size: int, progress: Progress 
         if done < size and _is_announced(reply, size):
             raise BadInput(f"The download from {url} stopped after {done / 1e6:.0f} of {megabytes(size)}: try again.")
         _check(path, sha256, f"The file from {url}")
+        os.replace(path, final)
     except (OSError, http.client.HTTPException) as error:
         path.unlink(missing_ok=True)
         reason = getattr(error, "reason", error)
@@ -103,7 +108,22 @@ def download(url: str, folder: Path, sha256: str, size: int, progress: Progress 
     except BaseException:
         path.unlink(missing_ok=True)
         raise
-    return path
+    return final
+
+
+class _Encrypted(urllib.request.HTTPRedirectHandler):
+    """Follows redirections, but to no address that is not encrypted."""
+
+    def redirect_request(self, *arguments: Any) -> urllib.request.Request | None:
+        _check_encrypted(arguments[-1])
+        return super().redirect_request(*arguments)
+
+
+def _check_encrypted(url: str) -> None:
+    """Raise BadInput unless an address is one of HTTPS, or of this computer."""
+    parts = urllib.parse.urlsplit(url)
+    if parts.scheme != "https" and not (parts.scheme == "http" and parts.hostname in ("127.0.0.1", "::1", "localhost")):
+        raise BadInput(f"{url} is not encrypted: only https addresses are fetched; provide the file yourself.")
 
 
 def _is_announced(reply: http.client.HTTPResponse, size: int) -> bool:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 
 from svv.errors import BadInput
+from svv.io.declared import check_pixels
 
 SMALLEST = 16
 """Minimum side of a style picture in pixels; smaller pictures have no strokes to match."""
@@ -45,15 +46,16 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
     )  # our own limit, checked below, gives a clear message
     try:
         with Image.open(path) as image:
+            check_pixels(path, *image.size)
             _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
             image.draft(image.mode, (2 * long_side, 2 * long_side))
             image.load()
             return _pixels(path, image, long_side)
     except UnidentifiedImageError as error:
         raise BadInput(f"{path} is not a picture that can be read: save it as PNG or JPEG.") from error
-    except (OSError, SyntaxError, ValueError, EOFError) as error:
-        if isinstance(error, BadInput):
-            raise
+    except BadInput:
+        raise
+    except Exception as error:  # damaged files make Pillow raise all kinds of errors
         raise BadInput(f"The style picture {path} is damaged or unusual ({error}): save it again.") from error
     finally:
         Image.MAX_IMAGE_PIXELS = limit

@@ -83,8 +83,9 @@ class Lens:
             along = self.seen_at(
                 self.centre[0] + part * (x - self.centre[0]), self.centre[1] + part * (y - self.centre[1]), focal
             )
-            away = np.hypot(along[0] - self.centre[0], along[1] - self.centre[1])
-            return bool(inside and (np.diff(away, axis=0) >= 0.0).all())
+            with np.errstate(all="ignore"):
+                away = np.hypot(along[0] - self.centre[0], along[1] - self.centre[1])
+                return bool(inside and (np.diff(away, axis=0) >= 0.0).all())
 
         if fits(1.0):
             return least
@@ -111,6 +112,10 @@ class Lens:
         Returns:
             Columns and rows in this image. (...,)
         """
+        with np.errstate(all="ignore"):  # whatever is not finite there is outside of this image
+            return self._seen_at(column, row, focal)
+
+    def _seen_at(self, column: Array, row: Array, focal: float) -> tuple[Array, Array]:
         x, y = (column - self.centre[0]) / focal, (row - self.centre[1]) / focal
         k, (p1, p2), square = self.radial, self.tangential, x * x + y * y
         if self.fisheye:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from svv._version import __version__
+from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.io.atomic import make_folder, to_json, write_json
 
@@ -98,7 +99,7 @@ def code() -> str:
 def read_record(path: Path, key: str) -> dict[str, Any] | None:
     """Return the record that :func:`write_record` wrote with this key; None if it is missing or damaged."""
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
+        record = parsed(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None  # unusable: it is computed again
     return record if isinstance(record, dict) and record.get("key") == key else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.io.atomic import atomic_path, write_json
+from svv.io.declared import check_pixels
 
 Mask = NDArray[np.bool_]
 Point = tuple[float, float]
@@ -94,13 +95,15 @@ def read_selection(mask: Path) -> Selection | None:
     if not path.is_file():
         return None
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = parsed(path.read_text(encoding="utf-8"))
         if values.pop("svv") != "selection":
             raise ValueError
         width, height = (int(v) for v in values.pop("size"))
+        if min(width, height) < 1:
+            raise ValueError
         pairs = {name: tuple((float(x), float(y)) for x, y in values.pop(name)) for name in ("positive", "negative")}
         return Selection((width, height), **pairs, segmenter=str(values["segmenter"]), grown=bool(values["grown"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise BadInput(f"{path} does not contain the points of a mask: delete it, or give another mask.") from error
 
 
@@ -129,6 +132,7 @@ def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
     try:
         with Image.open(path) as image:
             size = image.size
+            check_pixels(path, *size)
             ratio = None if shape is None else size[0] / size[1] / (shape[1] / shape[0])
             if ratio is not None and shape is not None and abs(np.log(ratio)) > ASPECT:
                 raise BadInput(
@@ -136,9 +140,11 @@ def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
                     "belongs to another picture."
                 )
             flat = Image.alpha_composite(Image.new("RGBA", size, "black"), image.convert("RGBA")).convert("L")
+    except BadInput:
+        raise
     except UnidentifiedImageError as error:
         raise BadInput(f"{path} is not a picture that can be read: save the mask as PNG.") from error
-    except (OSError, SyntaxError, EOFError) as error:
+    except Exception as error:  # damaged files make Pillow raise all kinds of errors
         raise BadInput(f"The mask {path} is damaged ({error}): make it again.") from error
     if not np.any(np.asarray(flat) > 127):
         raise BadInput(f"The mask {path} is empty: no pixel is white; make another one with svv style-mask.")
@@ -150,7 +156,14 @@ def read_mask(path: str | Path, shape: Sequence[int] | None = None) -> Mask:
 
 
 def picture_size(path: str | Path) -> tuple[int, int]:
-    """Return the width and height in pixels of a picture as displayed, with a camera's rotation undone."""
-    with Image.open(path) as image:
-        turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
-        return (image.height, image.width) if turned else image.size
+    """Return the width and height in pixels of a picture as displayed, with a camera's rotation undone.
+
+    Raises:
+        BadInput: The file is not a picture that can be read.
+    """
+    try:
+        with Image.open(path) as image:
+            turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
+            return (image.height, image.width) if turned else image.size
+    except Exception as error:  # damaged files make Pillow raise all kinds of errors
+        raise BadInput(f"The picture {path} cannot be read ({error}): save it again as PNG.") from error

@@ -7,7 +7,6 @@ bytes are deflated: the differences between successive rows, column by column. I
 
 from __future__ import annotations
 
-import json
 import zlib
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,10 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from svv.core.json_values import list_in, parsed, whole_in
 from svv.errors import BadInput
 from svv.io.atomic import atomic_path, to_json
+from svv.io.declared import MOST_INFLATED, check_fits
 
 FORMAT_VERSION = 3
 """Incremented whenever an older program can no longer read a newer file, or the other way round."""
@@ -31,6 +32,9 @@ WITH_STEPS = 5
 READABLE = (1, 2)
 """Older formats that can also be read: without variants and a history of edits; the tables of format 1 are half floats
 instead of bytes."""
+
+MOST_HEADER, MOST_ARRAYS = 8 << 20, 20_000
+"""Largest header in bytes, and largest number of arrays, which a scene of thousands of time steps does not reach."""
 
 _KEY = "svv"
 _REMEDY = "copy it again, or train the scene again"
@@ -116,16 +120,20 @@ def parse_scene(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, np
     """
     if content[8:_START] != _OUR_START:
         raise BadInput(f"{name} is not a scene file of svv; make one with `svv train`.")
+    length = int.from_bytes(content[:8], "little")
+    if length > MOST_HEADER or content.count(b'"dtype"', 8, 8 + length) > MOST_ARRAYS:
+        raise BadInput(f"The header of the scene file {name} is damaged; {_REMEDY}.")
     try:
         tensors = load(content)
-    except SafetensorError as error:
+    except (SafetensorError, KeyError, TypeError, ValueError, OverflowError) as error:  # all for types of numbers
         raise BadInput(f"The scene file {name} is truncated or damaged; {_REMEDY}.") from error
     # load() has checked the length and the JSON of the safetensors header, but returns only the arrays.
-    length = int.from_bytes(content[:8], "little")
-    header, tables = _checked_header(name, json.loads(content[8 : 8 + length])["__metadata__"][_KEY])
+    header, tables = _checked_header(name, content[8 : 8 + length])
     try:
-        tensors |= {table: _inflated(tensors[table], shape) for table, shape in tables.items()}
-    except (zlib.error, KeyError, TypeError, ValueError) as error:
+        shapes = {table: tuple(whole_in(n, "size") for n in list_in(s, 2, "sizes")) for table, s in tables.items()}
+        check_fits(sum(rows * columns for rows, columns in shapes.values()), f"The scene file {name}")
+        tensors |= {table: _inflated(tensors[table], shape) for table, shape in shapes.items()}
+    except (zlib.error, KeyError, TypeError, ValueError, OverflowError) as error:
         raise BadInput(f"The tables of the scene file {name} are damaged; {_REMEDY}.") from error
     return header, tensors
 
@@ -140,11 +148,11 @@ def _deflated(table: np.ndarray) -> np.ndarray:
     return np.frombuffer(stream.compress(columns.tobytes()) + stream.flush(), np.uint8)
 
 
-def _inflated(content: np.ndarray, shape: list[int]) -> np.ndarray:
+def _inflated(content: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Invert :func:`_deflated`; raises ValueError or zlib.error if the content is not from it."""
     rows, columns = shape
-    if rows * columns < 1:
-        raise ValueError("a table without numbers is not deflated")
+    if not 1 <= rows * columns <= MOST_INFLATED * len(content):
+        raise ValueError("a table without numbers, or with more than its bytes can hold, is not deflated")
     stream = zlib.decompressobj()
     table = np.frombuffer(stream.decompress(content.tobytes(), rows * columns), np.uint8).reshape(columns, rows)
     if stream.unconsumed_tail or not stream.eof:
@@ -152,10 +160,10 @@ def _inflated(content: np.ndarray, shape: list[int]) -> np.ndarray:
     return np.ascontiguousarray(np.cumsum(table, axis=1, dtype=np.uint8).T)
 
 
-def _checked_header(file: str, text: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the header and the shapes of the deflated tables."""
+def _checked_header(file: str, outer: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the header and the shapes of the deflated tables, from the header of the safetensors file."""
     try:
-        content = json.loads(text)
+        content = parsed(parsed(outer)["__metadata__"][_KEY])
         version, header, tables = content["version"], content["header"], content.get("deflated", {})
     except (ValueError, TypeError, KeyError) as error:
         raise BadInput(f"The header of the scene file {file} is damaged; {_REMEDY}.") from error

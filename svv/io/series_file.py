@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from itertools import pairwise
 from pathlib import Path
-from xml.etree import ElementTree
 
+from svv.core.json_values import parsed
+from svv.core.xml_values import parsed_xml
 from svv.errors import BadInput
 
 EXTENSIONS = (".pvd", ".series")
@@ -21,17 +21,13 @@ def read_series(path: Path) -> list[tuple[float, Path]]:
     try:
         text = path.read_text(encoding="utf-8")
         if path.suffix.lower() == ".pvd":
-            if "<!ENTITY" in text:
-                raise ValueError("it defines entities")
-            listed = [
-                (set_.attrib["timestep"], set_.attrib["file"]) for set_ in ElementTree.fromstring(text).iter("DataSet")
-            ]
+            listed = [(set_.attrib["timestep"], set_.attrib["file"]) for set_ in parsed_xml(text).iter("DataSet")]
         else:
-            listed = [(entry["time"], entry["name"]) for entry in json.loads(text)["files"]]
+            listed = [(entry["time"], entry["name"]) for entry in parsed(text)["files"]]
         found = sorted((float(time), path.parent / str(name)) for time, name in listed)
     except OSError as error:
         raise BadInput(f"{path} cannot be read: {error.strerror}.") from error
-    except (ElementTree.ParseError, KeyError, TypeError, ValueError, UnicodeError) as error:
+    except (KeyError, TypeError, ValueError, UnicodeError) as error:
         raise BadInput(f"{path} is no list of time steps ({type(error).__name__}: {error}).") from error
     if not found:
         raise BadInput(f"{path} lists no time steps.")

@@ -14,16 +14,18 @@ world is the one after that transform, and so is the scene that is learned.
 
 from __future__ import annotations
 
-import json
 import math
+import posixpath
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from svv.core.cameras import Camera
+from svv.core.cameras import MOST_PIXELS, Camera
+from svv.core.json_values import parsed
 from svv.errors import BadInput
+from svv.io.atomic import is_file
 from svv.io.lenses import Lens
 
 SUFFIXES = ("", ".png", ".PNG", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -54,7 +56,7 @@ def transforms_file(folder: str | Path, split: str) -> Path | None:
     if split == "train":
         return whole
     try:
-        listed = json.loads(whole.read_text(encoding="utf-8")).get(f"{split}_filenames")
+        listed = parsed(whole.read_text(encoding="utf-8")).get(f"{split}_filenames")
     except (OSError, ValueError, AttributeError):
         return None  # reading the training views says what is wrong with it
     return whole if listed else None
@@ -73,7 +75,7 @@ def read_transforms(folder: str | Path, split: str) -> tuple[Path, dict[str, Any
     """
     path = transforms_file(folder, split) or Path(folder) / f"transforms_{split}.json"
     try:
-        scene = json.loads(path.read_text(encoding="utf-8"))
+        scene = parsed(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise BadInput(
             f"There is no {path}; a folder of views needs one, or a transforms.json (NeRF-synthetic layout)."
@@ -101,7 +103,7 @@ def _of_split(path: Path, scene: Frame, frames: list[dict[str, Any]], split: str
     if wanted is not None:
         return [frame for frame in frames if frame.get("file_path") in wanted]
     others = {name for listed in lists.values() for name in listed or ()}
-    return [frame for frame in frames if frame.get("file_path") not in others]
+    return [frame for frame in frames if str(frame.get("file_path")) not in others]
 
 
 def file_in(path: Path, frame: Frame, key: str = "file_path") -> Path:
@@ -110,11 +112,25 @@ def file_in(path: Path, frame: Frame, key: str = "file_path") -> Path:
     if not isinstance(name, str) or not name:
         raise BadInput(f"{path} has a frame without {key}.")
     for plain in dict.fromkeys((name, name.replace("\\", "/"))):  # converters on Windows write backslashes
+        if leaves(plain):
+            raise BadInput(
+                f"{path} names the image {name}, which is outside its folder: copy the images into the folder, and "
+                "name them from there."
+            )
         for suffix in SUFFIXES:
             file = path.parent / (plain + suffix)
-            if file.is_file():
+            if is_file(file):
                 return file
     raise BadInput(f"{path} names the image {name}, but there is no such file (with or without .png).")
+
+
+def leaves(name: str) -> bool:
+    """Return whether the name of a file leads out of the folder that it is relative to, by ``..`` or from a root.
+
+    Links are followed wherever they lead: whoever unpacks a set decides about them.
+    """
+    plain = name.replace("\\", "/")
+    return plain.startswith(("/", "~")) or plain[1:2] == ":" or posixpath.normpath(plain).split("/")[0] == ".."
 
 
 def mask_files(path: Path, frames: Sequence[Frame]) -> list[Path] | None:
@@ -162,7 +178,7 @@ def camera_in(path: Path, scene: Frame, frame: Frame, width: int, height: int) -
         numbers = {key: float(value) for key, value in given.items()}
         if not any(key in numbers for key in LENGTHS):
             raise TypeError
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise BadInput(
             f"{where}: camera_angle_x must be a number of radians (or fl_x one of pixels), the other intrinsics "
             "numbers, and transform_matrix a 4x4 matrix of numbers."
@@ -187,6 +203,8 @@ def camera_in(path: Path, scene: Frame, frame: Frame, width: int, height: int) -
         return Camera(matrix, _angle(width, lens.rectified), width, height, None, centre), lens
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
+    except (ZeroDivisionError, OverflowError):
+        raise BadInput(f"{where}: an angle or a focal length is too small or too large.") from None
 
 
 def intrinsics_of(camera: Camera) -> dict[str, object]:
@@ -213,8 +231,11 @@ def _angle(width: int, focal: float) -> float:
 def _lens(numbers: Mapping[str, float], width: int, height: int, fisheye: bool) -> Lens:
     """Return the intrinsics of an image of the given size, which may be smaller than the file says."""
     for key in ("w", "h"):
-        if not numbers.get(key, 1) >= 1:
-            raise BadInput(f"{key} must be a number of pixels, not {numbers[key]:g}.")
+        if not 1 <= numbers.get(key, 1) <= MOST_PIXELS:
+            raise BadInput(f"{key} must be a number of pixels from 1 to {MOST_PIXELS}, not {numbers[key]:g}.")
+    for key, size in (("width", width), ("height", height)):
+        if not 1 <= size <= MOST_PIXELS:
+            raise BadInput(f"an image can be 1 to {MOST_PIXELS} pixels in {key}, not {size}.")
     for key in ("camera_angle_x", "camera_angle_y"):
         if not 0 < numbers.get(key, 1) < math.pi:
             raise BadInput(f"{key} must lie between 0 and pi radians, not {numbers[key]:g}.")

@@ -15,6 +15,7 @@ from PIL import Image
 
 from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress
+from svv.io.declared import check_pixels
 from svv.io.lenses import Lens, rectify
 from svv.io.transforms import Frame, camera_in, file_in, mask_files
 
@@ -119,13 +120,14 @@ def decode(file: Path) -> Images:
     """Return uint8 levels: (h, w, 4) with straight alpha, or (h, w, 3) if the file has no alpha."""
     try:
         with Image.open(file) as image:
+            check_pixels(file, *image.size)
             if image.mode.startswith("I") or image.mode == "F":  # PIL would clip instead of scale
                 raise BadInput(f"{file} is a greyscale image of more than 8 bits; views must be 8-bit RGBA.")
             alpha = "A" in image.getbands() or "transparency" in image.info
             return np.asarray(image.convert("RGBA" if alpha else "RGB"))
     except BadInput:
         raise
-    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
+    except Exception as error:  # damaged files make Pillow raise all kinds of errors
         raise BadInput(f"Cannot read the image {file} ({error}); it is truncated or not an image.") from error
 
 

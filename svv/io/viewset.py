@@ -9,12 +9,9 @@ folder contains the volume classified by its transfer function; the key ``svv_cl
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
@@ -26,9 +23,11 @@ from PIL import Image
 from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.core.classified import ClassifiedVolume, ValueGrid, ValueRange
+from svv.core.json_values import parsed
 from svv.errors import BadInput, Progress, silent
-from svv.io.atomic import atomic_path, cannot_write, make_folder, to_json
-from svv.io.transforms import file_in, intrinsics_of, mask_files, names_of, read_transforms
+from svv.io.atomic import atomic_path, cannot_write, is_file, make_folder, to_json
+from svv.io.declared import arrays_of_npz
+from svv.io.transforms import file_in, intrinsics_of, leaves, mask_files, names_of, read_transforms
 from svv.io.view_images import Images, in_threads, read_views
 from svv.io.view_meta import ViewMeta
 
@@ -199,7 +198,7 @@ def read_classified(folder: str | Path) -> ClassifiedVolume | None:
     if not (file.exists() and views.exists()):
         return None
     try:
-        named = json.loads(views.read_text(encoding="utf-8")).get("svv_classified")
+        named = parsed(views.read_text(encoding="utf-8")).get("svv_classified")
     except (OSError, ValueError, AttributeError) as error:
         raise BadInput(f"Cannot read {views} ({error}); make the views again.") from error
     return _read_classified(file) if named == CLASSIFIED else None
@@ -221,32 +220,40 @@ def _write_classified(file: Path, volume: ClassifiedVolume) -> None:
 
 def _read_classified(file: Path) -> ClassifiedVolume:
     names = ("low", "size", "extent", "cells", "exponent", "owner", "ranges")
+    of_values = ("codes", "counted", "value_cells", "integral")  # files from before the values were kept have none
+    large = ("exponent", "owner", "codes")
     try:
-        # NumPy would leave a damaged file open.
-        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
-            low, size, extent, cells, exponent, owner, values = (arrays[k] for k in names)
-            grid = None
-            if "codes" in arrays:  # files from before the values were kept have none
-                start, stop, least, most = arrays["counted"].tolist()
-                cells_of_values, own = int(arrays["value_cells"]), arrays["codes"]
-                grid = ValueGrid(cells_of_values, own, (start, stop), (least, most), arrays["integral"])
+        with file.open("rb") as opened:
+            arrays = arrays_of_npz(opened, names, of_values, large, str(file))
+        low, size, extent, cells, exponent, owner, values = (arrays[k] for k in names)
+        grid = None
+        if "codes" in arrays:
+            start, stop, least, most = arrays["counted"].tolist()
+            cells_of_values, own = int(arrays["value_cells"]), arrays["codes"]
+            grid = ValueGrid(cells_of_values, own, (start, stop), (least, most), arrays["integral"])
         box = Box(tuple(low.tolist()), float(size), tuple(extent.tolist()))
         ranges = tuple(ValueRange(start, stop, tuple(colour)) for start, stop, *colour in values.tolist())
         return ClassifiedVolume(box, int(cells), exponent, owner, ranges, grid)
-    except (BadInput, OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except Exception as error:  # a damaged archive makes NumPy and zipfile raise all kinds of errors
         what = "make the views again, or delete it to learn from them alone"
         raise BadInput(f"Cannot read {file} ({str(error).rstrip('.')}); {what}.") from error
 
 
 def _own_files(path: Path) -> set[Path]:
-    """Return the images and the classified volume of an existing set if it is ours; other sets are left alone."""
+    """Return the images and the classified volume of an existing set if it is ours; other sets are left alone.
+
+    A set of someone else may name any files: those outside its folder are not ours, either.
+    """
     try:
-        scene = json.loads(path.read_text())
+        scene = parsed(path.read_text(encoding="utf-8"))
         frames = scene["frames"] if "svv" in scene else []
-        files = {path.parent / f"{frame['file_path']}.png" for frame in frames}
-        return files | {path.parent / CLASSIFIED} if scene.get("svv_classified") == CLASSIFIED else files
-    except (OSError, ValueError, KeyError, TypeError):
+        names = [str(frame["file_path"]) for frame in frames]
+        own = {CLASSIFIED} if scene.get("svv_classified") == CLASSIFIED else set()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return set()
+    folder = path.parent.resolve()
+    files = {path.parent / name for name in {*(f"{name}.png" for name in names if not leaves(name)), *own}}
+    return {file for file in files if is_file(file) and folder in file.resolve().parents}
 
 
 def files_of(folder: Path, split: str) -> list[Path]:

@@ -7,12 +7,12 @@ stages that depend on it.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from svv.core.json_values import parsed
 from svv.errors import Progress, silent
 from svv.io.atomic import make_folder, write_json
 from svv.io.made import key_of
@@ -20,6 +20,9 @@ from svv.measure import give_memory_back, measured
 
 READ_WHOLE = 1 << 30
 """Maximum bytes of an input file that is read to identify it."""
+
+COST: Sequence[tuple[str, Any]] = (("key", str), ("title", str), ("seconds", (int, float)), ("peak_rss_bytes", int))
+"""What the record tells about a stage, and of which types."""
 
 Show = Callable[[str], AbstractContextManager[Progress]]
 """Shows the progress of one stage under its title, like :func:`svv.progress.shown`."""
@@ -122,7 +125,12 @@ def fingerprint(path: Path) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
+        record = parsed(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}  # no record, or none that can be relied on
-    return record if isinstance(record, dict) else {}
+    stages = record.items() if isinstance(record, dict) else ()
+    return {name: told for name, told in stages if isinstance(told, dict) and all(_fits(told, *key) for key in COST)}
+
+
+def _fits(told: Mapping[str, Any], key: str, kinds: type | tuple[type, ...]) -> bool:
+    return isinstance(told.get(key), kinds) and not isinstance(told[key], bool)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from svv.core.correction import Correction
+from svv.core.json_values import parsed
 from svv.errors import BadInput, Progress, silent
 from svv.options.editing import (
     SPLIT_LEVEL,
@@ -137,7 +137,7 @@ def point_seen(scene: Scene, where: str) -> str:
     """
     from svv.pv.work import camera_for
 
-    seen = json.loads(where)
+    seen = parsed(where)
     return ",".join(f"{value:.7g}" for value in scene.point_at(camera_for(scene, seen), seen["pixel"]))
 
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from svv.core.json_values import parsed
 from svv.errors import BadInput, part, silent
 from svv.io.cache import Cache
 from svv.pv.filters import Filter
@@ -116,7 +117,7 @@ class Keeping(Filter):
     def stated(self) -> dict[str, str]:
         """Return the names that the state carries, by slot."""
         try:
-            names = json.loads(self.values.get("KeptAs") or "{}")
+            names = parsed(self.values.get("KeptAs") or "{}")
         except ValueError:
             return {}
         return {str(k): str(v) for k, v in names.items()} if isinstance(names, dict) else {}
@@ -168,7 +169,7 @@ def read_views(folder: Path, progress: Any = silent) -> Views:
 def views_in(folder: Path, key: str, progress: Any = silent) -> Views | None:
     """Return the views in the user's folder; None if they are of something else or incomplete."""
     try:
-        told = json.loads((folder / "transforms_train.json").read_text(encoding="utf-8"))["svv"]["key"]
+        told = parsed((folder / "transforms_train.json").read_text(encoding="utf-8"))["svv"]["key"]
         return read_views(folder, progress) if told == key else None
     except (BadInput, OSError, ValueError, KeyError, TypeError):
         return None

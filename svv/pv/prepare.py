@@ -21,6 +21,7 @@ from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import Distribution
 from pathlib import Path
 
+from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.pv import installer, torch_build
 from svv.pv.start import SECOND_VTK, STAMP, ParaView, environment_folder, find, is_whole, python_path
@@ -182,7 +183,7 @@ def _check(paraview: ParaView, folder: Path) -> None:
 
 def _read_stamp(target: Path) -> object:
     try:
-        return json.loads((target / STAMP).read_text())
+        return parsed((target / STAMP).read_text())
     except (OSError, ValueError):
         return None
 

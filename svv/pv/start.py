@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.measure import prefer_openmp, share_cores
 
@@ -93,7 +94,7 @@ def _versions(pvpython: Path) -> tuple[tuple[int, int], tuple[int, int]]:
     program = pvpython.resolve()
     key = f"{program} {program.stat().st_mtime_ns}"
     try:
-        known = json.loads(kept.read_text())
+        known = parsed(kept.read_text())
         (a, b), (c, d) = known[key]
         return (a, b), (c, d)
     except (OSError, ValueError, KeyError, TypeError):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from svv.core.cameras import Camera
+from svv.core.json_values import parsed
 from svv.core.phi_theta import paraview_rotations
 from svv.core.sharing import ALONE, Sharing
 from svv.errors import BadInput, Progress, part, silent
@@ -161,6 +161,6 @@ def _move_in(staging: Path, path: Path) -> None:
 
 def _key_of(folder: Path) -> object:
     try:
-        return json.loads((folder / KEY).read_text(encoding="utf-8"))
+        return parsed((folder / KEY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None

@@ -48,7 +48,10 @@ class Checkpoint:
             return  # a foreign or damaged file is not a checkpoint of this run; it will be replaced
         if header.get("key") != self.key:
             return
-        self.finished, self._progress = header["finished"], header["progress"]
+        finished, progress = header.get("finished"), header.get("progress")
+        if not isinstance(finished, dict) or not isinstance(progress, dict):
+            return
+        self.finished, self._progress = finished, progress
         self.arrays = {k[5:]: v for k, v in arrays.items() if k.startswith("done.")}
         self._state = {k[6:]: v for k, v in arrays.items() if k.startswith("state.")}
 
@@ -93,8 +96,13 @@ class StageState:
         """Steps done and seconds spent before, if the stage was resumed; otherwise None."""
         progress = checkpoint._progress
         if progress.get("stage") == name:
-            self._restore(checkpoint._state)
-            self.restored = int(progress["done"]), float(progress["spent"])
+            try:
+                self._restore(checkpoint._state)
+                self.restored = int(progress["done"]), float(progress["spent"])
+            except (KeyError, TypeError, ValueError, RuntimeError, OverflowError) as error:
+                raise BadInput(
+                    f"The checkpoint {checkpoint.path} is damaged ({error}): delete it, and training starts afresh."
+                ) from error
 
     def _restore(self, state: Arrays) -> None:
         tensors = {k[8:]: torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith("network.")}

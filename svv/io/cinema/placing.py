@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -13,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from svv.core.cameras import Camera
 from svv.core.directions import geodesic_directions
+from svv.core.json_values import parsed
 from svv.core.phi_theta import ascent_rotations, paraview_rotations
 from svv.core.silhouettes import Silhouettes, best_fov, disagreement
 from svv.errors import BadInput
@@ -220,7 +220,7 @@ def gap_in(directions: Array) -> str | None:
 def _parsed(text: str) -> Any:
     """Return JSON as its value, and vectors as NumPy prints them as lists of numbers; other text as it is."""
     try:
-        return json.loads(text)
+        return parsed(text)
     except ValueError:
         pass
     words = text.strip("[]() ").replace(",", " ").split()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import ast
-import json
 import re
-import xml.etree.ElementTree as ElementTree
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from svv.core.cameras import Camera, look_at
-from svv.core.json_values import number_in, switch_in, vector_in
+from svv.core.json_values import number_in, parsed, switch_in, vector_in
+from svv.core.xml_values import parsed_xml
 from svv.errors import BadInput
 
 BESIDE = "camera.json"
@@ -141,7 +141,7 @@ def _below(most: float) -> str:
 
 def _of_json(path: Path, text: str) -> Shot:
     try:
-        content = json.loads(text)
+        content = parsed(text)
     except ValueError as error:
         raise BadInput(f"{path} is not JSON ({error}).") from error
     if not isinstance(content, dict) or not {"focal_point", "distance", "view_angle", "parallel_scale"} & set(content):
@@ -164,8 +164,8 @@ def _of_json(path: Path, text: str) -> Shot:
 
 def _of_state(path: Path, text: str) -> list[dict[str, Any]]:
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+        root = parsed_xml(text)
+    except ValueError as error:
         raise BadInput(f"{path} is not a ParaView state: {error}.") from error
     views = []
     for proxy in root.iter("Proxy"):
@@ -173,11 +173,11 @@ def _of_state(path: Path, text: str) -> list[dict[str, Any]]:
             continue
         view: dict[str, Any] = {}
         for member in proxy.iter("Property"):
-            elements = sorted(member.findall("Element"), key=lambda e: int(e.get("index", "0")))
             try:
+                elements = sorted(member.findall("Element"), key=lambda e: int(e.get("index", "0")))
                 view[member.get("name", "")] = [float(e.get("value", "")) for e in elements]
             except ValueError:
-                continue  # properties of text
+                continue  # properties of text, or damaged
         views.append(view)
     return views
 
@@ -185,9 +185,13 @@ def _of_state(path: Path, text: str) -> list[dict[str, Any]]:
 def _of_script(path: Path, text: str) -> list[dict[str, Any]]:
     """Collect ``view.CameraPosition = [...]`` by view; the last assignment counts."""
     try:
-        tree = ast.parse(text)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about the script's own style
+            tree = ast.parse(text)
     except SyntaxError as error:
         raise BadInput(f"{path} is not a Python script ({error.msg}, line {error.lineno}).") from error
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise BadInput(f"{path} is not a Python script that can be read ({error}).") from error
     views: dict[str, dict[str, Any]] = {}
     for line in ast.walk(tree):
         if not isinstance(line, ast.Assign):
@@ -195,23 +199,29 @@ def _of_script(path: Path, text: str) -> list[dict[str, Any]]:
         for target in line.targets:
             if isinstance(target, ast.Attribute) and target.attr.startswith("Camera"):
                 try:
-                    value = ast.literal_eval(line.value)
-                except ValueError:
-                    continue  # computed when the script runs
-                views.setdefault(ast.unparse(target.value), {})[target.attr] = np.atleast_1d(value).tolist()
+                    value = np.atleast_1d(np.asarray(ast.literal_eval(line.value), np.float64)).tolist()
+                    views.setdefault(ast.unparse(target.value), {})[target.attr] = value
+                except (ValueError, TypeError, SyntaxError, OverflowError, RecursionError, MemoryError):
+                    continue  # computed when the script runs, or nothing that a camera has
     return list(views.values())
 
 
 def _of_view(view: Mapping[str, Any]) -> Shot:
     position, point = view.get("CameraPosition"), view.get("CameraFocalPoint", [0.0, 0.0, 0.0])
-    if position is None or len(position) != 3 or len(point) != 3:
+    if position is None or np.shape(position) != (3,) or np.shape(point) != (3,):
         return Shot()
     x, y, z = (float(v) for v in point)
-    distance = float(np.linalg.norm(np.subtract(position, point)))
-    parallel = bool(view.get("CameraParallelProjection", [0])[0])
-    if parallel:
-        return Shot((x, y, z), distance, None, float(view.get("CameraParallelScale", [1.0])[0]))
-    return Shot((x, y, z), distance, float(view.get("CameraViewAngle", [30.0])[0]))
+    with np.errstate(all="ignore"):  # what is not finite is rejected by its range
+        distance = float(np.linalg.norm(np.subtract(position, point)))
+    if any(_first(view, "CameraParallelProjection", 0.0)):
+        return Shot((x, y, z), distance, None, *_first(view, "CameraParallelScale", 1.0))
+    return Shot((x, y, z), distance, *_first(view, "CameraViewAngle", 30.0))
+
+
+def _first(view: Mapping[str, Any], name: str, default: float) -> list[float]:
+    """Return the first number of a property, or the default if it has none, as a list of one."""
+    numbers = view.get(name, [default])
+    return [float(number) for number in numbers[:1] if np.ndim(number) == 0] or [default]
 
 
 def _vector(value: Any, name: str, default: Vector | None = None) -> np.ndarray:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import csv
 import hashlib
 import itertools
-import json
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from svv.core.json_values import list_in, object_in, text_in
+from svv.core.json_values import list_in, object_in, parsed, text_in
 from svv.errors import BadInput
+from svv.io.atomic import is_file
+from svv.io.transforms import leaves
 
 TABLE, INFO = "data.csv", "info.json"
 """Files by which a database is recognised."""
@@ -27,6 +30,12 @@ LAYERS = ("file_depth", "file_region", "file_layer", "file_normal", "file_value"
 
 OPACITY_FUNCTION = ("otf", "opacity_transfer_function")
 """Names of the column that counts the opacity functions of ParaView's Cinema-Volumetric extractor, lower case."""
+
+
+MOST_ROWS = 1_000_000
+"""Most images of a database."""
+
+_NAMED = re.compile(r"\{([^{}]*)\}")
 
 
 @dataclass(frozen=True)
@@ -97,7 +106,7 @@ def check_files(table: Table) -> None:
     Raises:
         BadInput: A row has no file, or a file has no row.
     """
-    missing = [name for name in table.files if not (table.folder / name).is_file()]
+    missing = [name for name in table.files if not is_file(table.folder / name)]
     if missing:
         raise BadInput(
             f"{table.folder} is incomplete: {_count(len(missing), 'row')} of {len(table)} "
@@ -186,6 +195,7 @@ def _of_csv(folder: Path) -> Table:
     shown = [name for name in pictures if _kind(files[name]) in IMAGES]
     if not shown:
         raise BadInput(f"{path} has no column of images: Spec D calls it FILE or FILE_png.")
+    _check_inside(path, (name for column in files.values() for name in column))
     # Like pycinema, which shows the last column of files.
     chosen = next((name for name in shown if name.lower() == "file"), shown[-1])
     return Table(
@@ -203,7 +213,7 @@ def _kind(files: list[str]) -> str:
 def _pattern(path: Path) -> str | None:
     """Return the pattern of the file names in Ascent's ``info.json``; None if it is no such file."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parsed(path.read_text(encoding="utf-8"))
         pattern = content["name_pattern"]
         return pattern if isinstance(pattern, str) and "{phi}_{theta}_" in pattern else None
     except (OSError, ValueError, KeyError, TypeError):
@@ -212,7 +222,7 @@ def _pattern(path: Path) -> str | None:
 
 def _of_info(folder: Path) -> Table:
     path = folder / INFO
-    content = object_in(json.loads(path.read_text(encoding="utf-8")), str(path))
+    content = object_in(parsed(path.read_text(encoding="utf-8")), str(path))
     pattern = text_in(content["name_pattern"], f"{path}: name_pattern")
     arguments = object_in(content.get("arguments", {}), f"{path}: arguments")
     values: dict[str, list[str]] = {}
@@ -220,15 +230,37 @@ def _of_info(folder: Path) -> Table:
         own = object_in(argument, f"{path}: {name}").get("values")
         many = own if isinstance(own, list) else [own]  # Conduit writes one value as a plain one
         values[name] = [text_in(v, f"{path}: {name}") for v in list_in(many, len(many), f"{path}: {name}")]
+    if math.prod(len(value) for value in values.values()) > MOST_ROWS:
+        raise BadInput(f"{path} lists more than {MOST_ROWS} images; write the database again.")
     rows = list(itertools.product(*values.values()))
     if not rows or any("{" + name + "}" not in pattern for name in ANGLES):
         raise BadInput(f"{path} lists no views; write the database again.")
     columns = dict(zip(values, ([row[k] for row in rows] for k in range(len(values)))))
-    try:
-        files = [pattern.format(**dict(zip(values, row))) for row in rows]
-    except (KeyError, IndexError, ValueError) as error:
-        raise BadInput(f"{path}: name_pattern names something that is not among its arguments ({error}).") from error
+    unknown = set(_NAMED.findall(pattern)) - set(values)
+    if unknown:
+        raise BadInput(f"{path}: name_pattern names something that is not among its arguments ({min(unknown)}).")
+    files = [_filled(pattern, dict(zip(values, row))) for row in rows]
+    _check_inside(path, files)
     return Table(folder, columns, files, frozenset(files), ascent=True)
+
+
+def _filled(pattern: str, values: Mapping[str, str]) -> str:
+    """Replace names in braces by values. (``str.format`` would also look up attributes and pad to any width.)"""
+    return _NAMED.sub(lambda found: values[found[1]], pattern)
+
+
+def _check_inside(path: Path, files: Iterable[str]) -> None:
+    """Raise BadInput if a file is not in the folder of the table."""
+    outside = next((name for name in files if leaves(name) or "\0" in name or not _can_be_written(name)), None)
+    if outside is not None:
+        raise BadInput(f"{path} names the file {outside}, which is not in its folder: copy the database again.")
+
+
+def _can_be_written(name: str) -> bool:
+    try:
+        return bool(name.encode()) or not name
+    except UnicodeEncodeError:  # half a character, which JSON can hold
+        return False
 
 
 def _same(one: str, other: str) -> bool:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from svv.core.json_values import Json
+from svv.core.json_values import Json, parsed
 from svv.errors import BadInput
 
 
@@ -19,7 +18,7 @@ def opacity_function(folder: Path, number: str) -> Json | None:
     if not file.is_file():
         return None
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = parsed(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise BadInput(f"Cannot read {file} ({error}); delete it to go on without the transfer function.") from error
     preset = content[0] if isinstance(content, list) and content else content

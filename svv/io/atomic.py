@@ -152,7 +152,10 @@ def make_folder(path: str | Path) -> Path:
     """
     folder = Path(path)
     try:
+        missing = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
+        for place in missing:
+            sync_folder(place.parent)
     except FileExistsError as error:
         raise BadInput(f"Cannot write into {folder}: it is a file, not a folder; choose another name.") from error
     except OSError as error:

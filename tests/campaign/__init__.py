@@ -1,0 +1,1 @@
+"""Attacks on the commands: killed, robbed of their disk and short of memory."""

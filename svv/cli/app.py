@@ -8,7 +8,6 @@ Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130
 from __future__ import annotations
 
 import functools
-import inspect
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -23,6 +22,7 @@ from svv.cli.options import examples
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled, Elsewhere
 from svv.io.locks import alone
+from svv.io.memory import check_address_space
 from svv.measure import share_cores
 from svv.train.ranks import place
 
@@ -89,14 +89,13 @@ TOGETHER = ("views", "train", "render", "export")
 """Commands that share their work among the processes that ``torchrun`` starts; for others, the first does all."""
 
 
-def _alone(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that refuses to write where another one is writing at the same time."""
-    if "out" not in inspect.signature(command).parameters:
-        return command
+def _guarded(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that begins only with enough memory, and where no other one writes its result."""
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
-        first = given["out"] is not None and not place().rank
+        check_address_space()
+        first = given.get("out") is not None and not place().rank
         with alone(given["out"]) if first else nullcontext():
             command(**given)
 
@@ -104,7 +103,7 @@ def _alone(command: Callable[..., None]) -> Callable[..., None]:
 
 
 for _name, (_command, _examples) in COMMANDS.items():
-    app.command(_name, epilog=examples(*_examples))(_alone(_command))
+    app.command(_name, epilog=examples(*_examples))(_guarded(_command))
 app.add_typer(bench.app, name="bench")
 paraview.add_to(app)  # last, as in the help
 

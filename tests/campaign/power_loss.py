@@ -137,13 +137,14 @@ def main() -> None:
     bad = 0
     with tempfile.TemporaryDirectory() as place:
         small.be_small()
-        inputs = small.prepare(Path(place) / "inputs")
+        inputs = small.prepare(Path(place) / "inputs", names)
         for name in names:
             for again in (False, True):
                 disk = lossy(name, inputs, Path(place) / "w", again)
                 bad += bool(disk.wrong)
                 print(f"{name}{' again' * again}: {disk.states} states, {len(disk.wrong)} wrong", flush=True)
-                print(*disk.wrong[:12], sep="\n", flush=True)
+                for line in disk.wrong[:12]:
+                    print(line, flush=True)
     sys.exit(bool(bad))
 
 

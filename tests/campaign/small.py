@@ -76,8 +76,8 @@ def be_small() -> None:
     )
 
 
-def prepare(folder: Path, warm: Sequence[str] = ()) -> Path:
-    """Write the inputs of all commands to a folder, and run some commands once, so that their forks begin at once."""
+def prepare(folder: Path, names: Sequence[str]) -> Path:
+    """Write the inputs of commands to a folder, and run them once, so that their forks begin at once."""
     import numpy as np
     from PIL import Image
 
@@ -89,14 +89,12 @@ def prepare(folder: Path, warm: Sequence[str] = ()) -> Path:
     write_function(folder / "tf.json")
     levels = np.random.default_rng(0).integers(0, 256, (32, 32, 3), np.uint8)
     Image.fromarray(levels).resize((64, 64)).save(folder / "style.png")
-    for arguments in (
-        ("views", "v0.vti", "--tf", "tf.json", "--out", "views", *VIEWS),
-        ("train", "views", "--out", "s.svv", *DRAFT),
-        ("train", "views", "--out", "s2.svv", "--seed", "1", *DRAFT),
-        ("train", "views", "--out", "values.svv", "--encoding", "values", *DRAFT),
-    ):
-        here(arguments, folder)
-    for name in warm:
+    needed = {word for name in names for word in COMMANDS[name]}
+    here(("views", "v0.vti", "--tf", "tf.json", "--out", "views", *VIEWS), folder)
+    for scene, options in {"s.svv": (), "s2.svv": ("--seed", "1"), "values.svv": ("--encoding", "values")}.items():
+        if scene in needed:
+            here(("train", "views", "--out", scene, *options, *DRAFT), folder)
+    for name in names:
         here(COMMANDS[name], fresh(folder, folder.with_name("warm")))
     return folder
 

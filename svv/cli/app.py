@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -94,6 +95,8 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
+        if not Path().exists():  # PyTorch's libraries cannot be loaded from there
+            raise BadInput("The current folder no longer exists: change to another one.")
         check_address_space()
         first = given.get("out") is not None and not place().rank
         with alone(given["out"]) if first else nullcontext():

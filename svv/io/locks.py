@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -25,7 +26,10 @@ NAME_BYTES = 150
 
 def hidden(name: str, before: str, after: str) -> str:
     """Return a hidden name made from another one, which is shortened where it would be too long."""
-    return f".{os.fsencode(name)[:NAME_BYTES].decode('utf-8', 'ignore')}{before}{after}"
+    content = os.fsencode(name)
+    if len(content) > NAME_BYTES:
+        name = content[:NAME_BYTES].decode(sys.getfilesystemencoding(), "ignore")
+    return f".{name}{before}{after}"
 
 
 @contextmanager

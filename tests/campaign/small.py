@@ -11,6 +11,7 @@ import io
 import json
 import os
 import shutil
+import signal
 import sys
 import time
 import traceback
@@ -150,8 +151,10 @@ def forked(
     """
     said, home = folder.with_name(f"{folder.name}.said"), home or folder.with_name(f"{folder.name}.home")
     home.mkdir(exist_ok=True)
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # Ctrl-C waits until the command has begun
     process = os.fork()
     if process:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         return Run(process, said, time.monotonic())
     code = 99
     try:
@@ -167,9 +170,12 @@ def forked(
         sys.argv = ["svv", *arguments]
         if before is not None:
             before()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         main()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
+    except KeyboardInterrupt:  # before the command could say so itself
+        code = 130
     except BaseException:
         code = 70
         traceback.print_exc()

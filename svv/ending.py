@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from typing import NoReturn
 
 from svv.errors import BadInput, Cancelled, Elsewhere
+
+NO_MEMORY = "There is not enough memory; choose a smaller size or the preset draft."
+"""What is said where memory runs out."""
+
+TORCH_SAYS = ("can't allocate memory", "not enough memory", "out of memory")
+"""What PyTorch's errors contain if memory runs out."""
 
 
 def end_with(run: Callable[[], object], name: str) -> NoReturn:
@@ -19,6 +27,7 @@ def end_with(run: Callable[[], object], name: str) -> NoReturn:
 
     Exit codes: 0 success, 2 bad usage or bad input, 130 stopped by the user.
     """
+    _stop_on_terminate()
     try:
         done = run()
     except BadInput as error:
@@ -27,15 +36,36 @@ def end_with(run: Callable[[], object], name: str) -> NoReturn:
         _fail(name, "stopped; run the same command again to resume.", 130)
     except Elsewhere as error:
         sys.exit(error.code)
-    except MemoryError:
-        _fail(name, "There is not enough memory; choose a smaller size or the preset draft.")
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader of the output has gone
         sys.exit(0)
     except OSError as error:
-        about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
-        _fail(name, f"{about}{error.strerror or error}.")
+        _fail(name, said_of(error))
+    except (MemoryError, RuntimeError) as error:
+        if not is_lack_of_memory(error):
+            raise
+        _fail(name, NO_MEMORY)
     sys.exit(done if isinstance(done, int) else 0)
+
+
+def said_of(error: OSError) -> str:
+    """Return one sentence about an error of the system, with the file that it concerns if that is known."""
+    about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
+    return f"{about}{error.strerror or error}."
+
+
+def is_lack_of_memory(error: BaseException) -> bool:
+    """Return whether an error means that there is not enough memory; PyTorch has no type of its own for it on CPUs."""
+    if isinstance(error, MemoryError):
+        return True
+    return isinstance(error, RuntimeError) and any(said in str(error) for said in TORCH_SAYS)
+
+
+def _stop_on_terminate() -> None:
+    """Let SIGTERM, by which systems and schedulers end programs, stop the work as Ctrl-C does."""
+    main = threading.current_thread() is threading.main_thread()
+    if main and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 def _fail(name: str, message: str, code: int = 2) -> NoReturn:

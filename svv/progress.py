@@ -1,4 +1,4 @@
-"""Progress of long-running commands: a bar with the time left, and a clean stop on Ctrl-C."""
+"""Progress of long-running commands: a bar with the time left, and a clean stop on Ctrl-C and SIGTERM."""
 
 from __future__ import annotations
 
@@ -46,14 +46,17 @@ def _stop_on_interrupt() -> Iterator[threading.Event]:
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         stopped.set()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(number, signal.default_int_handler)
 
-    before = signal.signal(signal.SIGINT, interrupt)
+    before = {signal.SIGINT: signal.signal(signal.SIGINT, interrupt)}
+    if signal.getsignal(signal.SIGTERM) is signal.default_int_handler:  # of svv.ending; that of ranks is left alone
+        before[signal.SIGTERM] = signal.signal(signal.SIGTERM, interrupt)
     try:
         yield stopped
     finally:
-        # None: the handler was set by a program that embeds Python, such as pvpython.
-        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+        for number, handler in before.items():
+            # None: the handler was set by a program that embeds Python, such as pvpython.
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
     if stopped.is_set():  # pressed after the last report: the work is done, but the user asked to stop
         raise Cancelled
 

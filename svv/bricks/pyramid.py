@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from svv.bricks.mapped import MappedSource, mapped
 from svv.bricks.source import Box, Level, Source
 from svv.errors import BadInput, Progress
-from svv.io.atomic import cannot_write, make_folder
+from svv.io.atomic import atomic_path, cannot_write, make_folder, sync_folder
 from svv.io.cache import Cache, bytes_in, cache_folder
 
 BOUND = 50_000_000_000
@@ -36,6 +36,9 @@ COARSEST = 64
 
 BOX_BYTES = 32 << 20
 """Approximate size of a box that is read at a time."""
+
+NOTE_EVERY = 5.0
+"""Seconds between two times at which finished boxes are noted; later ones are made again if the process dies."""
 
 FORMAT = "1"
 """Number at the end of pyramids' names; changes with their layout."""
@@ -85,6 +88,7 @@ def with_pyramid(source: Source, path: Path, progress: Progress) -> PyramidSourc
             with _alone(unfinished, progress):
                 if not cache.holds(name):  # another process may have made it in the meantime
                     _build(source, unfinished, progress)
+                    sync_folder(unfinished)
                     os.replace(unfinished, cache.folder / name)
         except OSError as error:
             raise cannot_write(unfinished, error) from error
@@ -130,11 +134,12 @@ def _build(source: Source, folder: Path, progress: Progress) -> None:
     for k, level in enumerate(levels, 1):
         _claim(folder / f"level-{k}.raw", level.voxels * source.dtype.itemsize)
     if not (folder / "ranges.npy").exists():
-        np.save(folder / "ranges.npy", np.full((*count, 2), np.nan))
+        with atomic_path(folder / "ranges.npy") as temporary:
+            np.save(temporary, np.full((*count, 2), np.nan))
     ranges = np.lib.format.open_memmap(folder / "ranges.npy", "r+")
     files = [os.open(folder / f"level-{k}.raw", os.O_WRONLY) for k in range(1, len(levels) + 1)]
 
-    def work(index: tuple[int, int]) -> None:
+    def work(index: tuple[int, int]) -> tuple[tuple[int, int], float, float]:
         start = index[0] * edge, index[1] * rows, 0
         stop = min(start[0] + edge, whole[0]), min(start[1] + rows, whole[1]), whole[2]
         box = source.read(0, start, stop)
@@ -147,21 +152,37 @@ def _build(source: Source, folder: Path, progress: Progress) -> None:
             for z, layer in enumerate(box):
                 place = ((first[0] + z) * level.shape[1] + first[1]) * level.shape[2]
                 _write(file, layer, place * source.dtype.itemsize)
-        ranges[index] = low, high  # last: it marks the box as done
+        return index, low, high
+
+    written: list[tuple[tuple[int, int], float, float]] = []
+
+    def note() -> None:
+        """Mark boxes as done, once they are on disk: after a power failure, a mark must not stand for lost voxels."""
+        for file in files:
+            os.fsync(file)
+        for index, low, high in written:
+            ranges[index] = low, high
+        ranges.flush()
+        written.clear()
 
     missing = [tuple(index) for index in np.argwhere(np.isnan(ranges[..., 0])).tolist()]
     done = count[0] * count[1] - len(missing)
     try:
         with ThreadPoolExecutor(2) as pool:  # one reads while the other one computes
-            for number, _ in enumerate(_in_turn(pool, work, missing)):
+            noted = time.monotonic()
+            for number, found in enumerate(_in_turn(pool, work, missing)):
+                written.append(found)
+                if time.monotonic() - noted > NOTE_EVERY:
+                    note()
+                    noted = time.monotonic()
                 progress((done + number + 1) / (count[0] * count[1]), where)
     finally:
-        ranges.flush()
+        note()
         for file in files:
             os.close(file)
 
 
-def _in_turn(pool: ThreadPoolExecutor, work: Any, items: Sequence[Any]) -> Iterator[None]:
+def _in_turn(pool: ThreadPoolExecutor, work: Any, items: Sequence[Any]) -> Iterator[Any]:
     """Do work on a few items at a time, so that little is left to do when a caller stops."""
     waiting: list[Any] = []
     for item in items:

@@ -7,9 +7,12 @@ Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -19,6 +22,8 @@ from svv.cli import bench, cache, cinema, edit, features, follow, job, join, par
 from svv.cli.options import examples
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled, Elsewhere
+from svv.io.locks import alone
+from svv.io.memory import check_address_space
 from svv.measure import share_cores
 from svv.train.ranks import place
 
@@ -84,8 +89,24 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
 TOGETHER = ("views", "train", "render", "export")
 """Commands that share their work among the processes that ``torchrun`` starts; for others, the first does all."""
 
+
+def _guarded(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that begins only with enough memory, and where no other one writes its result."""
+
+    @functools.wraps(command)
+    def run(**given: Any) -> None:
+        if not Path().exists():  # PyTorch's libraries cannot be loaded from there
+            raise BadInput("The current folder no longer exists: change to another one.")
+        check_address_space()
+        first = given.get("out") is not None and not place().rank
+        with alone(given["out"]) if first else nullcontext():
+            command(**given)
+
+    return run
+
+
 for _name, (_command, _examples) in COMMANDS.items():
-    app.command(_name, epilog=examples(*_examples))(_command)
+    app.command(_name, epilog=examples(*_examples))(_guarded(_command))
 app.add_typer(bench.app, name="bench")
 paraview.add_to(app)  # last, as in the help
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,6 +24,7 @@ from svv.dvr.stage import Stage
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.volumes import read_volume
 from svv.errors import BadInput, Progress, silent
+from svv.io.memory import memory_there
 
 VTK_BYTES = 5
 """Bytes per voxel that VTK's ray casters need besides three copies of the values: normals, and tables of blocks."""
@@ -178,7 +178,7 @@ def open_volume(
         spacing: See there.
         array: See there; also the path of a dataset in an HDF5 file, or of an array in a Zarr group.
         mapper: Ray caster: ``auto``, ``bricks``, ``gpu`` or ``cpu``.
-        memory: Gigabytes that drawing may take; by default half of the computer's memory.
+        memory: Gigabytes that drawing may take; by default half of what there is.
         progress: Called often; the work stops when it raises.
 
     Raises:
@@ -211,14 +211,13 @@ def vtk_bytes(source: Source) -> int:
 
 
 def memory_allowed(gigabytes: float | None) -> int:
-    """Return a limit in bytes; None stands for half of the computer's memory.
+    """Return a limit in bytes; None stands for half of the memory that there is (:func:`svv.io.memory.memory_there`).
 
     Raises:
         BadInput: The limit is below a quarter of a gigabyte.
     """
     if gigabytes is None:
-        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 8 << 30
-        return there // 2
+        return memory_there() // 2
     if not 0.25 <= gigabytes < np.inf:
         raise BadInput(f"Drawing needs at least 0.25 GB of memory, not {gigabytes:g}.")
     return int(gigabytes * 1e9)

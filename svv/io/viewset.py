@@ -10,8 +10,6 @@ folder contains the volume classified by its transfer function; the key ``svv_cl
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
@@ -25,7 +23,7 @@ from svv.core.cameras import Camera
 from svv.core.classified import ClassifiedVolume, ValueGrid, ValueRange
 from svv.core.json_values import parsed
 from svv.errors import BadInput, Progress, silent
-from svv.io.atomic import atomic_path, cannot_write, is_file, make_folder, to_json
+from svv.io.atomic import atomic_path, cannot_write, is_file, make_folder, partial_folder, sync, sync_folder, to_json
 from svv.io.declared import arrays_of_npz
 from svv.io.transforms import file_in, intrinsics_of, leaves, mask_files, names_of, read_transforms
 from svv.io.view_images import Images, in_threads, read_views
@@ -119,8 +117,9 @@ class ViewSet:
     def write(self, folder: str | Path, split: str = "train", progress: Progress = silent) -> None:
         """Write the set; ``read`` returns it bit by bit.
 
-        All files are first written to a temporary folder and moved into place at the end, the JSON file last, so a
-        failure or a cancelled run leaves the previous files.
+        All files are first written to a temporary folder and moved into place at the end. A failure or a cancelled run
+        leaves the previous files. While files are moved there is no JSON file, so that a killed run never leaves new
+        images with old cameras.
 
         Args:
             folder: Target folder, created if it is missing.
@@ -132,18 +131,16 @@ class ViewSet:
         """
         target = make_folder(folder)
         try:
-            staging = Path(tempfile.mkdtemp(prefix=f".{split}-", dir=target))
+            with partial_folder(target / split) as staging:
+                jobs = [(staging / f"{name}.png", image) for name, image in zip(self.names, self.images)]
+                for _ in in_threads(_encode, jobs, progress, f"Writing {split} views"):
+                    pass
+                if self.classified is not None:
+                    _write_classified(staging / CLASSIFIED, self.classified)
+                    sync(staging / CLASSIFIED)
+                self._move_in(staging, target, split)
         except OSError as error:
             raise cannot_write(target, error) from error
-        try:
-            jobs = [(staging / f"{name}.png", image) for name, image in zip(self.names, self.images)]
-            for _ in in_threads(_encode, jobs, progress, f"Writing {split} views"):
-                pass
-            if self.classified is not None:
-                _write_classified(staging / CLASSIFIED, self.classified)
-            self._move_in(staging, target, split)
-        finally:
-            shutil.rmtree(staging, ignore_errors=True)
 
     def _transforms(self, split: str) -> dict[str, Any]:
         first = self.cameras[0]
@@ -170,8 +167,13 @@ class ViewSet:
             stale.discard(target / CLASSIFIED)
         with atomic_path(final) as manifest:
             manifest.write_text(to_json(self._transforms(split), indent=1), encoding="utf-8")
+            sync(manifest)
+            if final.exists():
+                final.unlink()
+                sync_folder(target)
             for name in self.names:
                 os.replace(staging / f"{name}.png", images / f"{name}.png")
+            sync_folder(images)
             if self.classified is not None:
                 os.replace(staging / CLASSIFIED, target / CLASSIFIED)
         for file in stale:
@@ -270,5 +272,6 @@ def _encode(job: tuple[Path, Images]) -> None:
     path, image = job
     try:
         Image.fromarray(image).save(path, compress_level=PNG_LEVEL)
+        sync(path)
     except OSError as error:
         raise cannot_write(path, error) from error

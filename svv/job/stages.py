@@ -82,6 +82,8 @@ class Stages:
         if done and fresh and done["key"] == key and all(path.exists() for path in outputs):
             self.costs[name] = done
             return False
+        if self._record.pop(name, None) is not None:  # a killed stage may leave the results of two settings
+            write_json(self.folder / "stages.json", self._record)
         try:
             with self.show(title) as progress, measured() as cost:
                 work(progress)

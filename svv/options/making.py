@@ -75,7 +75,7 @@ class ViewOptions:
     """Ray caster: gpu and cpu are VTK's; bricks is our own, for volumes of any size; auto picks bricks if VTK's would
     need too much memory, otherwise the GPU if OpenGL runs on hardware."""
     memory: Annotated[float | None, Setting(metavar="GB", least=0.25, panel="")] = None
-    """Gigabytes of memory that drawing may take; by default half of the computer's."""
+    """Gigabytes of memory that drawing may take; by default half of what there is."""
     fov: Annotated[float, Setting(least=1, most=150, panel="")] = 30.0
     """Full angle of view in degrees."""
     step: Annotated[float | None, Setting(metavar="VOXELS", panel="")] = None

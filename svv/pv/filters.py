@@ -16,6 +16,7 @@ from vtkmodules.vtkCommonCore import vtkOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
+from svv.ending import is_lack_of_memory, said_of
 from svv.errors import BadInput, Cancelled, Progress
 from svv.measure import give_memory_back
 from svv.pv.data import forget_scenes, put_views
@@ -101,7 +102,12 @@ class Filter(VTKPythonAlgorithmBase):
             self.before(outputs)
         except ImportError as error:
             self.say(NOT_INSTALLED.format(name=error.name or str(error)))
-        except MemoryError:
+        except OSError as error:  # a disk that fails
+            self.say(said_of(error))
+            self.before(outputs)
+        except (MemoryError, RuntimeError) as error:
+            if not is_lack_of_memory(error):
+                raise
             self.say("There is not enough memory for this: choose fewer or smaller views, or a smaller preset.")
             self.before(outputs)
         self.UpdateProgress(1.0)

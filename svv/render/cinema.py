@@ -17,7 +17,7 @@ from svv.core.json_values import parsed
 from svv.core.phi_theta import paraview_rotations
 from svv.core.sharing import ALONE, Sharing
 from svv.errors import BadInput, Progress, part, silent
-from svv.io.atomic import atomic_path, cannot_write, make_folder, write_json
+from svv.io.atomic import atomic_path, cannot_write, make_folder, sync_folder, write_json
 from svv.io.cinema.shot import BESIDE, view_angle
 from svv.io.cinema.table import TABLE
 from svv.io.output import to_bytes, write_depth_png, write_png
@@ -149,11 +149,17 @@ def _write_table(path: Path, rows: list[dict[str, str]]) -> None:
 def _move_in(staging: Path, path: Path) -> None:
     old = path.with_name(f".{path.name}.old")
     try:
-        (staging / KEY).unlink()
         if path.exists():
             shutil.rmtree(old, ignore_errors=True)
             path.rename(old)
-        staging.rename(path)
+        try:
+            staging.rename(path)
+        except OSError:
+            if old.exists():
+                old.rename(path)
+            raise
+        sync_folder(path.parent)
+        (path / KEY).unlink()  # not before: if the process is killed, the next one goes on with what is here
     except OSError as error:
         raise cannot_write(path, error) from error
     shutil.rmtree(old, ignore_errors=True)

@@ -1,1 +1,1 @@
-"""Campaigns: what is read is attacked with generated inputs; short forms run as tests, long ones by command."""
+"""Campaigns against files, commands and ParaView; short forms run as tests, long ones by command."""

@@ -1,0 +1,128 @@
+"""Disks that fail; the long form is ``python -m tests.campaign.failing_io``."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import resource
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from svv.errors import BadInput
+from svv.fields.scene import Scene
+from svv.io.atomic import atomic_path, make_folder
+from svv.io.cache import Cache
+from svv.io.viewset import ViewSet
+from svv.job.demo import generate
+from svv.options.cinema import ExportOptions
+from svv.render.cinema import write_database
+from svv.render.frames import orbit, write_movie
+from svv.render.web.page import write_html
+from tests.campaign.calls import watched
+from tests.ranked import fog_views
+from tests.test_kills import campaign
+
+NAME = "scene-" + "0" * 20 + "-" + "0" * 20 + "-1.svv"
+
+
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """Files may have 700 bytes at most, also those that other programs write, such as the movie encoder."""
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (700, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_every_call_of_a_command_may_fail(tmp_path: Path) -> None:
+    said = campaign("failing_io", "--command", "edit,render", "--one-error", "--out", tmp_path / "failing.json")
+    assert ", 0 with something wrong" in said
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the pipe to the encoder
+def test_writers_say_so_and_leave_nothing(
+    small_files: None, tmp_path: Path, cube: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cameras = orbit(cube, 20, 64, 64)
+    writers = {
+        "a.mp4": lambda path: write_movie(path, cube, cameras),
+        "a.html": lambda path: write_html(path, cube, "cube"),
+        "a.svv": cube.save,
+        "volume.vti": lambda path: generate(path.parent, 32),
+    }
+    for name, write in writers.items():
+        with pytest.raises(BadInput, match="Cannot write"):
+            write(tmp_path / name)
+        assert list(tmp_path.iterdir()) == [], name
+    with pytest.raises(BadInput, match="Cannot write"):
+        fog_views().write(tmp_path / "views")
+    assert [path.name for path in (tmp_path / "views").rglob("*")] == []
+
+
+def test_a_cache_that_fails_at_any_call_is_only_a_remark(tmp_path: Path, cube: Scene) -> None:
+    views = fog_views()
+    kept = {NAME: cube.save, NAME.replace("scene", "views").removesuffix(".svv"): views.write}
+    for name, write in kept.items():
+        for number in itertools.count():
+            cache, count = Cache(tmp_path / f"{name[:5]}{number}", 10**9), itertools.count()
+
+            def seen(kind: str, path: str, number: int = number, count: Iterator[int] = count) -> None:
+                if next(count) == number:
+                    raise OSError(5, "Input/output error", path)
+
+            with watched(str(tmp_path), seen):
+                said = cache.write(name, write)
+            if next(count) <= number:  # the run has fewer calls than that: all have failed once
+                assert said == ""
+                break
+            found = cache.read(name, Scene.load if name == NAME else ViewSet.read)
+            assert found is not None or said.startswith("It could not be kept for saved states: "), (number, said)
+            assert said.count(".") < 40 and "\n" not in said
+        assert number > 8
+
+
+def test_an_output_whose_folder_vanishes_is_one_sentence(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "network")
+    with pytest.raises(BadInput, match="its folder does not exist"):
+        with atomic_path(folder / "a.json") as temporary:
+            temporary.unlink()
+            folder.rmdir()
+
+
+def test_a_full_disk_in_a_database_is_one_sentence_and_it_goes_on(tmp_path: Path, cube: Scene) -> None:
+    path, options = tmp_path / "a.cdb", ExportOptions(phi=3, theta=1, size=16)
+    count = itertools.count()
+
+    def seen(kind: str, place: str) -> None:
+        if kind == "write" and next(count) >= 12:
+            raise OSError(28, os.strerror(28))
+
+    with watched(str(tmp_path), seen), pytest.raises(BadInput, match="disk is full"):
+        write_database(path, cube, options)
+    assert not path.exists()
+    write_database(path, cube, options)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.cdb"]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the pipe to the encoder
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="mounting a small disk needs root")
+def test_a_disk_that_is_really_full(tmp_path: Path, cube: Scene) -> None:
+    place = make_folder(tmp_path / "disk")
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "svv", place], capture_output=True).returncode:
+        pytest.skip("nothing can be mounted in this container")
+    try:
+        cube.save(place / "a.svv")
+        (place / "rest").write_bytes(bytes(os.statvfs(place).f_bavail * os.statvfs(place).f_bsize))
+        before = (place / "a.svv").read_bytes()
+        for write in (cube.save, lambda path: write_movie(path.with_suffix(".mp4"), cube, orbit(cube, 20, 64, 64))):
+            with pytest.raises(BadInput, match="disk is full|disk full"):
+                write(place / "a.svv")
+        assert (place / "a.svv").read_bytes() == before
+        assert sorted(path.name for path in place.iterdir()) == ["a.svv", "rest"]
+    finally:
+        subprocess.run(["umount", place], check=True)

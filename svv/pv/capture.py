@@ -20,6 +20,7 @@ from svv.pv.picking import watch_picks
 from svv.pv.points import watch_points
 from svv.pv.undo import watch
 from svv.pv.volume_display import as_volume, watch_volumes
+from svv.pv.watched import Watched
 
 CAPTURED = ("StyleRFStylizedView", "StyleRFViews", "StyleRFTrain")
 """Filters that read a volume's display."""
@@ -42,7 +43,8 @@ DISPLAY = "UniformGridRepresentation"
 SEEN = "StyleRF.seen"
 """Annotation of a representation that has been set up once; afterwards it is left to the user."""
 
-_observed: list[Any] = []
+_observed: Watched[None] = Watched()
+"""The observed sessions."""
 
 
 def volume_display(source: Any, view: Any = None) -> Any:
@@ -129,7 +131,7 @@ def _session_changed(manager: Any, *_: Any) -> None:
 
 def _watch_session(session: Any) -> None:
     if session is not None and session not in _observed:
-        _observed.append(session)
+        _observed.put(session, None)
         session.AddObserver("RegisterEvent", _registered)
 
 

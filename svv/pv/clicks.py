@@ -11,6 +11,8 @@ from typing import Any
 
 from vtkmodules.vtkCommonCore import vtkWeakReference
 
+from svv.pv.watched import Watched
+
 CROSS, ARROW = 10, 0
 """VTK_CURSOR_CROSSHAIR and VTK_CURSOR_DEFAULT, which not every version of VTK exposes to Python."""
 
@@ -23,7 +25,8 @@ FIRST = 2.0
 Act = Callable[[Any, Any, Sequence[int]], None]
 """What a click does, given the filter's proxy, the view, and the pixel from the view's lower left."""
 
-_watched: set[tuple[str, Callable[[Any, str, str], None]]] = set()
+_watched: Watched[list[Callable[[Any, str, str], None]]] = Watched()
+"""What is called for each filter whose buttons are being watched."""
 
 _clicks: list[Clicks] = []
 """The active handler, at most one; without this reference Python would collect it, because VTK holds none."""
@@ -32,9 +35,9 @@ _clicks: list[Clicks] = []
 def watch_buttons(filter: Any, pressed: Callable[[Any, str, str], None]) -> None:
     """Call a function with proxy, event and name when a button of a filter's panel is pressed, from now on."""
     proxy = filter.SMProxy
-    key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}", pressed
-    if key not in _watched:
-        _watched.add(key)
+    known = _watched.get(proxy) or []
+    if pressed not in known:
+        _watched.put(proxy, [*known, pressed])
         pressed.CallDataType = "string0"  # type: ignore[attr-defined]
         proxy.AddObserver("UpdatePropertyEvent", pressed)
 

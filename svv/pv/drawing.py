@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from vtkmodules.vtkCommonCore import vtkWeakReference
+from svv.pv.watched import Watched
 
 Do = Callable[..., None]
 """What is done, given the proxy of the view, the name of the event, and its data if it asks for them."""
 
-_watched: list[tuple[vtkWeakReference, Do]] = []
+_watched: Watched[list[Do]] = Watched()
+"""What is done for each view."""
 
 
 def before_drawing(view: Any, do: Do) -> None:
     """Call a function before a 3D view is drawn, from now on, however often this is asked for."""
-    _watched[:] = [known for known in _watched if known[0].Get() is not None]
-    if not any(known.Get() is view.SMProxy and own is do for known, own in _watched):
-        reference = vtkWeakReference()
-        reference.Set(view.SMProxy)
-        _watched.append((reference, do))
+    known = _watched.get(view.SMProxy) or []
+    if do not in known:
+        _watched.put(view.SMProxy, [*known, do])
         view.SMProxy.AddObserver("StartEvent", do)

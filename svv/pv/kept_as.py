@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from svv.pv.connection import server_gone
+from svv.pv.watched import Watched
+
 KEEPING = ("StyleRFViews", "StyleRFTrain", "StyleRFPalette", "StyleRFStylize", "StyleRFStylizedView")
 """Filters with this property."""
 
-_watched: set[str] = set()
-"""Session and proxy IDs of the filters that are being watched."""
+_watched: Watched[None] = Watched()
+"""The filters that are being watched."""
 
 
 def watch_kept(filter: Any) -> None:
@@ -23,13 +26,14 @@ def watch_kept(filter: Any) -> None:
         filter: Proxy of one of :data:`KEEPING`.
     """
     proxy = filter.SMProxy
-    key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}"
-    if key not in _watched:
-        _watched.add(key)
+    if proxy not in _watched:
+        _watched.put(proxy, None)
         proxy.AddObserver("UpdateDataEvent", _note)
 
 
 def _note(proxy: Any, event: str) -> None:
+    if server_gone(proxy):  # it ended during the work
+        return
     told, carried = proxy.GetProperty("Kept"), proxy.GetProperty("KeptAs")
     proxy.UpdatePropertyInformation(told)
     names = told.GetElement(0)

@@ -11,14 +11,15 @@ from typing import Any
 from vtkmodules.vtkCommonCore import VTK_INT, vtkWeakReference
 
 from svv.pv.follow import busy, follow, follower_of, followers, placed, stop_following, view_to_follow
+from svv.pv.watched import Watched
 
 PROPERTY = "FollowCamera"
 
 PAUSE = 50
 """Interval of the window's timer, in milliseconds."""
 
-_watched: list[Any] = []
-"""Weak references to the observed filters and views."""
+_watched: Watched[None] = Watched()
+"""The observed filters and views."""
 
 _waiting: list[Any] = []
 """Weak references to the filters with a new image or a newly set property."""
@@ -76,17 +77,16 @@ def watch_view(view: Any) -> None:
 
 def _new(proxy: Any) -> bool:
     """Return whether a proxy was not observed yet, and mark it as observed."""
-    _watched[:] = [known for known in _watched if known.Get() is not None]
-    if any(known.Get() is proxy for known in _watched):
-        return False
-    _add(_watched, proxy)
-    return True
+    new = proxy not in _watched
+    if new:
+        _watched.put(proxy, None)
+    return new
 
 
-def _add(references: list[Any], proxy: Any) -> None:
-    if all(known.Get() is not proxy for known in references):
-        references.append(vtkWeakReference())
-        references[-1].Set(proxy)
+def _wait_for(proxy: Any) -> None:
+    if all(known.Get() is not proxy for known in _waiting):
+        _waiting.append(vtkWeakReference())
+        _waiting[-1].Set(proxy)
 
 
 def _pushed(proxy: Any, event: str, name: str) -> None:
@@ -96,7 +96,7 @@ def _pushed(proxy: Any, event: str, name: str) -> None:
     if not filter.FollowCamera:
         stop_following(filter)
     elif follower_of(filter) is None and filter.GetDataInformation().GetNumberOfPoints():
-        _add(_waiting, proxy)
+        _wait_for(proxy)
         if not _soon():
             _begin()
 
@@ -108,7 +108,7 @@ def _updated(proxy: Any, event: str) -> None:
     filter = _python(proxy)
     follower = follower_of(filter)
     if filter.FollowCamera and not (follower is not None and follower.drawing):
-        _add(_waiting, proxy)
+        _wait_for(proxy)
         _soon()
 
 
@@ -117,7 +117,7 @@ def _drawn(proxy: Any, event: str, interactive: int) -> None:
         # Cameras are moved by buttons, links and scripts, too; while the mouse moves one, the follower hears of it.
         late = follower.behind or (not interactive and follower.strayed(proxy))
         if late and not follower.drawing:
-            _add(_waiting, follower.filter.SMProxy)
+            _wait_for(follower.filter.SMProxy)
     if _waiting and not _soon():
         _begin()
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from svv.pv.watched import Watched
+
 BUTTONS = {
     "UndoEdit": "undo", "RedoEdit": "redo", "ResetEdits": "reset", "ResetPalette": "reset",
 }  # fmt: skip
@@ -16,8 +18,8 @@ BUTTONS = {
 STEPS = 50
 """Maximum number of a panel's states that are remembered."""
 
-_watched: dict[str, PanelHistory] = {}
-"""Histories by session and proxy ID; without this reference Python would collect them, because VTK holds none."""
+_watched: Watched[PanelHistory] = Watched()
+"""Histories of the filters; without this reference Python would collect them, because VTK holds none."""
 
 
 class PanelHistory:
@@ -59,10 +61,10 @@ def watch(filter: Any) -> None:
         filter: Proxy of a StyleRF filter with such buttons.
     """
     proxy = filter.SMProxy
-    key = f"{id(proxy.GetSession()):x} {proxy.GetGlobalIDAsString()}"
-    if key in _watched:
+    if proxy in _watched:
         return
-    history = _watched[key] = PanelHistory()
+    history = PanelHistory()
+    _watched.put(proxy, history)
     proxy.AddObserver("UpdateDataEvent", history.applied)
     proxy.AddObserver("UpdatePropertyEvent", history.pressed)
 

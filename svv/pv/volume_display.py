@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from vtkmodules.vtkCommonCore import vtkWeakReference
-
 from svv.core.opacity_code import most_with, opacity_points
 from svv.pv.data import BAKED, OPACITY, UNIT_DISTANCE
 from svv.pv.drawing import before_drawing
+from svv.pv.watched import Watched
 
 SET = "StyleRF.look"
 """Annotation of a display: the look that it was last given."""
@@ -21,8 +20,8 @@ SET = "StyleRF.look"
 SETTER = "StyleRFUnitDistance"
 """The proxy that sets the unit distance where a server draws."""
 
-_told: list[tuple[Any, float]] = []
-"""Weak references to displays, and the unit distance that each was given on its server."""
+_told: Watched[float] = Watched()
+"""The unit distance that each display was given on its server."""
 
 
 def look_of(source: Any) -> tuple[float, float] | None:
@@ -98,15 +97,12 @@ def _set_on_server(display: Any, distance: float) -> None:
     """Set the unit distance where the server draws a display, once for each value."""
     from paraview.modules.vtkRemotingServerManager import vtkSMPropertyHelper
 
-    _told[:] = [known for known in _told if known[0].Get() is not None]
     manager = display.GetSessionProxyManager()
-    told = any(known[0].Get() is display and known[1] == distance for known in _told)
-    if told or manager.GetPrototypeProxy("internal_filters", SETTER) is None:  # the server lacks the plugin
+    if (
+        _told.get(display) == distance or manager.GetPrototypeProxy("internal_filters", SETTER) is None
+    ):  # the server lacks the plugin
         return
-    _told[:] = [known for known in _told if known[0].Get() is not display]
-    reference = vtkWeakReference()
-    reference.Set(display)
-    _told.append((reference, distance))
+    _told.put(display, distance)
     setter = manager.NewProxy("internal_filters", SETTER)
     vtkSMPropertyHelper(setter, "Display").Set(display, 0)
     vtkSMPropertyHelper(setter, "Distance").Set(distance)

@@ -169,11 +169,23 @@ def mpiexec(
 
 
 @pytest.fixture
+def servers() -> Iterator[list[subprocess.Popen[str]]]:
+    """The processes that ``start_pvserver`` has started, in order."""
+    processes: list[subprocess.Popen[str]] = []
+    yield processes
+    for process in processes:
+        _end(process)
+
+
+@pytest.fixture
 def start_pvserver(
-    paraview: start.ParaView, environ: dict[str, str], tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Callable[..., int]]:
+    paraview: start.ParaView,
+    environ: dict[str, str],
+    servers: list[subprocess.Popen[str]],
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[..., int]:
     """Start a server that takes one client, on this machine only; returns its port."""
-    servers = []
 
     def launch(environ: Mapping[str, str] = environ, ranks: int = 1) -> int:
         with socket.socket() as free:
@@ -191,9 +203,7 @@ def start_pvserver(
             time.sleep(0.05)
         return port
 
-    yield launch
-    for server in servers:
-        _end(server)
+    return launch
 
 
 @pytest.fixture

@@ -158,3 +158,11 @@ def test_going_on_keeps_the_paint_of_other_functions() -> None:
     assert report["continued"] == []
     own = painted.isolated(0, 1, 2).render(cube_camera()).rgba
     np.testing.assert_array_equal(own, whole.isolated(0, 1, 2).render(cube_camera()).rgba)
+
+
+def test_files_of_joined_scenes_hold_ranges_and_values_of_all_functions() -> None:
+    first, second = balls(LEFT, RIGHT), balls(TOP)
+    told = {"values": (1.0, 2.0), "ranges": ((1.0, 1.5), (1.7, 2.0))}
+    second = replace(second, regions=tuple(replace(region, **told) for region in second.regions))
+    whole = joined([first, second])
+    assert Scene.from_bytes(whole.to_bytes()).regions == whole.regions

@@ -40,7 +40,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 def _pairs_in(value: object, name: str) -> tuple[tuple[float, float], ...]:
-    return tuple(pair_in(pair, name) for pair in list_in(value, len(value) if isinstance(value, list) else 0, name))
+    return tuple(pair_in(p, name) for p in list_in(value, len(value) if isinstance(value, list | tuple) else 0, name))
 
 
 def _wholes_in(value: object, name: str) -> tuple[int, ...]:

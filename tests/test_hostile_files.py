@@ -149,10 +149,13 @@ def test_an_image_whose_name_is_no_text_is_in_no_list(tmp_path: Path) -> None:
 @pytest.mark.parametrize("read", [read_style, read_mask, decode])
 def test_a_picture_of_too_few_bytes_is_not_decoded(tmp_path: Path, read: Callable[[Path], object]) -> None:
     """Some decoders fill what is missing, at any size that a header says."""
-    header = b"IHDR" + struct.pack(">IIBBBBB", 20, 8_000_000, 8, 0, 0, 0, 0)
-    png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
-    (tmp_path / "a.tif").write_bytes(png + bytes(100))
-    with pytest.raises(BadInput, match="20 x 8000000 pixels, but it has"):
+    file = io.BytesIO()
+    Image.new("L", (20, 20)).save(file, "PNG")
+    content = bytearray(file.getvalue())
+    content[20:24] = struct.pack(">I", 4_000_000)  # the height, in the header
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "a.tif").write_bytes(content)
+    with pytest.raises(BadInput, match="20 x 4000000 pixels, but it has"):
         read(tmp_path / "a.tif")
 
 

@@ -120,7 +120,7 @@ def test_a_disk_that_is_really_full(tmp_path: Path, cube: Scene) -> None:
         (place / "rest").write_bytes(bytes(os.statvfs(place).f_bavail * os.statvfs(place).f_bsize))
         before = (place / "a.svv").read_bytes()
         for write in (cube.save, lambda path: write_movie(path.with_suffix(".mp4"), cube, orbit(cube, 20, 64, 64))):
-            with pytest.raises(BadInput, match="disk is full|disk full"):
+            with pytest.raises(BadInput, match=r"disk (is )?full"):
                 write(place / "a.svv")
         assert (place / "a.svv").read_bytes() == before
         assert sorted(path.name for path in place.iterdir()) == ["a.svv", "rest"]

@@ -57,7 +57,7 @@ def test_a_killed_stage_does_not_pass_for_one_with_the_settings_of_before(tmp_pa
 def test_new_images_never_stand_beside_old_cameras(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     old = fog_views()
     old.write(tmp_path)
-    moved, real = [], os.replace
+    real, moved = os.replace, list[object]()
 
     def dies(source: object, target: object) -> None:
         if len(moved) == 3:

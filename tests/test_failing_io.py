@@ -40,7 +40,7 @@ def small_files() -> Iterator[None]:
 
 
 def test_every_call_of_a_command_may_fail(tmp_path: Path) -> None:
-    said = campaign("failing_io", "--command", "edit,render", "--one-error", "--out", tmp_path / "failing.json")
+    said = campaign("failing_io", "--command", "edit", "--one-error", "--out", tmp_path / "failing.json")
     assert ", 0 with something wrong" in said
 
 
@@ -53,7 +53,7 @@ def test_writers_say_so_and_leave_nothing(
         "a.mp4": lambda path: write_movie(path, cube, cameras),
         "a.html": lambda path: write_html(path, cube, "cube"),
         "a.svv": cube.save,
-        "volume.vti": lambda path: generate(path.parent, 32),
+        "volume.vti": lambda path: generate(Path(path).parent, 32),
     }
     for name, write in writers.items():
         with pytest.raises(BadInput, match="Cannot write"):
@@ -120,7 +120,7 @@ def test_a_disk_that_is_really_full(tmp_path: Path, cube: Scene) -> None:
         (place / "rest").write_bytes(bytes(os.statvfs(place).f_bavail * os.statvfs(place).f_bsize))
         before = (place / "a.svv").read_bytes()
         for write in (cube.save, lambda path: write_movie(path.with_suffix(".mp4"), cube, orbit(cube, 20, 64, 64))):
-            with pytest.raises(BadInput, match=r"disk is full|disk full"):
+            with pytest.raises(BadInput, match=r"disk (is )?full"):
                 write(place / "a.svv")
         assert (place / "a.svv").read_bytes() == before
         assert sorted(path.name for path in place.iterdir()) == ["a.svv", "rest"]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from svv.bricks.pyramid import with_pyramid
+from svv.bricks.source import ArraySource
 from svv.errors import BadInput, silent
 from svv.io.atomic import atomic_path, make_folder
 from tests.campaign.calls import watched
 from tests.campaign.power_loss import Disk
-from tests.test_bricks import ArraySource
 from tests.test_kills import campaign
 
 

@@ -12,7 +12,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -95,8 +94,10 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
-        if not Path().exists():  # PyTorch's libraries cannot be loaded from there
-            raise BadInput("The current folder no longer exists: change to another one.")
+        try:
+            os.getcwd()
+        except FileNotFoundError as error:  # PyTorch's libraries cannot be loaded from there
+            raise BadInput("The current folder no longer exists: change to another one.") from error
         check_address_space()
         first = given.get("out") is not None and not place().rank
         with alone(given["out"]) if first else nullcontext():

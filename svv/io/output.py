@@ -7,8 +7,10 @@ in pixels. Row 0 is at the top everywhere except inside a .vti, where it is at t
 from __future__ import annotations
 
 import struct
+import subprocess
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -272,11 +274,12 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
             output_params=["-crf", str(crf), "-preset", "fast", "-movflags", "+faststart"],
             ffmpeg_log_level="error",
         )
+        count = 0
         try:
             writer.send(None)
-            writer.send(_even(first))
-            for frame in rest:
+            for frame in chain([first], rest):
                 writer.send(_even(frame))
+                count += 1
         except OSError as error:
             if error.errno is not None:
                 raise
@@ -284,6 +287,16 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
             raise BadInput(f"Cannot write {path}: the movie encoder stopped; is the disk full?") from error
         finally:
             writer.close()
+        if not _is_whole(temporary, count):  # imageio-ffmpeg does not say how the encoder ended
+            raise BadInput(f"Cannot write {path}: the movie encoder stopped at its end; is the disk full?")
+
+
+def _is_whole(movie: Path, frames: int) -> bool:
+    """Return whether a movie can be read to its end and has this number of frames; they are not decoded."""
+    read = [imageio_ffmpeg.get_ffmpeg_exe(), "-nostdin", "-v", "error", "-i", str(movie)]
+    done = subprocess.run([*read, "-c", "copy", "-f", "framecrc", "-"], capture_output=True)
+    found = sum(not line.startswith(b"#") for line in done.stdout.splitlines())
+    return done.returncode == 0 and not done.stderr and found == frames
 
 
 def _even(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -12,7 +12,6 @@ from typing import Any
 
 import vtkmodules.vtkCommonSystem
 import vtkmodules.vtkParallelCore  # noqa: F401  (these let Python know the classes of a connection's parts)
-from paraview.modules.vtkRemotingCore import vtkProcessModule, vtkPVSession
 
 GONE = select.POLLHUP | select.POLLERR | getattr(select, "POLLRDHUP", 0) if hasattr(select, "poll") else 0
 """Events of a socket whose other end has been closed."""
@@ -20,6 +19,8 @@ GONE = select.POLLHUP | select.POLLERR | getattr(select, "POLLRDHUP", 0) if hasa
 
 def client_gone() -> bool:
     """Return whether this is a server whose client has gone."""
+    from paraview.modules.vtkRemotingCore import vtkProcessModule, vtkPVSession
+
     module = vtkProcessModule.GetProcessModule()
     session = None if module is None else module.GetActiveSession()
     return session is not None and session.IsA("vtkPVSessionServer") and _is_gone(session, vtkPVSession.CLIENT)
@@ -31,6 +32,8 @@ def server_gone(proxy: Any) -> bool:
     Args:
         proxy: A proxy, as VTK object (``SMProxy``).
     """
+    from paraview.modules.vtkRemotingCore import vtkPVSession
+
     return _is_gone(proxy.GetSession(), vtkPVSession.DATA_SERVER_ROOT)
 
 

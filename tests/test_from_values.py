@@ -278,6 +278,7 @@ def test_what_cannot_follow_says_why(followed: Scene, both: tuple[ViewSet, ViewS
         classified_as(from_array(np.full((8, 8, 8), 0.05), (1.0,) * 3, (0.0,) * 3), tf_of(followed))
 
 
+@pytest.mark.slow
 def test_a_corrected_palette_follows_unless_regions_share_values(
     followed: Scene, both: tuple[ViewSet, ViewSet]
 ) -> None:

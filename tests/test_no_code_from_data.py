@@ -123,7 +123,8 @@ def test_a_scenes_page_keeps_names_out_of_markup() -> None:
     from svv.render.web.page import _page
 
     def page(name: str) -> str:
-        header = {"regions": [{"values": name}], "paintings": [{"name": name, "styles": [name]}], "file": name}
+        paintings = [{"name": name, "styles": [name]}]
+        header = {"regions": [{"values": name}], "paintings": paintings, "layers": [{}], "file": name}
         return _page(header, "", {"front": "data:,", "movie": "data:,"}, name).decode()
 
     assert page(BAD).count("<script") == page("a").count("<script")
@@ -137,7 +138,7 @@ def test_the_viewers_program_writes_text_and_no_markup(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "url", ["http://example.org/a", "ftp://example.org/a", "file:///etc/passwd", "http://localhost.a/b"]
+    "url", ["http://example.org/a", "ftp://example.org/a", "file://example.org/a", "http://localhost.a/b"]
 )
 def test_downloads_are_encrypted(tmp_path: Path, url: str) -> None:
     with pytest.raises(BadInput, match="not encrypted"):

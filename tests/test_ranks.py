@@ -117,6 +117,7 @@ def test_the_first_rank_may_die_too(tmp_path: Path) -> None:
     assert not any(label.startswith("base") for label in shown), "stage 1 was done"
 
 
+@pytest.mark.slow
 def test_ranks_share_views_and_databases(tmp_path: Path) -> None:
     """The files are those of one process, and none is drawn twice."""
     pytest.importorskip("vtkmodules")

@@ -120,9 +120,11 @@ class _Encrypted(urllib.request.HTTPRedirectHandler):
 
 
 def _check_encrypted(url: str) -> None:
-    """Raise BadInput unless an address is one of HTTPS, or of this computer."""
+    """Raise BadInput unless an address is one of HTTPS, or of this computer, such as that of a local mirror."""
     parts = urllib.parse.urlsplit(url)
-    if parts.scheme != "https" and not (parts.scheme == "http" and parts.hostname in ("127.0.0.1", "::1", "localhost")):
+    local = parts.scheme == "file" and not parts.hostname
+    local |= parts.scheme == "http" and parts.hostname in ("127.0.0.1", "::1", "localhost")
+    if parts.scheme != "https" and not local:
         raise BadInput(f"{url} is not encrypted: only https addresses are fetched; provide the file yourself.")
 
 

@@ -52,7 +52,8 @@ def test_a_server_whose_client_dies_stops_its_training(
     assert not (kept / "scene.svv").exists()
 
 
-@pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [1, 2])
 def test_a_client_outlives_a_server_or_one_of_its_ranks(
     pvpython: Callable, start_pvserver: Callable[..., int], servers: Servers, kept: Path, ranks: int
 ) -> None:

@@ -304,6 +304,7 @@ for files, expected in (
     )
 
 
+@pytest.mark.slow
 def test_training_follows_views_that_were_drawn_again(pvpython, tmp_path) -> None:
     pvpython(
         SOURCE
@@ -380,10 +381,7 @@ from svv.io.output import write_png
 from svv.job.moving import Moving
 write_png(sys.argv[1] + "/style.png", np.random.default_rng(0).random((64, 64, 3)).astype(np.float32))
 asked_for, plain = {}, Moving.matter
-def matter(self, image, time):
-    asked_for[time] = place = plain(self, image, time)
-    return place
-Moving.matter = matter
+Moving.matter = lambda self, image, time: asked_for.setdefault(time, plain(self, image, time))
 filter = small(StyleRFStylizedView(Input=source, Preset="draft", TimeLimit=4.0, Encoding="values", ImageSize=[40, 30],
                                    StyleFiles=[sys.argv[1] + "/style.png"]))
 view = as_image(filter)
@@ -395,8 +393,7 @@ for time in (0.5, 1.0, 0.5):
     assert f"Followed to time {time:g}." in status(filter), status(filter)
 assert sorted(asked_for) == [0.5, 1.0], asked_for
 for time, place in asked_for.items():
-    here = np.array([[4.0 + 4.0 * time, 8.0, 8.0]])
-    moved = (place(here) - here)[0]
+    moved = (place(here := np.array([[4.0 + 4.0 * time, 8.0, 8.0]])) - here)[0]
     assert abs(moved[0] + 4.0 * time) < 1.5 and np.abs(moved[1:]).max() < 0.7, (time, moved)
 """,
         tmp_path,

@@ -14,6 +14,15 @@ from svv.errors import BadInput, Cancelled, Elsewhere
 NO_MEMORY = "There is not enough memory; choose a smaller size or the preset draft."
 """What is said where memory runs out."""
 
+NO_ADDRESSES = (
+    "The libraries do not fit into the address space: raise its limit (ulimit -v), or limit the memory with a control "
+    "group instead."
+)
+"""What is said where libraries cannot be loaded; PyTorch's with CUDA reserve several gigabytes."""
+
+NOT_MAPPED = ("failed to map segment", "cannot allocate memory")
+"""What errors of importing contain if the address space does not suffice."""
+
 TORCH_SAYS = ("can't allocate memory", "not enough memory", "out of memory")
 """What PyTorch's errors contain if memory runs out."""
 
@@ -41,6 +50,10 @@ def end_with(run: Callable[[], object], name: str) -> NoReturn:
         sys.exit(0)
     except OSError as error:
         _fail(name, said_of(error))
+    except ImportError as error:
+        if not any(said in str(error).lower() for said in NOT_MAPPED):
+            raise
+        _fail(name, NO_ADDRESSES)
     except (MemoryError, RuntimeError) as error:
         if not is_lack_of_memory(error):
             raise

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -100,7 +101,8 @@ def html_of(
 
 def _page(header: dict[str, Any], arrays: str, stills: dict[str, str], title: str) -> bytes:
     def read(name: str) -> str:
-        return files("svv.render.web").joinpath("viewer", name).read_text(encoding="utf-8")
+        text = files("svv.render.web").joinpath("viewer", name).read_text(encoding="utf-8")
+        return re.sub(r"^ *//.*\n", "", text, flags=re.MULTILINE)  # comments are for those who read the sources
 
     shader = f"const MARCH = {_script_json(read('march.glsl'))};"
     text = Template(read("page.html")).substitute(

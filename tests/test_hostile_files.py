@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import struct
+import subprocess
 import sys
 import time
 import zipfile
@@ -374,3 +375,25 @@ def test_a_numpy_file_with_a_damaged_header_is_a_sentence(tmp_path: Path) -> Non
     (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x01\x00\x05\x00(((((")
     with pytest.raises(BadInput, match="damaged"):
         read_volume(tmp_path / "a.npy")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_fork_reads_from_a_process_of_its_own(tmp_path: Path) -> None:
+    """Two processes must not ask, and read from, the same one."""
+    script = """
+import os, sys, warnings
+warnings.simplefilter("ignore")
+from svv.dvr.volumes import read_volume
+read_volume(sys.argv[1])
+forked = os.fork()
+sides = read_volume(sys.argv[1]).GetDimensions()
+if not forked:
+    os._exit(0 if sides == (2, 2, 2) else 1)
+assert os.waitpid(forked, 0)[1] == 0 and sides == (2, 2, 2)
+"""
+    subprocess.run(
+        [sys.executable, "-c", script, volume(tmp_path / "a.vti")],
+        check=True,
+        timeout=120,
+        cwd=Path(__file__).resolve().parents[1],
+    )

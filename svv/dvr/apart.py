@@ -51,6 +51,8 @@ class Apart:
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
+        """ID of the process that started it: one that was forked from that must not read from its pipe."""
         self._lock = threading.Lock()
 
     def read(self, path: Path, options: Mapping[str, Any]) -> vtkImageData:
@@ -60,6 +62,8 @@ class Apart:
             BadInput: It raised it, or its process ended.
         """
         with self._lock:
+            if self._owner != os.getpid():
+                self._process = None
             process = self._process = self._process or self._started()
             assert process.stdin is not None and process.stdout is not None
             try:
@@ -79,6 +83,7 @@ class Apart:
             [sys.executable, "-c", START, json.dumps(sys.path)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         )  # fmt: skip
+        self._owner = os.getpid()
         if sys.platform == "linux":
             import fcntl
 
@@ -90,7 +95,7 @@ class Apart:
         """End the process; the next volume starts another."""
         process, self._process = self._process, None
         atexit.unregister(self.close)
-        if process is not None:
+        if process is not None and self._owner == os.getpid():
             process.kill()
             process.communicate()
 

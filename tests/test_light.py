@@ -23,7 +23,7 @@ from svv.core.shading import Shading
 from svv.dvr.views import make_views
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.phong import Beams
-from svv.fields.rendering import RayCaster
+from svv.fields.rendering import march
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.job.run import run_job
@@ -33,7 +33,7 @@ from svv.job.steps import Job, JobSettings
 from svv.options.making import TrainOptions
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import PRESETS
-from svv.train.lighting import light_by_trial
+from svv.train.lighting import headlight_of, light_by_trial, light_for
 from svv.train.loop import Running
 from svv.train.pipeline import train_scene
 from svv.train.recolour import recolour
@@ -294,9 +294,41 @@ def test_a_headlight_draws_what_was_trained(ball: tuple[Scene, dict[str, object]
     drawn = scene.render(views.cameras[5], "pcn").rgba
     error = np.square(drawn[..., :3] * drawn[..., 3:] - truth[..., :3] * truth[..., 3:]).mean()
     assert -10 * np.log10(error) > 25.0
-    rays = RayCaster([views.cameras[5]], scene.occupancy.box, scene.device).view(0)
-    beams = Beams.of(Lamp(), views.cameras[5], rays, "axis")
+    rays = scene.caster([views.cameras[5]]).view(0)
+    beams = Beams.of(Lamp(), views.cameras[5], rays)
     np.testing.assert_allclose(beams.facing[0].numpy(), views.cameras[5].camera_to_world[:3, 2], atol=1e-6)
+
+
+def test_networks_take_the_headlight_for_the_direction_of_view(views: ViewSet) -> None:
+    """VTK's CPU ray caster lights a point alike wherever it is in the picture, and so do networks trained on that."""
+    scene, _ = train_scene(views, SHORT, lighting="network")
+    assert (scene.settings.lighting, scene.settings.headlight) == ("network", "axis")
+    camera = views.cameras[5]
+    rays = scene.caster([camera]).view(0)
+    assert rays.axes is not None
+    np.testing.assert_allclose(rays.lit_along, np.tile(-camera.camera_to_world[:3, 2], (len(rays), 1)), atol=1e-6)
+    samples = march(rays, scene.occupancy, scene.base.density, scene.marching)
+    for network in ("base", "pcn"):
+        across = scene.shade(samples, replace(rays, directions=rays.directions.flip(0)), network)[0]
+        torch.testing.assert_close(across, scene.shade(samples, rays, network)[0])
+        point = scene.shade(samples, replace(rays, axes=None), network)[0]
+        assert float((point - across).abs().max()) > 0.01
+    of_gpu = replace(views, meta=replace(views.meta, mapper="gpu"))
+    assert headlight_of(of_gpu) == "point"
+
+
+def test_few_views_of_a_volume_choose_their_light(views: ViewSet) -> None:
+    few, lattice = views.take(range(8)), SHORT.field
+    assert light_for(few, lattice) == "auto"
+    assert light_for(replace(few, meta=replace(few.meta, shading=None)), lattice) == "network"  # a foreign light
+    assert light_for(few, PRESETS["paper"].field) == "network"
+    many = ViewSet(few.cameras * 4, np.tile(few.images, (4, 1, 1, 1)), tuple(map(str, range(32))), few.meta)
+    assert light_for(many, lattice) == "network"
+    scene, report = train_scene(few, SHORT)
+    assert scene.settings.lighting == "phong"  # an opaque ball is all that this light can be
+    assert any("renders the 8 views with" in note for note in report["notes"])
+    scene, _ = train_scene(few, SHORT, lighting="network")
+    assert scene.settings.lighting == "network"
 
 
 def recoloured(scene: Scene, views: ViewSet, progress: Progress = silent, saved: Checkpoint | None = None) -> State:
@@ -332,6 +364,7 @@ def test_held_out_views_choose(
     views: ViewSet, ball: tuple[Scene, dict[str, object]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = replace(ball[0], palette_network=None, regions=())
+    monkeypatch.setattr("svv.train.lighting.FEW_VIEWS", 24)
     for margin in (-100.0, 100.0):  # the network is taken, whatever the views say; and the explicit light
         monkeypatch.setattr("svv.train.lighting.MARGIN", margin)
         chosen, said = light_by_trial(scene, views, np.array([[0.9, 0.2, 0.15]]), SHORT.recolour, Running(0))

@@ -10,7 +10,7 @@ import pytest
 from svv.core.shading import Shading
 from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.views import make_views
-from svv.fields.rendering import RayCaster, composite, ended, march
+from svv.fields.rendering import composite, ended, march
 from svv.fields.scene import Scene
 from svv.io.view_meta import ViewMeta
 from svv.io.viewset import ViewSet
@@ -67,7 +67,7 @@ def test_images_without_light_are_the_same_from_torch_and_kernels(trained: tuple
     again = Scene.from_arrays(*scene.to_arrays(packed=False))
     assert again.settings == scene.settings
     np.testing.assert_array_equal(again.render(camera, "pcn").rgba, fused)
-    rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
+    rays = scene.caster([camera]).view(0)
     samples = ended(march(rays, scene.occupancy, scene.base.density, scene.marching_for_images))
     colour, _, sigma = scene.shade(samples, rays, "pcn")
     plain = composite(samples, sigma, colour)[0].numpy().reshape(48, 48, 3)

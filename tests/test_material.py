@@ -141,7 +141,7 @@ def test_ranges_that_pixels_confuse_are_regions_with_their_colours(name: str) ->
     truth = np.array([r.colour for r in SCENES[name].ranges])
     assert len(found.palette.colours) == len(truth)
     assert overlap(scene, train, found).min() > 0.7
-    assert palette_error(found.palette.colours, truth) < 5.0
+    assert palette_error(found.palette.colours, truth) < 6.0  # 10 is a clearly different colour
     assert palette_error(palette.colours, truth) > palette_error(found.palette.colours, truth)
     assert found.palette.share.sum() == pytest.approx(1.0)
     assert (np.diff(found.palette.share) <= 0).all()

@@ -77,6 +77,9 @@ def test_failures_have_names() -> None:
     fine = {"psnr_foreground": 30.0, "finite": True, "overlap": 0.9, "colour_error": 3.0, "regions": 2, "ranges": 2}
     assert failures(fine, 32.0) == []
     assert failures({**fine, "psnr_foreground": 32.0 - FOREGROUND_DROP - 0.1}, 32.0) == ["blurred"]
+    limited = {**fine, "psnr_foreground": 26.0, "dvr_foreground": 28.0}  # jagged edges allow no more than 28
+    assert failures(limited, 32.0) == []
+    assert failures({**limited, "psnr_foreground": 28.0 - FOREGROUND_DROP - 0.1}, 32.0) == ["blurred"]
     assert failures({**fine, "regions": 1, "overlap": 0.4}, 32.0) == ["1 regions for 2", "wrong regions"]
     assert failures({**fine, "colour_error": 25.0}, None) == ["wrong colours"]
     assert failures({**fine, "finite": False}, 32.0) == ["not finite"]
@@ -266,7 +269,7 @@ def test_what_is_written(counted: list[tuple[int, str]], tmp_path: Path) -> None
     assert {row["seed"] for row in table} == {"0", "1"}
     assert [row["crash"] for row in table if row["failures"] == "crash"] == ["ZeroDivisionError: the end"] * 2
     text = (tmp_path / "stability.md").read_text()
-    assert "| first | 30.5 ± 0.7 | 0.50 | 1.0 | wrong regions (2/2) |" in text
+    assert "| first | 30.5 ± 0.7 | 0.0 | 0.50 | 1.0 | wrong regions (2/2) |" in text
     with Image.open(tmp_path / "stability.png") as picture:
         assert picture.size[0] > 300
 
@@ -314,7 +317,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
         cli.main()
     assert not ended.value.code
     assert "4 runs" in capsys.readouterr().out
-    assert "| transparent everywhere | - | - | - | none |" in (tmp_path / "out" / "stability.md").read_text()
+    assert "| transparent everywhere | - | - | - | - | none |" in (tmp_path / "out" / "stability.md").read_text()
 
 
 def test_a_matrix_without_runs() -> None:

@@ -45,7 +45,7 @@ def draw(
         plain = palette.encoding.look_up(samples.position)
     else:
         tables = _both_tables(geometry.table, palette.encoding)
-        lit, plain = kernels.features(samples, spherical_harmonics(rays.directions, 4), geometry.layout, tables)
+        lit, plain = kernels.features(samples, spherical_harmonics(rays.lit_along, 4), geometry.layout, tables)
         light = palette.lighting_mlp(lit)
     surface = kernels.material(palette.palette_mlp(plain), palette.colours)
     here = scene.regions_at(samples.position)

@@ -146,7 +146,7 @@ class Together(Generic[Painted]):
         """Number in the whole of each region of a member (or 0 without regions), the member, its rays and network."""
         for number, member in enumerate(members(scene)):
             if network == "base" or any(r.seen_opacity > 0.0 for r in member.regions):
-                caster = RayCaster([camera], member.occupancy.box, member.device)
+                caster = member.caster([camera])
                 own = network if network in member.networks else member.networks[-1]
                 numbers = [k for k, r in enumerate(scene.regions) if r.layer == number] or [0]
                 self.shown.append((torch.tensor(numbers, device=member.device), member, caster, own))
@@ -167,7 +167,7 @@ class Together(Generic[Painted]):
         tail = torch.zeros(len(pixels), device=pixels.device)
         for numbers, member, caster, network in self.shown:
             rays = caster.rays(pixels)
-            beams = Beams.of(member.lamp, self.camera, rays, member.settings.headlight)
+            beams = Beams.of(member.lamp, self.camera, rays)
             found = self.shaded(member, rays, beams, network)
             if found is None:
                 continue

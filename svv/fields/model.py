@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from svv.core.cameras import CameraRig
+from svv.core.cameras import Camera, CameraRig
 from svv.core.colour import shift_colours
 from svv.core.light import COEFFICIENTS, Lamp
 from svv.errors import BadInput
@@ -16,7 +17,7 @@ from svv.fields.networks import BaseField, FieldSettings, PaletteField, Unrestri
 from svv.fields.occupancy import Occupancy
 from svv.fields.parts import Parts
 from svv.fields.region import Region
-from svv.fields.rendering import Marching
+from svv.fields.rendering import Marching, RayCaster
 from svv.fields.time_steps import TimeSteps
 from svv.fields.value_function import ValueFunction
 
@@ -116,6 +117,10 @@ class Model:
     def device(self) -> torch.device:
         """The device on which it is rendered."""
         return self.base.encoding.table.device
+
+    def caster(self, cameras: Sequence[Camera]) -> RayCaster:
+        """Return what makes the rays of cameras of one image size, on the scene's device."""
+        return RayCaster(cameras, self.occupancy.box, self.device, self.settings.headlight)
 
     @property
     def marching_for_images(self) -> Marching:

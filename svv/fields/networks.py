@@ -47,8 +47,8 @@ class FieldSettings:
     """Lighting of the palette's colours. ``network``: the lighting MLP. ``phong``: normals and a few numbers per
     region, which allow the light to be moved. ``none``: no lighting, for views drawn without shading."""
     headlight: str = "point"
-    """Direction of a light at the camera under ``phong``. ``point``: along each ray. ``axis``: along the camera's axis
-    for all rays of a view."""
+    """Direction of a light at the camera, and in which networks take a point to be seen. ``point``: along each ray.
+    ``axis``: along the camera's axis for all rays of a view, as in VTK's CPU ray caster."""
     finer: tuple[int, ...] = ()
     """Lattice levels beyond ``resolutions`` that the scene's original colours do not need but its paint may."""
 

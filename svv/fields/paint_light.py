@@ -18,7 +18,7 @@ from svv.core.light import Lamp
 from svv.fields.model import Model
 from svv.fields.networks import PaletteField, encode_directions
 from svv.fields.phong import Beams
-from svv.fields.rendering import RayCaster, composite, march
+from svv.fields.rendering import composite, march
 from svv.options.editing import PAINT_LIGHT
 from svv.options.making import DRAWN
 
@@ -80,7 +80,7 @@ def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
         sums = torch.zeros(3, len(palette.colours), dtype=torch.float64, device=scene.device)
         rig = scene.camera_rig
         for camera in () if rig is None else rig.sphere(LIGHT_VIEWS, LIGHT_VIEW_SIZE):
-            rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
+            rays = scene.caster([camera]).view(0)
             samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
             if not len(samples):
                 continue
@@ -88,8 +88,8 @@ def mean_lights(scene: Model) -> tuple[tuple[float, float], ...]:
             _, _, weight = composite(samples, sigma, sigma[:, None])
             at = None
             if palette.phong is not None:
-                at = Beams.of(Lamp(), camera, rays, scene.settings.headlight).at(samples.ray)
-            parts = palette(samples.position, geometry, encode_directions(rays.directions, samples.ray), at)
+                at = Beams.of(Lamp(), camera, rays).at(samples.ray)
+            parts = palette(samples.position, geometry, encode_directions(rays.lit_along, samples.ray), at)
             sums[0].index_add_(0, parts.region, weight.double())
             sums[1].index_add_(0, parts.region, (weight * parts.shade).double())
             sums[2].index_add_(0, parts.region, (weight * parts.specular).double())

@@ -56,12 +56,10 @@ class Beams:
         return cls(facing, facing)
 
     @classmethod
-    def of(cls, lamp: Lamp, camera: Camera, rays: Rays, headlight: str) -> Beams:
-        """Return beams of a lamp for a camera's rays; see :attr:`svv.fields.networks.FieldSettings.headlight`."""
+    def of(cls, lamp: Lamp, camera: Camera, rays: Rays) -> Beams:
+        """Return beams of a lamp for a camera's rays."""
         rotation = camera.camera_to_world[:3, :3]
-        facing = -rays.directions
-        if headlight == "axis":
-            facing = facing.new_tensor(rotation[:, 2]).expand_as(facing)
+        facing = -rays.lit_along
         if not lamp.moved:
             return cls(facing, facing, lamp.intensity)
         if lamp.direction is not None:

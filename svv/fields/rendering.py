@@ -29,15 +29,26 @@ class Rays:
 
     origins: Tensor
     directions: Tensor
+    axes: Tensor | None = None
+    """Unit vectors along the axes of the rays' cameras if a light at the camera shines along them. (R, 3)"""
+
+    @property
+    def lit_along(self) -> Tensor:
+        """Unit vectors in which a light at the camera shines: along the rays, or along their cameras' axes. (R, 3)"""
+        return self.directions if self.axes is None else self.axes
 
     def __len__(self) -> int:
         return len(self.origins)
 
 
 class RayCaster:
-    """Makes the rays of a list of cameras that share one image size, on a device."""
+    """Makes the rays of a list of cameras that share one image size, on a device.
 
-    def __init__(self, cameras: Sequence[Camera], box: Box, device: torch.device) -> None:
+    ``headlight`` is that of the scene; see :attr:`svv.fields.networks.FieldSettings.headlight`.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], box: Box, device: torch.device, headlight: str = "point") -> None:
+        self._along_axis = headlight == "axis"
         self.width, self.height, self.device = cameras[0].width, cameras[0].height, device
         matrices = np.stack([c.camera_to_world for c in cameras])
         rotations = np.ascontiguousarray(matrices[:, :3, :3], np.float32)
@@ -55,7 +66,9 @@ class RayCaster:
     def rays(self, pixels: Tensor) -> Rays:
         """Return the rays through flat pixel indices ``(view * height + row) * width + column``, int64. (R,)"""
         pixels = pixels.to(self.device)
-        return Rays(*kernels_for(pixels).pixel_rays(pixels, self.cameras, self.width, self.height))
+        origins, directions = kernels_for(pixels).pixel_rays(pixels, self.cameras, self.width, self.height)
+        axes = -self._rotations[pixels // (self.width * self.height), :, 2] if self._along_axis else None
+        return Rays(origins, directions, axes)
 
     def in_sight(self, occupancy: Occupancy) -> Tensor:
         """Return the pixels of the first view that may show something, as flat indices, int64. (R,)
@@ -69,10 +82,6 @@ class RayCaster:
         return kernels_for(self._lenses).pixels_in_sight(
             camera, self.width, self.height, distance, occupancy.cells, occupancy.box.extent
         )
-
-    def axes(self, pixels: Tensor) -> Tensor:
-        """Return unit vectors backwards along the camera axis, for flat pixel indices as in :meth:`rays`. (R, 3)"""
-        return self._rotations[pixels.to(self.device) // (self.width * self.height), :, 2]
 
     def view(self, view: int) -> Rays:
         """Return all rays of one view, row by row from the top."""

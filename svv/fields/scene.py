@@ -26,7 +26,7 @@ from svv.fields.model import NETWORKS, for_colours, of_colour
 from svv.fields.networks import PaletteColours, encode_directions
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
-from svv.fields.rendering import Marching, RayCaster, Rays, composite, empty_images, ended, march, not_hidden
+from svv.fields.rendering import Marching, Rays, composite, empty_images, ended, march, not_hidden
 from svv.fields.scene_arrays import arrays_of, layers_of, parts_of
 from svv.fields.stroke_opacity import fade_of, followed
 from svv.fields.variants import PaintedModel
@@ -107,7 +107,7 @@ class Scene(PaintedModel):
             raise BadInput(f"The scene has no network '{network}', only {', '.join(self.networks)}.")
         device = self.device
         together = Together(self, camera, network, Scene.shaded) if self.layers else None
-        caster = RayCaster([camera], self.occupancy.box, device)
+        caster = self.caster([camera])
         pixels, chunk = camera.width * camera.height, kernels_of(device.type).RAYS
         images = empty_images(pixels, device)
         in_sight = caster.in_sight(self.occupancy) if together is None else together.in_sight()
@@ -121,7 +121,7 @@ class Scene(PaintedModel):
                 together.draw(own, *parts)
             else:
                 rays = caster.rays(own)
-                beams = Beams.of(self.lamp, camera, rays, self.settings.headlight)
+                beams = Beams.of(self.lamp, camera, rays)
                 self._render_rays(rays, beams, network, *parts)
             if not in_order:
                 for image, part in zip(images, parts, strict=True):
@@ -207,14 +207,14 @@ class Scene(PaintedModel):
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Return colour (S, 3), region (S,) and edited extinction (S,) of samples; by default lit along the rays."""
         sigma, geometry = self.base.geometry(samples)
-        directions = encode_directions(rays.directions, samples.ray)
+        directions = encode_directions(rays.lit_along, samples.ray)
         if network == "base" or self.palette_network is None:
             region = torch.zeros_like(samples.ray, dtype=torch.int64)
             return self.base(geometry, directions), region, sigma
         if self.palette_network.phong is None:
             at = None  # light that a network learned cannot be moved
         else:
-            at = (beams or Beams.headlight(-rays.directions)).at(samples.ray)
+            at = (beams or Beams.headlight(-rays.lit_along)).at(samples.ray)
         here, coefficients = self.regions_at(samples.position), self.coefficients()
         coefficients = None if coefficients is None else for_colours(coefficients, here)
         parts = self.palette_network(samples.position, geometry, directions, at, coefficients)

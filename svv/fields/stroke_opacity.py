@@ -18,7 +18,7 @@ from torch import Tensor
 from svv.fields.model import Model
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
-from svv.fields.rendering import RayCaster, composite, march
+from svv.fields.rendering import composite, march
 from svv.kernels.types import Samples
 
 LOG_FACTOR = 0.8
@@ -100,7 +100,7 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
     views = []
     rig = scene.camera_rig
     for camera in () if rig is None else rig.sphere(LIGHT_VIEWS, LIGHT_VIEW_SIZE):
-        rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
+        rays = scene.caster([camera]).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, replace(scene.marching_for_images, fade=fade))
         if len(samples):
             region = scene.region_of(samples.position, scene.palette_network.material(samples.position)[1])

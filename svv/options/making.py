@@ -103,9 +103,9 @@ class TrainOptions:
     encoding: Annotated[EncodingName | None, Setting(advanced=True, unset="as the preset")] = None
     """Sparse lattice, the paper's hash grid, or the volume's values if the views come with them; the preset decides by
     default."""
-    lighting: Annotated[LightingName, Setting(advanced=True)] = "network"
+    lighting: Annotated[LightingName | None, Setting(advanced=True, unset="as the views allow")] = None
     """What lights the scene: network stays at the camera, phong can be moved, auto is phong if unseen views lose
-    nothing."""
+    nothing; by default network, or auto with fewer than 32 views."""
     views_only: bool = False
     """Learn from views only, as the paper does. By default, the volume is used as well, if the views come with it."""
     change: Annotated[

@@ -271,7 +271,7 @@ def _light_from(
         specular, shade = palette.lighting(geometry, encode_directions(rays.directions, ray))
     else:
         camera = Camera.orthographic(look_at(side, (0.0, 0.0, 0.0)), 1.0, 1, 1)
-        beams = Beams.of(scene.lamp, camera, rays, scene.settings.headlight).at(ray)
+        beams = Beams.of(scene.lamp, camera, rays).at(ray)
         shares = matter.shares[rows].float()
         weights = shares / shares.sum(dim=1, keepdim=True).clamp(min=1e-6)
         coefficients = scene.coefficients()

@@ -59,8 +59,8 @@ class RayBudget:
 class RayPool:
     """Draws batches of rays; batch k of a seed is always the same, so a resumed run continues as if uninterrupted."""
 
-    def __init__(self, views: ViewSet, box: Box, seed: int, device: torch.device) -> None:
-        self._caster = RayCaster(views.cameras, box, device)
+    def __init__(self, views: ViewSet, box: Box, seed: int, device: torch.device, headlight: str = "point") -> None:
+        self._caster = RayCaster(views.cameras, box, device, headlight)
         self._pixels = views.images.reshape(-1, 4)
         size = views.images.shape[1] * views.images.shape[2]
         # Tens of millions of numbers: use the smaller type if it suffices.
@@ -78,10 +78,6 @@ class RayPool:
         which = torch.from_numpy(pixels)
         share = len(pixels) / rays
         return Batch(self._caster.rays(which), rgba[:, :3], rgba[:, 3], which, part.start, share)
-
-    def axes(self, batch: Batch) -> Tensor:
-        """Return unit vectors along the axis of each ray's camera, pointing backwards. (R, 3)"""
-        return self._caster.axes(batch.pixels)
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly."""

@@ -24,6 +24,12 @@ from svv.train.tomography import extinction_from
 MOST_CELLS = 256
 """Maximum number of cells along the longest side of an extinction reconstructed from views."""
 
+KNOWN_CELLS = 4
+"""Maximum number of cells of an extinction that the volume tells, per cell of the finest features.
+
+Each is a part of a pixel, but training only refines what is known. Twice as many as elsewhere gain 1.4 dB for a stent
+and 2 dB for an embryo."""
+
 POINTS_AT_A_TIME = 1 << 18
 """Number of points whose extinction a network computes together."""
 
@@ -107,7 +113,8 @@ def begin(
     """
     known, finest = known_volume(views, settings, field), 2 * field.resolutions[-1]
     if known is not None:
-        density = SparseLattice(occupancy.occupied, occupancy.cells, (min(finest, known.cells),), 1)
+        cells = min(KNOWN_CELLS * field.resolutions[-1], known.cells)
+        density = SparseLattice(occupancy.occupied, occupancy.cells, (cells,), 1)
         vertices = density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
         exponent = known.at_vertices(vertices, density.resolutions[0])
         with torch.no_grad():

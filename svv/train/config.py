@@ -158,9 +158,10 @@ class Preset:
     """Settings of stage 2."""
     stylize: StylizeSettings = StylizeSettings()
     """Settings of stage 3."""
-    lighting: str = "network"
+    lighting: str | None = None
     """Light of a scene that shows shading: ``network``, ``phong`` (:class:`svv.fields.phong.PhongLight`), or ``auto``:
-    ``phong`` if held-out views allow it (:func:`svv.train.lighting.light_by_trial`)."""
+    ``phong`` if held-out views allow it (:func:`svv.train.lighting.light_by_trial`). None: ``network``, or ``auto`` if
+    there are few views (:func:`svv.train.lighting.light_for`)."""
     values: bool = False
     """Whether the scene is a function of the volume's values (:mod:`svv.train.from_values`)."""
     fitted: bool = True
@@ -257,17 +258,17 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
     )
 
 
-def lit_by(chosen: Preset, lighting: str) -> Preset:
-    """Return a preset with another kind of light; ``network`` keeps the preset's own.
+def lit_by(chosen: Preset, lighting: str | None) -> Preset:
+    """Return a preset with another kind of light; None keeps the preset's own.
 
     Raises:
         BadInput: The kind of light does not exist, or needs another encoding.
     """
+    if lighting is None:
+        return chosen
     if lighting not in LIGHTINGS:
         raise BadInput(f"There is no lighting '{lighting}'; choose one of {', '.join(LIGHTINGS)}.")
-    if lighting == "network":
-        return chosen
-    if chosen.field.encoding != "lattice":
+    if lighting != "network" and chosen.field.encoding != "lattice":
         raise BadInput(
             "An explicit light needs the lattice: leave out --lighting, or choose another preset or encoding."
         )

@@ -15,7 +15,7 @@ from svv.core import palette_shading
 from svv.fields.encodings import LatticeAdam
 from svv.fields.model import for_colours, of_colour
 from svv.fields.networks import UnrestrictedField
-from svv.fields.rendering import RayCaster, Rays, march
+from svv.fields.rendering import Rays, march
 from svv.fields.scene import Scene
 from svv.kernels.types import Samples
 from svv.train.config import StylizeSettings, paint_resolutions
@@ -76,7 +76,7 @@ class Distillation:
         self.known = torch.tensor(styled, device=scene.device)
         """Regions whose colours ``before`` holds. (regions,)"""
         cameras = scene.rig.sphere(settings.distil_views, DISTILLATION_SIZE)
-        self.caster = RayCaster(cameras, scene.occupancy.box, scene.device)
+        self.caster = scene.caster(cameras)
         pixels = np.random.default_rng(seed).integers(0, settings.distil_views * DISTILLATION_SIZE**2, PROBE)
         probe = march(self.caster.rays(torch.from_numpy(pixels)), scene.occupancy, scene.base.density, scene.marching)
         self.rays = min(settings.distil_rays, max(PROBE // 4, DISTILLATION_SAMPLES * PROBE // max(len(probe), 1)))

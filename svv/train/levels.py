@@ -10,7 +10,7 @@ from torch import nn
 
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import DIRECTION_WIDTH, BaseField, encode_directions
-from svv.fields.rendering import RayCaster, composite, march
+from svv.fields.rendering import composite, march
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 
@@ -105,7 +105,7 @@ class _Seen:
         pixels = np.random.default_rng(seed).integers(0, count, RAYS)
         rgba = torch.from_numpy(views.images.reshape(-1, 4)[pixels].astype(np.float32) / np.float32(255.0))
         self.truth = (rgba[:, :3] * rgba[:, 3:]).to(scene.device)
-        rays = RayCaster(cameras, scene.occupancy.box, scene.device).rays(torch.from_numpy(pixels))
+        rays = scene.caster(cameras).rays(torch.from_numpy(pixels))
         self.samples = march(rays, scene.occupancy, scene.base.density, scene.marching)
         self.sigma, self.geometry = scene.base.geometry(self.samples)
-        self.directions = encode_directions(rays.directions, self.samples.ray)
+        self.directions = encode_directions(rays.lit_along, self.samples.ray)

@@ -27,7 +27,7 @@ from svv.core.surfaces import surface_normals
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import encode_directions
 from svv.fields.phong import softened_extinction
-from svv.fields.rendering import RayCaster, composite, march
+from svv.fields.rendering import composite, march
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train.batches import RayPool
@@ -119,19 +119,17 @@ class _Points:
         self._device = scene.device
         empty = self.labels(np.zeros(len(self._places), np.int64))
         normals = torch.from_numpy(surface_normals(field, self._places, NORMAL_BLUR, NORMAL_BLUR)).to(self._device)
-        pool = RayPool(views, occupancy.box, seed, self._device)
-        caster = RayCaster(views.cameras, occupancy.box, self._device)
+        pool = RayPool(views, occupancy.box, seed, self._device, settings.headlight)
         parts = []
         for number in range(RAYS // AT_A_TIME):
             batch = pool.batch(number, AT_A_TIME)
             samples = march(batch.rays, occupancy, scene.base.density, scene.marching)
             sigma, geometry = scene.base.geometry(samples)
-            colour = scene.base(geometry, encode_directions(batch.rays.directions, samples.ray))
+            colour = scene.base(geometry, encode_directions(batch.rays.lit_along, samples.ray))
             shown, transmittance, weight = composite(samples, sigma, colour)
             missing = (batch.premultiplied - shown) / (1.0 - transmittance).clamp(min=LEAST_ALPHA)[:, None]
             ray, vertex = samples.ray.long(), empty.rows_of(samples.position)
-            facing = caster.axes(batch.pixels) if views.meta.mapper == "cpu" else -batch.rays.directions
-            cosine = (normals[vertex] * facing[ray]).sum(dim=1).abs()
+            cosine = (normals[vertex] * batch.rays.lit_along[ray]).sum(dim=1).abs()
             seen = vertex, ray + number * AT_A_TIME, weight, cosine, colour + missing[ray]
             parts.append([value.cpu().numpy() for value in (*seen, batch.premultiplied, batch.alpha)])
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (

@@ -52,8 +52,6 @@ class Recolouring:
     """Region of each point, if it is known."""
     given: Unmixing | None = None
     """Palette shares in the pixels, for a palette made by hand or of more than three colours."""
-    headlight: str = "point"
-    """See :attr:`svv.fields.networks.FieldSettings.headlight`."""
 
     def __post_init__(self) -> None:
         s = self.settings
@@ -87,8 +85,9 @@ class Recolouring:
             if self.base.density is None:
                 samples, seen = not_hidden(samples, sigma, self.marching)
                 sigma, geometry = sigma[seen], geometry[seen]
-        directions = encode_directions(batch.rays.directions, samples.ray)
-        parts = self.field(samples.position, geometry, directions, self._headlight(batch).at(samples.ray))
+        along = batch.rays.lit_along
+        beams = Beams.headlight(-along).at(samples.ray)
+        parts = self.field(samples.position, geometry, encode_directions(along, samples.ray), beams)
         diffuse = parts.diffuse(self.field.colours + parts.offsets)
         colour = diffuse * parts.shade[:, None] + parts.specular[:, None]
         offsets = parts.offsets.square().sum(dim=(1, 2))
@@ -146,10 +145,6 @@ class Recolouring:
         told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-6)
         return -self.settings.owner_weight * told.sum() / (total > 0).sum().clamp_min(1)
 
-    def _headlight(self, batch: Batch) -> Beams:
-        """Return the headlight under which the views were rendered."""
-        return Beams.headlight(self.pool.axes(batch) if self.headlight == "axis" else -batch.rays.directions)
-
     @torch.no_grad()
     def shares(self, rays: int = 16384) -> NDArray[np.float64]:
         """Return each region's fraction of the visible light, estimated from random training rays. (P,)"""
@@ -204,9 +199,8 @@ def recolour(
     if values is not None:
         palette_given(network, values, occupancy)
     ranks.alike(network)
-    pool = RayPool(views, occupancy.box, seed, device)
-    headlight = scene.settings.headlight
-    work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given, headlight)
+    pool = RayPool(views, occupancy.box, seed, device, scene.settings.headlight)
+    work = Recolouring(base, network, occupancy, scene.marching, pool, settings, owners, given)
     loop = Loop(
         settings.iterations, running.limit, running.progress, "palette colour network",
         network=network, notes=running.notes,

@@ -76,7 +76,7 @@ class Reconstruction:
                 density.table[density.rows_of_level(0)] = settings.initial_exponent
         finest = field.resolutions[-1] if density is not None else 512
         self.marching = Marching(1.0 / finest, keep=settings.keep)
-        self.pool = RayPool(views, occupancy.box, seed, device)
+        self.pool = RayPool(views, occupancy.box, seed, device, field.headlight)
         self.budget = RayBudget(settings.rays, settings.samples)
         ranks.alike(self.field)
         self.trained = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
@@ -115,12 +115,12 @@ class Reconstruction:
         if self.field.density is None or not len(samples):
             cost, (sigma, geometry) = float(len(samples)), self.field.geometry(samples)
             samples, seen = not_hidden(samples, sigma, self.marching)
-            colour = self.field(geometry[seen], encode_directions(rays.directions, samples.ray))
+            colour = self.field(geometry[seen], encode_directions(rays.lit_along, samples.ray))
             return samples, sigma[seen], colour, cost
         rows, place = representatives(samples, self.settings.colour_every, number, batch.first)
         sigma = Extinction.apply(samples, self.field.density.table, self.field.density)
         geometry = self.field.encoding(samples.position[rows])
-        colour = self.field(geometry, encode_directions(rays.directions, samples.ray[rows]))
+        colour = self.field(geometry, encode_directions(rays.lit_along, samples.ray[rows]))
         cost = len(rows) + DENSITY_COST * len(samples)
         return samples, sigma, colour.index_select(0, place), cost
 

@@ -22,7 +22,7 @@ from svv.core.cameras import Camera
 from svv.errors import BadInput, Progress
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import UnrestrictedField
-from svv.fields.rendering import RayCaster, composite, march
+from svv.fields.rendering import composite, march
 from svv.fields.scene import Scene
 from svv.kernels.dispatch import kernels_of
 from svv.train.config import StylizeSettings
@@ -210,7 +210,7 @@ def visible_from(scene: Scene, cameras: Sequence[Camera], progress: Progress, wh
     views, piece = [], kernels_of(scene.device.type).SAMPLES
     for number, camera in enumerate(cameras):
         progress(number / len(cameras), "stylization views")
-        rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
+        rays = scene.caster([camera]).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
         sigma = scene.base.extinction(samples)
         _, _, weight = composite(samples, sigma, sigma[:, None])

@@ -27,7 +27,7 @@ from svv.train.checkpoint import Checkpoint
 from svv.train.config import Preset, fitted_field
 from svv.train.from_values import ValueReconstruction, field_of
 from svv.train.levels import with_fewest_levels
-from svv.train.lighting import light_by_trial, shows_light, with_explicit_light
+from svv.train.lighting import headlight_of, light_by_trial, light_for, shows_light
 from svv.train.loop import Running
 from svv.train.material import regions_in
 from svv.train.ranges import KnownRegions, Labelled, regions_for, regions_of
@@ -152,7 +152,7 @@ class Training:
         with self._timed("hull"):
             occupancy, reason = first_occupancy(views, chosen.reconstruct, chosen.field, part(self.progress, 0.0, 0.02))
         self.notes += [f"learned from {self.learned_from}: {reason}", *self.warnings]
-        field, values = chosen.field, self._values
+        field, values = replace(chosen.field, headlight=headlight_of(views)), self._values
         if values is not None:
             field = field_of(field, values)
             self.notes.append(f"the scene is a function of the volume's values, on a lattice of {values.cells} cells")
@@ -207,13 +207,14 @@ class Training:
     def _lit(self, scene: Scene, palette: Palette, owners: Labelled | None, given: Unmixing | None) -> Scene:
         """Return the scene, with an explicit light if one was requested."""
         values = self._values is not None
-        if scene.settings.lighting != "network" or (self.chosen.lighting == "network" and not values):
+        asked = self.chosen.lighting or light_for(self.views, scene.settings)
+        if scene.settings.lighting != "network" or (asked == "network" and not values):
             return scene
-        scene = replace(scene, settings=with_explicit_light(scene.settings, self.views))
+        scene = replace(scene, settings=replace(scene.settings, lighting="phong"))
         if values:
             self.notes.append("an explicit light (Blinn-Phong), with the normals of the values")
             return scene
-        if self.chosen.lighting != "auto":
+        if asked != "auto":
             self.notes.append("as requested, an explicit light (Blinn-Phong), which can be moved, replaces the network")
             return scene
         with self._timed("lighting"):

@@ -66,6 +66,11 @@ def calls_of(name: str, inputs: Path, folder: Path) -> tuple[list[tuple[str, str
     return [(kind, path) for kind, path in calls], small.files_in(folder)
 
 
+def hidden(name: str) -> bool:
+    """Return whether a file is hidden, or in a hidden folder: what could not be removed may stay there."""
+    return any(part.startswith(".") for part in Path(name).parts)
+
+
 def failed_once(name: str, number: int, error: str, inputs: Path, folder: Path, known: dict[str, bytes]) -> Failure:
     """Let the call of this number fail in a run of a command, look at what it left, and run it again."""
     small.fresh(inputs, folder)
@@ -97,7 +102,7 @@ def failed_once(name: str, number: int, error: str, inputs: Path, folder: Path, 
     now = small.files_in(folder)
     found.wrong += [f"{file} is another file or gone" for file in before if now.get(file) != before[file]]
     found.wrong += [f"after the failure: {text}" for text in small.cannot_open(folder)]
-    if done.code == 0 and {f for f in now if not f.startswith(".")} != set(known):
+    if done.code == 0 and {f for f in now if not hidden(f)} != set(known):
         found.wrong.append(f"it went on, but left other files: {sorted(set(now) ^ set(known))}")
     again = small.ended(small.forked(small.COMMANDS[name], folder))
     if again.code:

@@ -18,9 +18,10 @@ from svv.core.cameras import Camera
 from svv.core.colour import WHITE, colour_differences, over
 from svv.core.correction import Correction
 from svv.core.metrics import Likeness
+from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views, render_views
 from svv.errors import BadInput, Progress, part
-from svv.fields.rendering import RayCaster, march
+from svv.fields.rendering import march
 from svv.fields.scene import Scene
 from svv.io.view_meta import known
 from svv.io.viewset import ViewSet
@@ -29,8 +30,12 @@ from svv.train.correct import correct_palette
 from svv.train.pipeline import stylize_scene, train_scene
 
 Measures = dict[str, Any]
-"""Results of a run: ``psnr``, ``psnr_foreground``, ``base_foreground``, ``overlap`` (mean) and ``overlaps``,
-``colour_error``, ``regions``, ``ranges``, ``finite``; for some cases ``lost``, ``style_error``, ``refused``."""
+"""Results of a run: ``psnr``, ``psnr_foreground``, ``base_foreground``, ``dvr_foreground``, ``overlap`` (mean) and
+``overlaps``, ``colour_error``, ``regions``, ``ranges``, ``finite``; for some cases ``lost``, ``style_error``,
+``refused``."""
+
+FINER = 4
+"""Rays along each side of a pixel of the DVR that the views are compared with (``dvr_foreground``)."""
 
 INSIDE, NEAR, FAR = 0.05, 0.4, 4.0
 """Distances of cameras from the scene's middle, as fractions of the training cameras'. The first are in the hole of
@@ -58,11 +63,10 @@ class BenchSettings:
     """Width and height of the views in pixels."""
     resolution: int = 64
     """Voxels along each side of a volume."""
-    time_limit: float = 15.0
-    """Time limit of training per run in seconds, the same for each preset."""
+    time_limit: float | None = None
+    """Time limit of training per run in seconds, the same for each preset; None for the presets' own steps."""
     steps: tuple[tuple[str, int, int], ...] = ()
-    """(preset, steps of stage 1, of stage 2) instead of a time limit: the same seed then gives the same figures, even
-    on a machine that does other work as well."""
+    """(preset, steps of stage 1, of stage 2) instead of the preset's own steps and of the time limit."""
     samples: int | None = None
     """Maximum number of visible samples per step, with an eighth as many rays; None for the preset's numbers."""
 
@@ -90,6 +94,16 @@ class Drawn:
     test: ViewSet
     classes: NDArray[np.int16]
     """Class of each pixel of the test views; see :meth:`KnownScene.class_maps`."""
+    dvr_foreground: float
+    """Foreground PSNR of the DVR itself with ``FINER`` x ``FINER`` rays a pixel, see :func:`finer_dvr`, in dB."""
+
+    def seen_by(self, cameras: Sequence[Camera]) -> Drawn:
+        """Return the scene with test views from other cameras."""
+        function = self.known.transfer_function()
+        images = render_views(self.volume, function, cameras, "cpu")
+        test = ViewSet(tuple(cameras), images, tuple(str(k) for k in range(len(cameras))))
+        classes = self.known.class_maps(self.volume, cameras)
+        return replace(self, test=test, classes=classes, dvr_foreground=finer_dvr(self.volume, function, test))
 
 
 class Bench:
@@ -108,7 +122,9 @@ class Bench:
             train, test = make_views(volume, known.transfer_function(), n=views, size=s.size, test=s.test, mapper="cpu",
                                      rescale=False, name=scene, progress=progress)  # fmt: skip
             assert test is not None
-            self._drawn[scene, views] = Drawn(known, volume, train, test, known.class_maps(volume, test.cameras))
+            classes = known.class_maps(volume, test.cameras)
+            finer = finer_dvr(volume, known.transfer_function(), test)
+            self._drawn[scene, views] = Drawn(known, volume, train, test, classes, finer)
         return self._drawn[scene, views]
 
     def trained(self, case: Case, preset: Preset, seed: int, progress: Progress) -> tuple[Drawn, Scene]:
@@ -152,15 +168,31 @@ class Case:
 # --- measures ----------------------------------------------------------------------------------------------------
 
 
+def finer_dvr(volume: vtkImageData, function: TransferFunction, views: ViewSet) -> float:
+    """Return the foreground PSNR of the DVR with ``FINER`` x ``FINER`` rays a pixel, over white, on views, in dB.
+
+    The views have one ray a pixel, so edges in them are jagged. What no scene without jagged edges can exceed is not
+    lost in training.
+    """
+    scores = []
+    for camera, truth in zip(views.cameras, views.images, strict=True):
+        height, width = truth.shape[:2]
+        (fine,) = render_views(volume, function, [camera.resized(FINER * width, FINER * height)], "cpu")
+        colour = over(fine / np.float32(255), WHITE).reshape(height, FINER, width, FINER, 3).mean(axis=(1, 3))
+        scores.append(Likeness.of(colour, truth))
+    return Likeness.mean(scores).psnr_foreground
+
+
 def as_saved(scene: Scene) -> Scene:
     """Return the scene as it would be read from its file."""
     return Scene.from_bytes(scene.to_bytes())
 
 
-def scores(scene: Scene, known: KnownScene, views: ViewSet, classes: NDArray[np.int16]) -> Measures:
-    """Score a scene against the truth on views, by the protocol of :func:`svv.train.evaluate.evaluate_scene`."""
+def scores(scene: Scene, drawn: Drawn) -> Measures:
+    """Score a scene against the truth on test views, by the protocol of :func:`svv.train.evaluate.evaluate_scene`."""
+    known, classes = drawn.known, drawn.classes
     ours, theirs, maps, finite = [], [], [], True
-    for camera, truth in zip(views.cameras, views.images, strict=True):
+    for camera, truth in zip(drawn.test.cameras, drawn.test.images, strict=True):
         view = scene.render(camera, "pcn")
         base = scene.render(camera, "base", WHITE).rgba[..., :3]
         finite &= bool(np.isfinite(view.rgba).all() and np.isfinite(base).all())
@@ -175,6 +207,7 @@ def scores(scene: Scene, known: KnownScene, views: ViewSet, classes: NDArray[np.
         "psnr": mean.psnr,
         "psnr_foreground": mean.psnr_foreground,
         "base_foreground": Likeness.mean(theirs).psnr_foreground,
+        "dvr_foreground": drawn.dvr_foreground,
         "finite": finite,
         "overlap": float(np.mean(each)),
         "overlaps": each,
@@ -188,7 +221,7 @@ def scores(scene: Scene, known: KnownScene, views: ViewSet, classes: NDArray[np.
 def on_unseen_views(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
     """Measure the usual scores."""
     drawn, scene = bench.trained(case, preset, seed, progress)
-    return scores(as_saved(scene), drawn.known, drawn.test, drawn.classes)
+    return scores(as_saved(scene), drawn)
 
 
 def corrected_by_hand(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
@@ -208,14 +241,14 @@ def corrected_by_hand(bench: Bench, case: Case, preset: Preset, seed: int, progr
     after, _ = correct_palette(
         scene, drawn.train, correction, applied, part(progress, 0.6, 1.0), time_limit=limit, seed=seed
     )
-    return {**scores(as_saved(after), drawn.known, drawn.test, drawn.classes), "found": len(scene.regions)}
+    return {**scores(as_saved(after), drawn), "found": len(scene.regions)}
 
 
 def before_and_after_saving(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
     """Measure the scores of the saved scene, with tables in bytes or half precision, and the loss ``lost`` in dB."""
     drawn, scene = bench.trained(case, preset, seed, progress)
-    after = scores(as_saved(scene), drawn.known, drawn.test, drawn.classes)
-    before = scores(scene, drawn.known, drawn.test, drawn.classes)
+    after = scores(as_saved(scene), drawn)
+    before = scores(scene, drawn)
     return {**after, "lost": before["psnr_foreground"] - after["psnr_foreground"]}
 
 
@@ -224,10 +257,7 @@ def from_cameras(place: Callable[[Bench, Drawn], Sequence[Camera]]) -> Callable[
 
     def measure(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
         drawn, scene = bench.trained(case, preset, seed, progress)
-        cameras = place(bench, drawn)
-        images = render_views(drawn.volume, drawn.known.transfer_function(), cameras, "cpu")
-        views = ViewSet(tuple(cameras), images, tuple(str(k) for k in range(len(cameras))))
-        return scores(as_saved(scene), drawn.known, views, drawn.known.class_maps(drawn.volume, cameras))
+        return scores(as_saved(scene), drawn.seen_by(place(bench, drawn)))
 
     return measure
 
@@ -272,7 +302,7 @@ def painted_like(picture: Callable[[], NDArray[np.float32]]) -> Callable[..., Me
         for region in range(len(styled.regions)):
             styled = styled.edited(region, lighting=0.0)  # the paint itself
         camera = drawn.test.cameras[len(drawn.test.cameras) // 2]
-        rays = RayCaster([camera], styled.occupancy.box, styled.device).view(0)
+        rays = styled.caster([camera]).view(0)
         samples = march(rays, styled.occupancy, styled.base.density, styled.marching_for_images)
         colour = styled.shade(samples, rays, "styled")[0].numpy()
         rgba = styled.render(camera).rgba
@@ -360,6 +390,5 @@ CASES: dict[str, Case] = {
 }  # fmt: skip
 """Name -> case."""
 
-USUAL = tuple(name for name in CASES if not name.startswith("regions-") and not CASES[name].views_only)
-"""Cases that run by default: all except numbers of regions and views alone, whose tables are in
-docs/measurements/palette.md."""
+USUAL = tuple(name for name in CASES if not name.startswith("regions-"))
+"""Cases that run by default: all except numbers of regions, whose tables are in docs/measurements/palette.md."""

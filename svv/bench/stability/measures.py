@@ -16,9 +16,8 @@ from svv.core.colour import colour_differences
 
 Array = NDArray[np.float64]
 
-FOREGROUND_DROP = 6.0
-"""Drop of the foreground PSNR below the easy case's mean with the same preset, in dB, above which a run is
-"blurred"."""
+FOREGROUND_DROP = 3.0
+"""Loss of foreground PSNR (:func:`foreground_lost`), in dB, above which a run is "blurred"."""
 
 LEAST_OVERLAP = 0.7
 """Mean intersection over union of the regions with the truth below which a run has "wrong regions"."""
@@ -29,7 +28,7 @@ MOST_COLOUR = 10.0
 MOST_STYLE = 20.0
 """CIEDE2000 between the mean colours of painted regions and of their style above which a run is "off its style"."""
 
-MOST_SPREAD = 2.0
+MOST_SPREAD = 1.0
 """Standard deviation of the foreground PSNR over the seeds, in dB, above which a case is "unsteady"."""
 
 MOST_LOST = 0.5
@@ -77,6 +76,22 @@ def matched(overlap: Array) -> list[float]:
     return [float(v) for v in result]
 
 
+def foreground_lost(measures: dict[str, Any], easy: float | None) -> float | None:
+    """Return what a run lost of the foreground PSNR that it could have, in dB; None if it was not measured.
+
+    It could have that of the easy case, unless the volume's own DVR with more rays a pixel (``dvr_foreground``) has
+    less: then the views' jagged edges allow no more.
+
+    Args:
+        measures: Measures of the run.
+        easy: Mean foreground PSNR of the easy case with the same preset, in dB.
+    """
+    foreground, finer = measures.get("psnr_foreground"), measures.get("dvr_foreground")
+    if foreground is None or easy is None:
+        return None
+    return float(min(easy, easy if finer is None else finer) - foreground)
+
+
 def failures(measures: dict[str, Any], easy: float | None) -> list[str]:
     """Return the failures of one run in words; the limits are the constants of this module.
 
@@ -91,8 +106,8 @@ def failures(measures: dict[str, Any], easy: float | None) -> list[str]:
     found = []
     if measures.get("refused") is False:
         found.append("not refused")
-    foreground, regions = measures.get("psnr_foreground"), measures.get("regions")
-    if foreground is not None and easy is not None and foreground < easy - FOREGROUND_DROP:
+    blurred, regions = foreground_lost(measures, easy), measures.get("regions")
+    if blurred is not None and blurred > FOREGROUND_DROP:
         found.append("blurred")
     if regions is not None and regions != measures["ranges"]:
         found.append(f"{regions} regions for {measures['ranges']}")

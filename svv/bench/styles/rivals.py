@@ -26,7 +26,7 @@ from svv.bench.styles.judge_features import stylized
 from svv.core.nnfm import colour_statistics, colour_transfer
 from svv.errors import Progress, part
 from svv.fields.networks import UnrestrictedField, encode_directions
-from svv.fields.rendering import RayCaster, Rays, composite, march
+from svv.fields.rendering import Rays, composite, march
 from svv.fields.scene import Scene
 from svv.kernels.types import Samples
 from svv.train.config import StylizeSettings
@@ -175,7 +175,7 @@ def flat(scene: Scene, field: UnrestrictedField, name: str) -> Scene:
 def base_colours(scene: Scene, samples: Samples, rays: Rays) -> Tensor:
     """Return the base network's colours of samples, seen along their rays. (S, 3)"""
     _, geometry = scene.base.geometry(samples)
-    colours: Tensor = scene.base(geometry, encode_directions(rays.directions, samples.ray))
+    colours: Tensor = scene.base(geometry, encode_directions(rays.lit_along, samples.ray))
     return colours
 
 
@@ -184,7 +184,7 @@ def _transfer(scene: Scene, target: StyleTarget, seed: int, colours_of: Callable
     views = 42
     cameras = scene.rig.sphere(views, DISTILLATION_SIZE)
     pixels = np.random.default_rng(seed).integers(0, views * DISTILLATION_SIZE**2, LOOKED_AT)
-    rays = RayCaster(cameras, scene.occupancy.box, scene.device).rays(torch.from_numpy(pixels))
+    rays = scene.caster(cameras).rays(torch.from_numpy(pixels))
     samples = march(rays, scene.occupancy, scene.base.density, scene.marching)
     colours = colours_of(samples, rays)
     out, transmittance, _ = composite(samples, scene.base.extinction(samples), colours)

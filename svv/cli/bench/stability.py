@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 STABILITY = (
     "svv bench stability",
     "svv bench stability --case nested --case wires --seeds 2",
-    "svv bench stability --preset draft --preset fast --preset paper --size 400 --time-limit 60 --out stable",
+    "svv bench stability --preset draft --preset paper --size 400 --time-limit 60 --out stable",
     "svv bench stability --steps draft=300+150 --steps paper=60+40 --samples 8192",
     "svv bench stability --case 'regions-*' --case '*-views' --preset draft --seeds 1",
     "svv bench stability --list",
@@ -33,9 +33,9 @@ class Runs:
     """Cases to run, and the number and size of their runs."""
 
     case: Annotated[tuple[str, ...], Setting(metavar="NAME")] = ()
-    """A case, or a pattern of names; by default all except 'regions-*' and '*-views'."""
+    """A case, or a pattern of names; by default all except 'regions-*'."""
     preset: tuple[PresetName, ...] = ()
-    """A preset; by default draft and paper."""
+    """A preset; by default fast and balanced."""
     seeds: Annotated[int, Setting(least=1)] = 5
     """Runs of each case, with the seeds 0, 1, ..."""
     n: Annotated[int, Setting(least=3)] = 92
@@ -46,10 +46,10 @@ class Runs:
     """Width and height of the views in pixels."""
     resolution: Annotated[int, Setting(least=24)] = 64
     """Voxels along each side of the volumes."""
-    time_limit: Annotated[float, Setting(least=1, metavar="SECONDS")] = 15.0
-    """Training time of each run, the same for every preset."""
+    time_limit: Annotated[float | None, Setting(least=1, metavar="SECONDS")] = None
+    """Training time of each run, the same for every preset; by default each preset has its own steps."""
     steps: Annotated[tuple[str, ...], Setting(metavar="PRESET=A+B")] = ()
-    """Steps of the two stages instead of a time limit, such as draft=300+150."""
+    """Steps of the two stages, such as draft=300+150."""
     samples: Annotated[int | None, Setting(least=512)] = None
     """Maximum number of visible samples per step."""
 
@@ -82,7 +82,7 @@ def stability(
         print("\n".join(f"{name:<{wide}}  {one.title}" for name, one in CASES.items()))
         return
     need_matplotlib()
-    matrix = Matrix(runs.case or USUAL, list(dict.fromkeys(runs.preset or ("draft", "paper"))), runs.seeds)
+    matrix = Matrix(runs.case or USUAL, list(dict.fromkeys(runs.preset or ("fast", "balanced"))), runs.seeds)
     settings = runs.settings()
     with shown("Stability") as progress:
         records = run_stability(out, matrix, settings, progress)

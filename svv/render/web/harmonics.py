@@ -18,7 +18,7 @@ from torch.nn.functional import normalize
 from svv.core.cameras import Camera
 from svv.core.encodings import spherical_harmonics
 from svv.errors import Progress, silent
-from svv.fields.rendering import RayCaster, march, not_hidden
+from svv.fields.rendering import march, not_hidden
 from svv.fields.scene import Scene
 
 BANDS = 3
@@ -102,8 +102,8 @@ def geometry_at(scene: Scene, places: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _directions(scene: Scene, cameras: list[Camera], places: Tensor) -> Tensor:
-    """Return the directions of the cameras' rays through places. (V, D, 3)"""
-    if cameras[0].is_orthographic:
+    """Return the directions in which the cameras' lights shine at places. (V, D, 3)"""
+    if cameras[0].is_orthographic or scene.settings.headlight == "axis":
         axes = places.new_tensor(np.stack([-camera.camera_to_world[:3, 2] for camera in cameras]))
         return axes.expand(len(places), -1, 3)
     eyes = places.new_tensor(scene.occupancy.box.to_box(np.stack([camera.position for camera in cameras])))
@@ -131,7 +131,7 @@ def _sight(scene: Scene, cameras: list[Camera]) -> Tensor:
     shape = [int(np.ceil(side * SIGHT_CELLS)) + 1 for side in scene.occupancy.box.extent]
     sight = torch.zeros(len(cameras), int(np.prod(shape)))
     for own, camera in zip(sight, cameras, strict=True):
-        rays = RayCaster([camera], scene.occupancy.box, scene.device).view(0)
+        rays = scene.caster([camera]).view(0)
         samples = march(rays, scene.occupancy, scene.base.density, scene.marching_for_images)
         if scene.base.density is None:
             samples, _ = not_hidden(samples, scene.base.extinction(samples), scene.marching_for_images)

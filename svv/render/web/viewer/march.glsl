@@ -78,26 +78,27 @@ vec3 onGrid(vec3 p, vec2 grid, vec3 size) { return (p.zyx * grid.x + vec3(0.5, 0
 vec4 shadeOf[LAYERS * LIGHTS], specularOf[LAYERS * LIGHTS];
 vec2 lightAtZero[LAYERS];
 
-void prepareHarmonics(vec3 d) {
-  float basis[9]; // spherical harmonics, bands 0 to 2 (svv/core/encodings.py)
-  basis[0] = 0.28209479177387814;
-  basis[1] = -0.48860251190291987 * d.y;
-  basis[2] = 0.48860251190291987 * d.z;
-  basis[3] = -0.48860251190291987 * d.x;
-  basis[4] = 1.0925484305920792 * d.x * d.y;
-  basis[5] = -1.0925484305920792 * d.y * d.z;
-  basis[6] = 0.94617469575755997 * d.z * d.z - 0.31539156525251999;
-  basis[7] = -1.0925484305920792 * d.x * d.z;
-  basis[8] = 0.54627421529603959 * (d.x * d.x - d.y * d.y);
+void prepareHarmonics(vec3 ray) {
   for (int l = 0; l < LAYERS; l++) {
+    vec3 d = uKind[l].w > 0.5 ? -uAxes[2] : ray;
+    float basis[9]; // spherical harmonics, bands 0 to 2 (svv/core/encodings.py)
+    basis[0] = 0.28209479177387814;
+    basis[1] = -0.48860251190291987 * d.y;
+    basis[2] = 0.48860251190291987 * d.z;
+    basis[3] = -0.48860251190291987 * d.x;
+    basis[4] = 1.0925484305920792 * d.x * d.y;
+    basis[5] = -1.0925484305920792 * d.y * d.z;
+    basis[6] = 0.94617469575755997 * d.z * d.z - 0.31539156525251999;
+    basis[7] = -1.0925484305920792 * d.x * d.z;
+    basis[8] = 0.54627421529603959 * (d.x * d.x - d.y * d.y);
     lightAtZero[l] = vec2(0.0);
     for (int k = 0; k < BASIS; k++) lightAtZero[l] += basis[k] * uLightZero[l * BASIS + k].xy;
-  }
-  for (int t = 0; t < LAYERS * LIGHTS; t++) {
-    shadeOf[t] = specularOf[t] = vec4(0.0);
-    for (int k = 0; k < BASIS; k++) {
-      shadeOf[t] += basis[k] * uShade[t * BASIS + k];
-      specularOf[t] += basis[k] * uSpecular[t * BASIS + k];
+    for (int t = l * LIGHTS; t < (l + 1) * LIGHTS; t++) {
+      shadeOf[t] = specularOf[t] = vec4(0.0);
+      for (int k = 0; k < BASIS; k++) {
+        shadeOf[t] += basis[k] * uShade[t * BASIS + k];
+        specularOf[t] += basis[k] * uSpecular[t * BASIS + k];
+      }
     }
   }
 }

@@ -155,3 +155,12 @@ def test_other_info_files_are_no_databases(tmp_path: Path, content: str) -> None
     assert not is_database(tmp_path)
     with pytest.raises(BadInput, match="not a Cinema database"):
         read_table(tmp_path)
+
+
+def test_rows_that_were_not_selected_may_name_missing_folders(tmp_path: Path) -> None:
+    (tmp_path / "data.csv").write_text("phi,theta,time,FILE\n0,0,0,a.png\n60,0,0,b.png\n0,0,1,http://127.0.0.1/c.png\n")
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).touch()
+    table, _ = select(read_table(tmp_path), {})
+    assert table.files == ["a.png", "b.png"]
+    check_files(table)

@@ -34,7 +34,7 @@ def trained(request: pytest.FixtureRequest) -> tuple[bool, ViewSet, Scene, str]:
     tf = demo_transfer_function()
     tf = replace(tf, opacities=(tf.opacities[0], *tf.opacities[4:]))  # without the translucent shell
     views, _ = make_views(demo_volume(32), tf, n=24, size=96, test=0, mapper="cpu", shading=Shading(on=request.param))
-    scene, report = train_scene(views, SHORT)
+    scene, report = train_scene(views, SHORT, lighting="network")
     (said,) = [note for note in report["notes"] if "lighting network" in note]
     return request.param, views, scene, said
 

@@ -24,6 +24,10 @@ MOST_ZOOM = 4.0
 """Largest factor by which an image is magnified to fill the frame once its distortion is removed."""
 
 
+EDGE_POINTS = 2048
+"""Most points of an edge of an image at which a lens is looked at: its terms are smooth."""
+
+
 @dataclass(frozen=True)
 class Lens:
     """Intrinsics in pixels, with the distortion models of OpenCV that COLMAP and nerfstudio write.
@@ -68,7 +72,7 @@ class Lens:
         Raises:
             BadInput: The distortion is so strong that no such length was found.
         """
-        columns, rows = np.arange(self.width) + 0.5, np.arange(self.height) + 0.5
+        columns, rows = (0.5 + np.linspace(0.0, n - 1, min(n, EDGE_POINTS)) for n in (self.width, self.height))
         edge = [(columns, np.full_like(columns, y)) for y in (rows[0], rows[-1])]
         edge += [(np.full_like(rows, x), rows) for x in (columns[0], columns[-1])]
         x, y = (np.concatenate(part) for part in zip(*edge, strict=True))

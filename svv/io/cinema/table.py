@@ -118,6 +118,7 @@ def check_files(table: Table) -> None:
     extra = sorted(
         path
         for folder in {path.parent for path in named}
+        if folder.is_dir()  # rows that were not selected may name what does not exist
         for path in folder.iterdir()
         if path.suffix.lower() in suffixes and path.suffix.lower() in IMAGES and path not in named
     )

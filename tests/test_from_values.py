@@ -128,7 +128,8 @@ def test_the_scene_is_better_than_one_that_learns_its_features(both: tuple[ViewS
     """With the same number of steps, on unseen views; its file gives the same picture."""
     train, test = both
     scene, report = train_scene(train, SHORT)
-    other, _ = train_scene(train, replace(SHORT, values=False, recolour=replace(SHORT.recolour, feature_rate=0.02)))
+    learned = replace(SHORT, values=False, recolour=replace(SHORT.recolour, feature_rate=0.02))
+    other, _ = train_scene(train, learned, lighting="network")
     assert report["lighting"] == "phong" and "a function of the volume's values" in " ".join(report["notes"])
     ours, theirs = (evaluate_scene(s, test, "pcn").psnr for s in (scene, other))
     assert ours > max(30.0, theirs)

@@ -300,7 +300,6 @@ def test_a_headlight_draws_what_was_trained(ball: tuple[Scene, dict[str, object]
 
 
 def test_networks_take_the_headlight_for_the_direction_of_view(views: ViewSet) -> None:
-    """VTK's CPU ray caster lights a point alike wherever it is in the picture, and so do networks trained on that."""
     scene, _ = train_scene(views, SHORT, lighting="network")
     assert (scene.settings.lighting, scene.settings.headlight) == ("network", "axis")
     camera = views.cameras[5]
@@ -313,8 +312,7 @@ def test_networks_take_the_headlight_for_the_direction_of_view(views: ViewSet) -
         torch.testing.assert_close(across, scene.shade(samples, rays, network)[0])
         point = scene.shade(samples, replace(rays, axes=None), network)[0]
         assert float((point - across).abs().max()) > 0.01
-    of_gpu = replace(views, meta=replace(views.meta, mapper="gpu"))
-    assert headlight_of(of_gpu) == "point"
+    assert headlight_of(replace(views, meta=replace(views.meta, mapper="gpu"))) == "point"
 
 
 def test_few_views_of_a_volume_choose_their_light(views: ViewSet) -> None:
@@ -327,8 +325,6 @@ def test_few_views_of_a_volume_choose_their_light(views: ViewSet) -> None:
     scene, report = train_scene(few, SHORT)
     assert scene.settings.lighting == "phong"  # an opaque ball is all that this light can be
     assert any("renders the 8 views with" in note for note in report["notes"])
-    scene, _ = train_scene(few, SHORT, lighting="network")
-    assert scene.settings.lighting == "network"
 
 
 def recoloured(scene: Scene, views: ViewSet, progress: Progress = silent, saved: Checkpoint | None = None) -> State:

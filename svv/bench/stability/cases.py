@@ -47,6 +47,9 @@ WIDE = np.pi / 2
 LARGER = 3
 """Factor on the size of the views in the test with views larger than those of training."""
 
+ROUNDING = 1e-5
+"""What sums of weights may add to a colour: 1.0000001 is no colour out of gamut."""
+
 STYLE_STEPS: dict[str, Any] = {"distil_iterations": 100, "style_iterations": 20, "style_views": 20}
 """Settings that shorten stylization with every preset: the only question is whether it stays in bounds."""
 
@@ -309,7 +312,7 @@ def painted_like(picture: Callable[[], NDArray[np.float32]]) -> Callable[..., Me
         mean = rgba[rgba[..., 3] > 0.5][:, :3].mean(axis=0, keepdims=True)
         return {
             "finite": bool(np.isfinite(colour).all() and np.isfinite(rgba).all()),
-            "in_gamut": bool((colour >= 0.0).all() and (colour <= 1.0).all()),
+            "in_gamut": bool((colour >= -ROUNDING).all() and (colour <= 1.0 + ROUNDING).all()),
             "style_error": float(colour_differences(mean, style.mean(axis=(0, 1))[None])[0, 0]),
         }
 

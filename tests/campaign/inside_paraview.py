@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from paraview import simple
+from paraview import servermanager, simple
 from paraview_gauge import Gauge  # type: ignore[import-not-found]
 
 from svv.pv import follow
@@ -201,6 +201,9 @@ def states(pipeline: Pipeline) -> Callable[[], None]:
         simple.SaveState(file)
         for proxy in [*reversed(simple.GetSources().values()), *simple.GetViews(), *simple.GetLayouts().values()]:
             simple.Delete(proxy)
+        for group in ("lookup_tables", "piecewise_functions"):  # they stay by themselves, and each load adds as many
+            for proxy in list(servermanager.ProxyManager().GetProxiesInGroup(group).values()):
+                simple.Delete(proxy)
         simple.LoadState(file)
         simple.RenderAllViews()
 

@@ -22,6 +22,9 @@ from svv.pv import follow
 ROUND = ("apply", "edit", "stylize", "undo", "delete")
 """Operations on a pipeline; those between the first and the last come in any order."""
 
+FUNCTIONS = ("lookup_tables", "piecewise_functions", "transfer_2d_functions")
+"""Groups of ParaView's transfer functions. They outlive what they colour, and each load of a state adds as many."""
+
 
 class Pipeline:
     """A source, and filters behind it that are made, changed and deleted as a user does it."""
@@ -201,7 +204,7 @@ def states(pipeline: Pipeline) -> Callable[[], None]:
         simple.SaveState(file)
         for proxy in [*reversed(simple.GetSources().values()), *simple.GetViews(), *simple.GetLayouts().values()]:
             simple.Delete(proxy)
-        for group in ("lookup_tables", "piecewise_functions"):  # they stay by themselves, and each load adds as many
+        for group in FUNCTIONS:
             for proxy in list(servermanager.ProxyManager().GetProxiesInGroup(group).values()):
                 simple.Delete(proxy)
         simple.LoadState(file)

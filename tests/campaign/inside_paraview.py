@@ -197,7 +197,7 @@ def cameras(pipeline: Pipeline) -> Callable[[], None]:
 
 def states(pipeline: Pipeline) -> Callable[[], None]:
     """Return a function that saves a state, and loads it into an empty session, each time it is called."""
-    file = str(pipeline.folder / "state.pvsm")
+    file, manager = str(pipeline.folder / "state.pvsm"), servermanager.ProxyManager()
     pipeline.apply()
 
     def step() -> None:
@@ -205,8 +205,8 @@ def states(pipeline: Pipeline) -> Callable[[], None]:
         for proxy in [*reversed(simple.GetSources().values()), *simple.GetViews(), *simple.GetLayouts().values()]:
             simple.Delete(proxy)
         for group in FUNCTIONS:
-            for proxy in list(servermanager.ProxyManager().GetProxiesInGroup(group).values()):
-                simple.Delete(proxy)
+            for (name, _), proxy in list(manager.GetProxiesInGroup(group).items()):
+                manager.UnRegisterProxy(group, name, proxy)
         simple.LoadState(file)
         simple.RenderAllViews()
 

@@ -21,7 +21,7 @@ from svv.fields.rendering import composite, march
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train.batches import RayPool
-from svv.train.config import PRESETS, ReconstructSettings
+from svv.train.config import PRESETS, Preset, ReconstructSettings
 from svv.train.material import Labels, owners_of, regions_in
 from svv.train.pipeline import train_scene
 from svv.train.ranges import KnownRegions, Owners
@@ -106,13 +106,13 @@ def test_a_point_has_the_region_of_the_nearest_vertex() -> None:
 # --- scenes ------------------------------------------------------------------------------------------------------
 
 
-def drawn(name: str, shading: Shading | None = None, size: int = 128) -> tuple[Scene, ViewSet]:
+def drawn(name: str, shading: Shading | None = None, size: int = 128, chosen: Preset = SHORT) -> tuple[Scene, ViewSet]:
     known = SCENES[name]
     volume = known.volume(48)
     train, _ = make_views(
         volume, known.transfer_function(), n=32, size=size, mapper="cpu", rescale=False, shading=shading
     )
-    scene, _ = train_scene(replace(train, classified=None), SHORT)
+    scene, _ = train_scene(replace(train, classified=None), chosen)
     return scene, train
 
 
@@ -135,13 +135,14 @@ def overlap(scene: Scene, views: ViewSet, found: KnownRegions | Labels) -> np.nd
 @pytest.mark.parametrize("name", ["nested", "greys", "regions-similar"])
 def test_ranges_that_pixels_confuse_are_regions_with_their_colours(name: str) -> None:
     """Shells in each other, grey beside white, and hues that are too close for a palette of pixels."""
-    scene, train = drawn(name)
+    # With half of the steps, seeds differ by more than 1 in the colour of the grey.
+    scene, train = drawn(name, chosen=replace(SHORT, reconstruct=replace(SHORT.reconstruct, iterations=400)))
     palette = palette_of(train, scene.occupancy, 0)
     found = regions_in(scene, train, palette, 0)
     truth = np.array([r.colour for r in SCENES[name].ranges])
     assert len(found.palette.colours) == len(truth)
     assert overlap(scene, train, found).min() > 0.7
-    assert palette_error(found.palette.colours, truth) < 6.0  # 10 is a clearly different colour
+    assert palette_error(found.palette.colours, truth) < 5.0
     assert palette_error(palette.colours, truth) > palette_error(found.palette.colours, truth)
     assert found.palette.share.sum() == pytest.approx(1.0)
     assert (np.diff(found.palette.share) <= 0).all()

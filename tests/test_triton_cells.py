@@ -5,6 +5,8 @@ They run on a GPU if there is one, otherwise in Triton's interpreter. See ``test
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 import torch
@@ -17,7 +19,7 @@ from svv.core.cells import leaps, widened
 from svv.core.encodings import directions_of_samples
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
-from svv.kernels import reference
+from svv.kernels import numba_kernels, reference
 from svv.kernels.types import Samples
 from tests.interpreted import GPU, triton_kernels
 
@@ -30,10 +32,15 @@ def cells_of(shape: tuple[int, int, int], share: float, seed: int) -> torch.Tens
 
 
 def nearest(occupied: np.ndarray) -> np.ndarray:
-    """Chessboard distance to the nearest occupied cell, by looking at all of them."""
+    """Chessboard distance to the nearest occupied cell of each octant, by looking at all of them."""
     there, all_cells = np.argwhere(occupied), np.argwhere(np.ones_like(occupied))
-    distance = np.abs(all_cells[:, None] - there[None]).max(axis=2).min(axis=1, initial=255)
-    return distance.reshape(occupied.shape)
+    apart = there[None] - all_cells[:, None]
+    octants = []
+    for sides in itertools.product((1, -1), repeat=3):
+        ahead = (apart * sides >= 0).all(axis=2)
+        distance = np.where(ahead, np.abs(apart).max(axis=2), 255).min(axis=1, initial=255)
+        octants.append(distance.reshape(occupied.shape))
+    return np.stack(octants)
 
 
 @settings(deadline=None, max_examples=25)
@@ -41,7 +48,8 @@ def nearest(occupied: np.ndarray) -> np.ndarray:
 def test_leaps_end_at_the_nearest_occupied_cell(shape: tuple[int, int, int], share: float, seed: int) -> None:
     occupied = cells_of(shape, share, seed)
     expected = nearest(occupied.numpy())
-    assert leaps(occupied).dtype == torch.uint8
+    assert leaps(occupied).dtype == numba_kernels.leaps(occupied).dtype == torch.uint8
+    np.testing.assert_array_equal(numba_kernels.leaps(occupied), expected)
     np.testing.assert_array_equal(leaps(occupied), expected)
     np.testing.assert_array_equal(reference.leaps(occupied), expected)
     np.testing.assert_array_equal(triton_kernels.leaps(occupied.to(DEVICE)).cpu(), expected)
@@ -50,8 +58,9 @@ def test_leaps_end_at_the_nearest_occupied_cell(shape: tuple[int, int, int], sha
 def test_no_leap_is_longer_than_a_byte() -> None:
     occupied = torch.zeros(1, 1, 300, dtype=torch.uint8)
     occupied[0, 0, 0] = 1
-    for found in (leaps(occupied), triton_kernels.leaps(occupied.to(DEVICE)).cpu()):
-        assert found.flatten().tolist() == [min(k, 255) for k in range(300)]
+    for found in (leaps(occupied), numba_kernels.leaps(occupied), triton_kernels.leaps(occupied.to(DEVICE)).cpu()):
+        assert found[1].flatten().tolist() == [min(k, 255) for k in range(300)]
+        assert found[0].flatten().tolist() == [0] + [255] * 299
 
 
 @given(SHAPES, st.integers(0, 10**6))
@@ -77,7 +86,7 @@ def test_pruning_keeps_what_is_visible(grow: bool) -> None:
     np.testing.assert_array_equal(pruned.occupied, occupied * visible)
     assert pruned.occupied.dtype == np.uint8
     assert pruned.samples_a_ray == 24
-    np.testing.assert_array_equal(pruned.distance_on(DEVICE).cpu() == 0, pruned.occupied > 0)
+    np.testing.assert_array_equal(pruned.distance_on(DEVICE)[0].cpu() == 0, pruned.occupied > 0)
     assert SparseLattice(pruned.occupied, 7, (7,), 1).table.numel() > 0
 
 

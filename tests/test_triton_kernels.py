@@ -248,7 +248,7 @@ def test_rays_that_see_nothing(kernels: Kernels) -> None:
     lattice, occupied = lattice_of(0, 1)
     device = there(kernels)
     lattice.to(device)
-    empty = torch.full(occupied.shape, 255, dtype=torch.uint8, device=device)
+    empty = torch.full((8, *occupied.shape), 255, dtype=torch.uint8, device=device)
     origins, directions = (a.to(device) for a in rays_through(5, 0))
     samples, _ = kernels.march(
         origins, directions, empty, 4, (1.0, 0.75, 1.0), lattice.layout, lattice.table, 9.0, HOW[0][0], 1, 16

@@ -73,6 +73,34 @@ def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
     return spherical_harmonics(directions, 4)[ray.long()]
 
 
+VERTICES_A_WORD = 32
+"""Vertices along z that share a word of a lattice's index."""
+
+
+def stored_rows(vertices: Tensor, shape: Tensor, base: Tensor | int, index: Tensor) -> Tensor:
+    """Return the table rows of a level's stored vertices.
+
+    Rows are numbered in raster order. A word of the index tells of :data:`VERTICES_A_WORD` vertices along z which are
+    stored, in its lower 32 bits, and the row of the first, in the upper ones; the others' rows follow by counting bits.
+    A row per vertex would take 16 times the memory, and every look-up would miss the caches.
+
+    Args:
+        vertices: Coordinates, int64. (S, 3)
+        shape: Number of vertices of the level along x, y, z, int64. (3,)
+        base: First word of the level in ``index``.
+        index: Words of all levels in raster order, int64.
+
+    Returns:
+        Rows, int64. (S,) Those of vertices that are not stored mean nothing.
+    """
+    x, y, z = vertices.unbind(1)
+    word = index[base + (x * shape[1] + y) * ((shape[2] + VERTICES_A_WORD - 1) // VERTICES_A_WORD) + z // VERTICES_A_WORD]
+    before = word & ((1 << z % VERTICES_A_WORD) - 1)
+    for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F)):  # counts bits of pairs, nibbles and bytes
+        before = (before & mask) + (before >> shift & mask)
+    return (word >> 32) + (before * 0x01010101 >> 24 & 0xFF)
+
+
 def lattice_corners(x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
     """Return the rows of the eight vertices around positions on a lattice level, and their trilinear weights.
 
@@ -80,8 +108,8 @@ def lattice_corners(x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index
         x: Box coordinates, in the lattice's occupied cells. (S, 3)
         shape: Number of vertices of the level along x, y, z, int64. (3,)
         scale: Cells per box unit.
-        base: Start of the level in ``index``, int64.
-        index: Table row of every vertex of every level in raster order, int32.
+        base: First word of the level in ``index``, int64.
+        index: See :func:`stored_rows`.
 
     Returns:
         Rows, int64, (S, 8), and weights, (S, 8).
@@ -92,8 +120,7 @@ def lattice_corners(x: Tensor, shape: Tensor, scale: Tensor, base: Tensor, index
     rows, weights = [], []
     for corner in CORNERS:
         bit = torch.tensor(corner, device=x.device)
-        v = i + bit
-        rows.append(index[base + (v[:, 0] * shape[1] + v[:, 1]) * shape[2] + v[:, 2]].long())
+        rows.append(stored_rows(i + bit, shape, base, index))
         weights.append(torch.where(bit == 1, w, 1.0 - w).prod(dim=1))
     return torch.stack(rows, dim=1), torch.stack(weights, dim=1)
 
@@ -105,8 +132,8 @@ def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, i
         x: Box coordinates, in the lattice's occupied cells. (S, 3)
         shapes: Number of vertices of each level along x, y, z, int64. (L, 3)
         scales: Cells per box unit of each level. (L,)
-        bases: Start of each level in ``index``, int64. (L,)
-        index: Row in ``table`` of every vertex of every level in raster order, int32.
+        bases: First word of each level in ``index``, int64. (L,)
+        index: See :func:`stored_rows`.
         table: Features. (V, F)
 
     Returns:

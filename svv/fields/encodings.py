@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from svv.core.encodings import VERTICES_A_WORD, stored_rows
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Lattice
 
@@ -114,16 +115,14 @@ class SparseLattice(Encoding):
             resolutions: Cells per box unit of each level; each divides ``cells`` or is a multiple of it.
             features: Features per level.
         """
-        shapes, bases, index, ends, base, rows = [], [], [], [], 0, 0
+        shapes, bases, index, ends, rows = [], [], [], [], 0
         for resolution in resolutions:
             vertices = _vertices(_resample(occupied, cells, resolution))
-            number = np.zeros(vertices.shape, np.int32)
-            count = int(vertices.sum())
-            number[vertices] = np.arange(rows, rows + count, dtype=np.int32)
+            words, count = _index_of(vertices, rows)
             shapes.append(vertices.shape)
-            bases.append(base)
-            index.append(number.ravel())
-            base, rows = base + vertices.size, rows + count
+            bases.append(sum(map(len, index)))
+            index.append(words)
+            rows += count
             ends.append(rows)
         super().__init__(rows, features, len(resolutions))
         self.resolutions = tuple(int(r) for r in resolutions)
@@ -203,14 +202,11 @@ class SparseLattice(Encoding):
         ``occupied`` must be a subset of the cells this lattice was made for.
         """
         result = SparseLattice(occupied, cells, (*self.resolutions, *finer), self.features).to(self.table.device)
-        index = self.index.cpu().numpy()
         with torch.no_grad():
             for level in range(self.levels):
-                shape = tuple(self.shapes[level].tolist())
-                base, size = int(self.bases[level]), int(np.prod(shape))
-                vertices = _vertices(_resample(occupied, cells, self.resolutions[level]))
-                old = torch.from_numpy(index[base : base + size].reshape(shape)[vertices]).to(self.table.device)
-                result.table[result.rows_of_level(level)] = self.table[old.long()]
+                vertices = torch.from_numpy(self.vertices_of_level(level, occupied, cells)).to(self.table.device)
+                old = stored_rows(vertices, self.shapes[level], self.bases[level], self.index)
+                result.table[result.rows_of_level(level)] = self.table[old]
         return result
 
     def summed(self, occupied: NDArray[np.uint8], cells: int) -> SparseLattice:
@@ -224,18 +220,17 @@ class SparseLattice(Encoding):
         finest = self.resolutions[-1]
         result = SparseLattice(occupied, cells, (finest,), self.features)
         vertices = result.vertices_of_level(0, occupied, cells)
-        table, index = self.table.detach().cpu().numpy(), self.index.cpu().numpy()
-        shapes, bases = self.shapes.cpu().numpy(), self.bases.cpu().numpy()
+        table, index = self.table.detach().cpu().numpy(), self.index.cpu()
+        shapes, bases = self.shapes.cpu(), self.bases.tolist()
         total = np.zeros((len(vertices), self.features), np.float32)
         pieces = [slice(start, start + VERTICES_AT_A_TIME) for start in range(0, len(vertices), VERTICES_AT_A_TIME)]
         for piece, (level, resolution) in itertools.product(pieces, enumerate(self.resolutions)):
             low, rest = np.divmod(vertices[piece], finest // resolution)
             part = (rest * (resolution / finest)).astype(np.float32)
-            shape = shapes[level]
             for corner in itertools.product((0, 1), repeat=3):
                 weight = np.where(corner, part, 1.0 - part).prod(axis=1, dtype=np.float32)
-                x, y, z = np.minimum(low + corner, shape - 1).T  # a corner beyond the edge has weight 0
-                row = index[bases[level] + (x * shape[1] + y) * shape[2] + z]
+                inside = torch.minimum(torch.from_numpy(low + corner), shapes[level] - 1)  # beyond it, weights are 0
+                row = stored_rows(inside, shapes[level], bases[level], index).clamp(max=len(table) - 1).numpy()
                 total[piece] += np.where(weight > 0, weight, 0.0)[:, None] * table[row]
         with torch.no_grad():
             result.table.copy_(torch.from_numpy(total))
@@ -325,6 +320,19 @@ def _resample(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArr
     o = np.pad(o, [(0, -n % k) for n in o.shape])
     x, y, z = (n // k for n in o.shape)
     return np.asarray(o.reshape(x, k, y, k, z, k).any(axis=(1, 3, 5)))
+
+
+def _index_of(vertices: NDArray[np.bool_], rows: int) -> tuple[NDArray[np.int64], int]:
+    """Return the words of a level's index (:func:`svv.core.encodings.stored_rows`), and the number of its rows.
+
+    ``vertices`` (X, Y, Z) are those that are stored; ``rows`` is the first one's row.
+    """
+    x, y, z = vertices.shape
+    padded = np.pad(vertices, ((0, 0), (0, 0), (0, -z % VERTICES_A_WORD))).reshape(-1, VERTICES_A_WORD)
+    stored = np.packbits(padded, axis=1, bitorder="little").view("<u4")[:, 0].astype(np.int64)
+    behind = np.cumsum(padded.sum(axis=1, dtype=np.int64))
+    first = rows + np.concatenate([[0], behind[:-1]])
+    return first << 32 | stored, int(behind[-1])
 
 
 def _vertices(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -56,7 +56,7 @@ class Occupancy:
         return self._moved[device]
 
     def distance_on(self, device: torch.device) -> Tensor:
-        """Return how far a ray may leap: the chessboard distance to the nearest occupied cell. (X, Y, Z) uint8"""
+        """Return how far a ray may leap in each octant; see :func:`svv.core.cells.leaps`. (8, X, Y, Z) uint8"""
         if device not in self._distance:
             self._distance[device] = kernels_of(device.type).leaps(self.occupied_on(device))
         return self._distance[device]

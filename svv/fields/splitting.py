@@ -176,7 +176,7 @@ def _regions_of_cells(scene: Model, known: Cells, occupied: NDArray[np.bool_]) -
 def _nearer(one: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which cells are nearer to ``one`` than to ``others`` in the chessboard distance. (X, Y, Z)"""
     leaps = kernels_of("cpu").leaps
-    far = [leaps(torch.from_numpy(np.ascontiguousarray(which, np.uint8))) for which in (one, others)]
+    far = [leaps(torch.from_numpy(np.ascontiguousarray(which, np.uint8))).amin(dim=0) for which in (one, others)]
     return (far[0] < far[1]).numpy()
 
 

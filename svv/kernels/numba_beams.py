@@ -49,7 +49,8 @@ def tiles_in_sight(rotation, position, lens, width, height, distance, cells, ext
         lens: As in :mod:`svv.kernels.numba_rays`. (4,)
         width: Image width in pixels.
         height: Image height in pixels.
-        distance: Chessboard distance of each cell to the nearest occupied one, 0 for occupied cells. (X, Y, Z)
+        distance: How far a ray may leap in each octant, 0 for occupied cells (:func:`svv.core.cells.leaps`); the least
+            is the chessboard distance to the nearest occupied cell. (8, X, Y, Z)
         cells: Cells per box unit.
         extent: Sides of the box. (3,)
         seen: Result, 1 for marked tiles. (rows of tiles, columns of tiles)
@@ -78,9 +79,12 @@ def tiles_in_sight(rotation, position, lens, width, height, distance, cells, ext
                 x += t * (rotation[axis, 0] * a + rotation[axis, 1] * b + rotation[axis, 2] * c)
                 inside = min(max(x, 0.0), extent[axis])
                 away = max(away, abs(x - inside))
-                cell[axis] = min(int(inside * cells), distance.shape[axis] - 1)
+                cell[axis] = min(int(inside * cells), distance.shape[1 + axis] - 1)
+            nearest = distance[0, cell[0], cell[1], cell[2]]
+            for octant in range(1, 8):
+                nearest = min(nearest, distance[octant, cell[0], cell[1], cell[2]])
             # Outside the box, nothing in it is nearer than the box itself.
-            free = max(away, (float(distance[cell[0], cell[1], cell[2]]) - 1.0) * side)
+            free = max(away, (float(nearest) - 1.0) * side)
             step = free - (radius + t * spread) - POSITION_ERROR
             if step < LEAST_ADVANCE * side:
                 seen[tile // seen.shape[1], tile % seen.shape[1]] = 1

@@ -17,6 +17,7 @@ from svv.kernels import (
     numba_hashing,
     numba_image,
     numba_lattice,
+    numba_leaping,
     numba_marching,
     numba_rays,
     reference,
@@ -160,7 +161,9 @@ def composite_backward(
 
 
 def leaps(occupied: Tensor) -> Tensor:
-    return reference.leaps(occupied)
+    out = torch.empty(8, *occupied.shape, dtype=torch.uint8)
+    numba_leaping.leaps(occupied.numpy(), out.numpy())
+    return out
 
 
 def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at, mean_of, weights_of
+from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at, mean_of, row_at, weights_of
 
 
 @njit(parallel=True, fastmath=True, cache=True)
@@ -40,6 +40,7 @@ def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used
         odd, level = task // levels, task % levels  # each of two threads gets all levels and so the same work
         scale, column = scales[level], level * features
         nx, ny, nz = shapes[level, 0], shapes[level, 1], shapes[level, 2]
+        words = (nz + 31) >> 5
         for i in range(x.shape[0]):
             fx, fy, fz = x[i, 0] * scale, x[i, 1] * scale, x[i, 2] * scale
             ix, iy, iz = min(int(fx), nx - 2), min(int(fy), ny - 2), min(int(fz), nz - 2)
@@ -47,8 +48,9 @@ def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used
             beyond = (ix ^ odd) & 1
             w = wx if beyond else ONE32 - wx
             near, far = w * (ONE32 - wy), w * wy
-            at = np.uint64(bases[level] + ((ix + beyond) * ny + iy) * nz + iz)
-            a, b = np.uint64(index[at]), np.uint64(index[at + np.uint64(nz)])
+            at = np.uint64(bases[level] + ((ix + beyond) * ny + iy) * words + (iz >> 5))
+            before = (np.uint64(1) << np.uint64(iz & 31)) - np.uint64(1)
+            a, b = row_at(index[at], before), row_at(index[at + np.uint64(words)], before)
             weights = near * (ONE32 - wz), near * wz, far * (ONE32 - wz), far * wz
             rows = (a, a + NEXT_ROW, b, b + NEXT_ROW)
             for k in range(4):

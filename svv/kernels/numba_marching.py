@@ -14,6 +14,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from svv.kernels.numba_leaping import octant
 from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at
 
 RAYS_A_BLOCK = 64
@@ -69,7 +70,7 @@ def inverse(d):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=True, inline="always")
 def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
-    """Return where a ray leaves the slab of ``empty`` - 1 cells on either side of a cell, along one axis."""
+    """Return where a ray leaves the slab of ``empty`` cells that begins with a cell, along one axis."""
     if inverse_d == 0.0:
         return np.float32(1e30)
     return (np.float32(cell + empty if d > 0 else cell + 1 - empty) * side - o) * inverse_d
@@ -107,7 +108,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
 ):
     """March rays through the occupied cells and keep the samples that matter.
 
-    ``distance`` (X, Y, Z) holds 0 for occupied cells, otherwise the chessboard distance to the nearest occupied one.
+    ``distance`` (8, X, Y, Z) holds 0 for occupied cells, otherwise how far a ray may leap (:func:`svv.core.cells.leaps`).
     Every ray is sampled with a fixed step (shifted by a random fraction of it if ``jitter_seed`` > 0, by half a step
     otherwise; ``first_ray`` is the number of the first ray in its batch, for its random numbers). A sample whose weight
     is below ``least_weight`` is kept only with probability ``keep``; the optical
@@ -123,7 +124,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     rays = origins.shape[0]
     blocks = (rays + RAYS_A_BLOCK - 1) // RAYS_A_BLOCK
     capacity = sigma.shape[0] // blocks
-    nx, ny, nz = distance.shape
+    nx, ny, nz = distance.shape[1:]
     side, rate = np.float32(1.0) / cells, np.float32(1.0) / step
     for block in prange(blocks):
         n = block * capacity
@@ -138,6 +139,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
             front = ONE32  # upper bound of the transmittance in front of the next sample
             if near < far:
                 ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)
+                ahead = octant(dx, dy, dz)
                 shift = np.float32(0.5)
                 if jitter_seed > 0:
                     shift = uniform(jitter_seed, first_ray + r, 0)
@@ -149,7 +151,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     cx = min(max(int(x * cells), 0), nx - 1)
                     cy = min(max(int(y * cells), 0), ny - 1)
                     cz = min(max(int(z * cells), 0), nz - 1)
-                    empty = int(distance[cx, cy, cz])
+                    empty = int(distance[ahead, cx, cy, cz])
                     if empty > 0:
                         # Go to the first sample behind the cube of empty cells around this one.
                         tx = leap(cx, empty, dx, ox, ix_, side)

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from svv.kernels.numba_leaping import octant
 from svv.kernels.numba_marching import clip_to_box, interpolate_scalar, inverse, leap
 from svv.kernels.numba_trilinear import ONE32
 
@@ -24,7 +25,7 @@ def optical_depths(  # type: ignore[no-untyped-def]
     Args:
         origins: Box coordinates, float32. (R, 3)
         directions: Unit vectors, float32. (R, 3)
-        distance: How far a ray may leap, uint8 (X, Y, Z); see :func:`svv.core.cells.leaps`.
+        distance: How far a ray may leap, uint8 (8, X, Y, Z); see :func:`svv.core.cells.leaps`.
         cells: Cells per box unit of ``distance``.
         extent: Sides of the box. (3,)
         step: Sample distance in box units.
@@ -37,7 +38,7 @@ def optical_depths(  # type: ignore[no-untyped-def]
         stop: Optical depth at which a ray ends.
         out: Result, float32. (R,)
     """
-    nx, ny, nz = distance.shape
+    nx, ny, nz = distance.shape[1:]
     side, rate = ONE32 / cells, ONE32 / step
     for r in prange(origins.shape[0]):
         ox, oy, oz = origins[r, 0], origins[r, 1], origins[r, 2]
@@ -46,6 +47,7 @@ def optical_depths(  # type: ignore[no-untyped-def]
         depth = np.float32(0.0)
         if near < far:
             ix_, iy_, iz_ = inverse(dx), inverse(dy), inverse(dz)
+            ahead = octant(dx, dy, dz)
             i, last = int(math.ceil(near * rate - shift)), int(math.floor(far * rate - shift))
             while i <= last:
                 t = (np.float32(i) + shift) * step
@@ -53,7 +55,7 @@ def optical_depths(  # type: ignore[no-untyped-def]
                 y = min(max(oy + t * dy, np.float32(0.0)), extent[1])
                 z = min(max(oz + t * dz, np.float32(0.0)), extent[2])
                 cx, cy, cz = min(int(x * cells), nx - 1), min(int(y * cells), ny - 1), min(int(z * cells), nz - 1)
-                empty = int(distance[cx, cy, cz])
+                empty = int(distance[ahead, cx, cy, cz])
                 if empty > 0:
                     tx = leap(cx, empty, dx, ox, ix_, side)
                     ty = leap(cy, empty, dy, oy, iy_, side)

@@ -7,10 +7,28 @@ precision, and for a signed row it would check for indices that count from the e
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 ONE32 = np.float32(1.0)
 NEXT_ROW = np.uint64(1)
+WORD_BITS = np.uint64(32)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def ones_in(context, word):  # type: ignore[no-untyped-def]
+    """Return the number of ones among the bits of an unsigned integer: one instruction."""
+    return types.uint64(types.uint64), lambda _, builder, __, arguments: builder.ctpop(arguments[0])
+
+
+@njit(fastmath=True, inline="always")
+def row_at(word, before):  # type: ignore[no-untyped-def]
+    """Return the row of a vertex from its word of the index and a mask of the word's vertices before it.
+
+    See :func:`svv.core.encodings.stored_rows`.
+    """
+    bits = np.uint64(word)
+    return (bits >> WORD_BITS) + ones_in(bits & before)
 
 
 @njit(fastmath=True)
@@ -26,10 +44,12 @@ def cell_at(x, y, z, level, shapes, scales, bases, index):  # type: ignore[no-un
     ix = min(int(fx), shapes[level, 0] - 2)
     iy = min(int(fy), ny - 2)
     iz = min(int(fz), nz - 2)
-    at = np.uint64(bases[level] + (ix * ny + iy) * nz + iz)
-    right, behind = np.uint64(nz), np.uint64(ny * nz)
-    a, b = np.uint64(index[at]), np.uint64(index[at + right])
-    c, d = np.uint64(index[at + behind]), np.uint64(index[at + behind + right])
+    words = (nz + 31) >> 5
+    at = np.uint64(bases[level] + (ix * ny + iy) * words + (iz >> 5))
+    right, behind = np.uint64(words), np.uint64(ny * words)
+    before = (np.uint64(1) << np.uint64(iz & 31)) - np.uint64(1)
+    a, b = row_at(index[at], before), row_at(index[at + right], before)
+    c, d = row_at(index[at + behind], before), row_at(index[at + behind + right], before)
     return a, b, c, d, fx - np.float32(ix), fy - np.float32(iy), fz - np.float32(iz)
 
 

@@ -100,7 +100,7 @@ def march(
     first_ray: int = 0,
 ) -> tuple[Samples, int]:  # fmt: skip
     """March without leaps: every step of every ray is evaluated."""
-    occupied = distance == 0
+    occupied = distance[0] == 0
 
     def extinction(x: Tensor) -> Tensor:
         return torch.exp(lattice_encode(x, where, table).sum(dim=1).clamp(max=ceiling))

@@ -8,6 +8,7 @@ import torch
 import triton
 from torch import Tensor
 
+from svv.core.cells import FARTHEST_LEAP
 from svv.core.networks import relu_layers
 from svv.kernels import triton_networks, triton_rays, triton_tables
 from svv.kernels.reference import marked_rows as marked_rows
@@ -109,7 +110,7 @@ def march(
 
     def pass_over(writes: bool) -> None:
         triton_rays.march[(triton.cdiv(rays, RAY_BLOCK),)](
-            origins, directions, distance, *distance.shape, float(cells), *extent, limits.step, seed, first_ray,
+            origins, directions, distance, *distance.shape[1:], float(cells), *extent, limits.step, seed, first_ray,
             where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
             limits.least_weight, limits.keep, limits.stop, limits.fade, rays,
             start, count, tail, position, skipped, sigma, ray,
@@ -175,13 +176,16 @@ def composite_backward(
 
 def leaps(occupied: Tensor) -> Tensor:
     """Combine distances axis by axis."""
-    nearest = torch.where(occupied > 0, 0, 255).to(torch.uint8)
+    known = torch.where(occupied > 0, 0, FARTHEST_LEAP).to(torch.uint8)[None]
     for axis, length in enumerate(occupied.shape):
-        known, nearest = nearest, torch.empty_like(nearest)
-        triton_rays.nearest_along[(triton.cdiv(nearest.numel(), TABLE_BLOCK),)](
-            known, nearest, nearest.numel(), known.stride(axis), length, TABLE_BLOCK
-        )
-    return nearest
+        nearest = torch.empty(len(known), 2, *occupied.shape, dtype=torch.uint8, device=occupied.device)
+        for one, both in zip(known, nearest, strict=True):
+            for side, found in zip((1, -1), both, strict=True):
+                triton_rays.nearest_along[(triton.cdiv(one.numel(), TABLE_BLOCK),)](
+                    one, found, one.numel(), one.stride(axis), length, side, TABLE_BLOCK
+                )
+        known = nearest.flatten(0, 1)
+    return known
 
 
 def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
+from svv.kernels.triton_tables import row_of
+
 
 @triton.jit
 def pixel_rays(  # type: ignore[no-untyped-def]
@@ -36,15 +38,19 @@ def pixel_rays(  # type: ignore[no-untyped-def]
 
 
 @triton.jit
-def nearest_along(known, nearest, size, stride, length, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Extend chessboard distances ``known`` for the previous axes along one more, ``length`` cells long."""
+def nearest_along(known, nearest, size, stride, length, side, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
+    """Extend chessboard distances ``known`` for the previous axes along one more, ``length`` cells long.
+
+    Only cells that follow (``side`` 1) or come before (-1) count; see :func:`svv.core.cells.leaps`.
+    """
     i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     place = (i // stride) % length
     first = known + i - place * stride
     least = tl.full((BLOCK,), 255, tl.int32)
     for k in range(length):
         beyond = tl.load(first + k * stride, mask=i < size, other=255).to(tl.int32)
-        least = tl.minimum(least, tl.maximum(tl.abs(place - k), beyond))
+        apart = (k - place) * side
+        least = tl.minimum(least, tl.where(apart >= 0, tl.maximum(apart, beyond), 255))
     tl.store(nearest + i, least.to(tl.uint8), mask=i < size)
 
 
@@ -104,7 +110,7 @@ def slab(o, d, extent, near, far):  # type: ignore[no-untyped-def]
 
 @triton.jit
 def leap(cell, empty, d, o, inverse, side):  # type: ignore[no-untyped-def]
-    """Return where a ray leaves the slab of ``empty`` - 1 cells on either side of a cell, along one axis."""
+    """Return where a ray leaves the slab of ``empty`` cells that begins with a cell, along one axis."""
     plane = tl.where(d > 0, cell + empty, cell + 1 - empty).to(tl.float32) * side
     return tl.where(inverse == 0.0, 1e30, (plane - o) * inverse)
 
@@ -123,10 +129,12 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
         iy = tl.minimum(fy.to(tl.int32), ny - 2)
         iz = tl.minimum(fz.to(tl.int32), nz - 2)
         wx, wy, wz = fx - ix.to(tl.float32), fy - iy.to(tl.float32), fz - iz.to(tl.float32)
-        at = index + (tl.load(bases + level) + (ix.to(tl.int64) * ny + iy) * nz + iz)
+        words = (nz + 31) // 32
+        at = index + (tl.load(bases + level) + (ix.to(tl.int64) * ny + iy) * words + iz // 32)
         for corner in tl.static_range(4):
             # Vertices are numbered in raster order, so the neighbour in z always has the next number.
-            row = tl.load(at + (corner >> 1) * ny * nz + (corner & 1) * nz, mask=inside, other=0)
+            word = tl.load(at + (corner >> 1) * ny * words + (corner & 1) * words, mask=inside, other=0)
+            row = row_of(word, iz)
             low = tl.load(table + row, mask=inside, other=0.0)
             high = tl.load(table + row + 1, mask=inside, other=0.0)
             w = (wx if corner & 2 else 1.0 - wx) * (wy if corner & 1 else 1.0 - wy)
@@ -162,6 +170,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     i = tl.ceil(tl.where(hit, near, 0.0) / step - shift).to(tl.int32)
     last = tl.floor(tl.where(hit, far, 0.0) / step - shift).to(tl.int32)
     going = hit & (i <= last)
+    octant = 4 * (dx < 0).to(tl.int64) + 2 * (dy < 0).to(tl.int64) + (dz < 0).to(tl.int64)
     side = 1.0 / cells
     rate = 1.0 / step
     # Optical depth left out since the last kept sample, and total since the start of the ray.
@@ -175,7 +184,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         cx = tl.minimum(tl.maximum((x * cells).to(tl.int32), 0), nx - 1)
         cy = tl.minimum(tl.maximum((y * cells).to(tl.int32), 0), ny - 1)
         cz = tl.minimum(tl.maximum((z * cells).to(tl.int32), 0), nz - 1)
-        empty = tl.load(distance + (cx.to(tl.int64) * ny + cy) * nz + cz, mask=going, other=0).to(tl.int32)
+        at = ((octant * nx + cx) * ny + cy) * nz + cz
+        empty = tl.load(distance + at, mask=going, other=0).to(tl.int32)
         inside = going & (empty == 0)
         # Go to the first sample behind the cube of empty cells around this one.
         tx = leap(cx, empty, dx, ox, inverse_x, side)

@@ -33,15 +33,26 @@ def corner_weight(wx, wy, wz, corner: tl.constexpr):  # type: ignore[no-untyped-
 
 
 @triton.jit
+def row_of(word, z):  # type: ignore[no-untyped-def]
+    """Return the row of a vertex from its word of the index; see :func:`svv.core.encodings.stored_rows`."""
+    before = word & ((tl.full(z.shape, 1, tl.int64) << (z & 31).to(tl.int64)) - 1)
+    before = (before & 0x55555555) + (before >> 1 & 0x55555555)
+    before = (before & 0x33333333) + (before >> 2 & 0x33333333)
+    before = (before & 0x0F0F0F0F) + (before >> 4 & 0x0F0F0F0F)
+    return (word >> 32) + (before * 0x01010101 >> 24 & 0xFF)
+
+
+@triton.jit
 def lattice_cells(x, i, there, shapes, scales, bases, level):  # type: ignore[no-untyped-def]
-    """Return the place in ``index`` of each sample's lowest vertex, x and y strides, and the position in the cell."""
+    """Return the word of each sample's lowest vertex in ``index``, x and y strides, z, and the position in the cell."""
     scale = tl.load(scales + level)
     nx = tl.load(shapes + 3 * level).to(tl.int32)
     ny = tl.load(shapes + 3 * level + 1).to(tl.int32)
     nz = tl.load(shapes + 3 * level + 2).to(tl.int32)
     ix, iy, iz, wx, wy, wz = position_in_cell(x, i, there, scale, scale, scale, nx - 2, ny - 2, nz - 2)
-    at = tl.load(bases + level) + (ix.to(tl.int64) * ny + iy) * nz + iz
-    return at, ny * nz, nz, wx, wy, wz
+    words = (nz + 31) // 32
+    at = tl.load(bases + level) + (ix.to(tl.int64) * ny + iy) * words + iz // 32
+    return at, ny * words, words, iz, wx, wy, wz
 
 
 @triton.jit
@@ -55,12 +66,12 @@ def lattice_encode(  # type: ignore[no-untyped-def]
     f = tl.arange(0, WIDE)
     there = i < samples
     both = there[:, None] & (f < FEATURES)[None, :]
-    at, along_x, along_y, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
+    at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
     total = tl.zeros((BLOCK, WIDE), tl.float32)
     for corner in tl.static_range(8):
         # Vertices are numbered in raster order, so the neighbour in z always has the next number.
-        vertex = at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y
-        row = tl.load(index + vertex, mask=there, other=0) + (corner & 1)
+        word = tl.load(index + at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y, mask=there, other=0)
+        row = row_of(word, z) + (corner & 1)
         value = tl.load(table + row[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
         total += corner_weight(wx, wy, wz, corner)[:, None] * value
     tl.store(out + (i * LEVELS + level)[:, None] * FEATURES + f[None, :], total, mask=both)
@@ -77,12 +88,12 @@ def lattice_backward(  # type: ignore[no-untyped-def]
     f = tl.arange(0, WIDE)
     there = i < samples
     both = there[:, None] & (f < FEATURES)[None, :]
-    at, along_x, along_y, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
+    at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
     g = tl.load(g_out + (i * LEVELS + level)[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
     one = tl.full((BLOCK,), 1, tl.uint8)
     for corner in tl.static_range(8):
-        vertex = at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y
-        row = tl.load(index + vertex, mask=there, other=0) + (corner & 1)
+        word = tl.load(index + at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y, mask=there, other=0)
+        row = row_of(word, z) + (corner & 1)
         share = corner_weight(wx, wy, wz, corner)[:, None] * g
         tl.atomic_add(gradient + row[:, None] * FEATURES + f[None, :], share, mask=both, sem="relaxed")
         tl.store(used + row, one, mask=there)

@@ -18,9 +18,9 @@ class Lattice:
     scales: Tensor
     """Cells per box unit of each level, float32. (L,)"""
     bases: Tensor
-    """Start of each level in ``index``, int64. (L,)"""
+    """First word of each level in ``index``, int64. (L,)"""
     index: Tensor
-    """Table row of every vertex of every level in raster order, int32."""
+    """Which vertices are stored, and in which rows, int64; see :func:`svv.core.encodings.stored_rows`."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ class Kernels(Protocol):
     ) -> tuple[Samples, int]:  # fmt: skip
         """March rays through the occupied cells and keep the samples that matter (:mod:`svv.kernels.numba_marching`).
 
-        ``distance`` (X, Y, Z) uint8: how far a ray may leap; ``extent``: sides of the box; ``table`` (V, 1): log
+        ``distance`` (8, X, Y, Z) uint8: how far a ray may leap; ``extent``: sides of the box; ``table`` (V, 1): log
         extinction; ``room``: initial buffer size in samples per ray; ``first_ray``: number of the first ray in its
         batch, for its random numbers. The number returned is the size that sufficed.
         """
@@ -212,7 +212,7 @@ class Kernels(Protocol):
         """Return the gradients of :meth:`composite` with respect to ``sigma`` (S,) and ``values`` (S, C)."""
 
     def leaps(self, occupied: Tensor) -> Tensor:
-        """Return how far a ray may leap in each cell (X, Y, Z) uint8; see :func:`svv.core.cells.leaps`."""
+        """Return how far a ray may leap: (X, Y, Z) uint8 -> (8, X, Y, Z) uint8; see :func:`svv.core.cells.leaps`."""
 
     def directions_of_samples(self, directions: Tensor, ray: Tensor) -> Tensor:
         """Return spherical harmonics of degree 4 of each sample's ray: (R, 3) and (S,) -> (S, 16); no graph."""

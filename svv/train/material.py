@@ -21,6 +21,7 @@ from scipy.optimize import nnls
 from torch import Tensor
 
 from svv.core.colour import hsb_array, to_hex
+from svv.core.encodings import stored_rows
 from svv.core.gap import gap_of
 from svv.core.palette import Palette, PaletteSettings
 from svv.core.surfaces import surface_normals
@@ -88,8 +89,7 @@ class Labels:
         """Return the row of the vertex nearest to each point, which lies in an occupied cell: (S, 3) -> (S,)."""
         shape = self._lattice.shapes[0]
         vertex = (position * self._lattice.scales[0] + 0.5).long()
-        x, y, z = torch.minimum(vertex.clamp(min=0), shape - 1).unbind(1)
-        return self._lattice.index[(x * shape[1] + y) * shape[2] + z].long()
+        return stored_rows(torch.minimum(vertex.clamp(min=0), shape - 1), shape, 0, self._lattice.index)
 
     def of(self, position: Tensor) -> Tensor:
         """Return the region of each point: (S, 3) in [0, 1] -> (S,) int64."""

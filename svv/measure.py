@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import os
 import resource
 import sys
 import time
@@ -65,6 +66,13 @@ def prefer_openmp(environ: MutableMapping[str, str]) -> None:
     own setting is kept.
     """
     environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", LAYERS)
+
+
+def usable_cpus() -> int:
+    """Return the number of CPUs that this process may use, a share of them if torchrun started several processes."""
+    cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    processes = os.environ.get("LOCAL_WORLD_SIZE", "")
+    return max(1, cpus // int(processes)) if processes.isdecimal() and int(processes) else cpus
 
 
 def give_memory_back() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -12,6 +13,7 @@ from svv.core import palette_shading
 from svv.core.compositing import LEAST_ALPHA, composite_samples
 from svv.core.encodings import lattice_features
 from svv.core.light import blinn_phong, normals_of
+from svv.fields.encodings import SparseLattice
 from svv.kernels import numba_kernels
 from svv.kernels.types import ImageKernels, Lattice, Samples, Surface
 from tests.tolerances import KERNELS
@@ -35,9 +37,8 @@ def generator(seed: int) -> torch.Generator:
 
 def one_level() -> Lattice:
     """All vertices of a box of 4 x 4 x 4 cells."""
-    shapes = torch.full((1, 3), VERTICES)
-    index = torch.arange(VERTICES**3, dtype=torch.int32)
-    return Lattice(shapes, torch.tensor([VERTICES - 1.0]), torch.zeros(1, dtype=torch.int64), index)
+    cells = VERTICES - 1
+    return SparseLattice(np.ones((cells,) * 3, np.uint8), cells, (cells,), 1).layout
 
 
 def some_samples(seed: int, counts: list[int]) -> Samples:

@@ -94,7 +94,9 @@ def stored_rows(vertices: Tensor, shape: Tensor, base: Tensor | int, index: Tens
         Rows, int64. (S,) Those of vertices that are not stored mean nothing.
     """
     x, y, z = vertices.unbind(1)
-    word = index[base + (x * shape[1] + y) * ((shape[2] + VERTICES_A_WORD - 1) // VERTICES_A_WORD) + z // VERTICES_A_WORD]
+    word = index[
+        base + (x * shape[1] + y) * ((shape[2] + VERTICES_A_WORD - 1) // VERTICES_A_WORD) + z // VERTICES_A_WORD
+    ]
     before = word & ((1 << z % VERTICES_A_WORD) - 1)
     for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F)):  # counts bits of pairs, nibbles and bytes
         before = (before & mask) + (before >> shift & mask)

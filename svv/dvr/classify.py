@@ -24,9 +24,9 @@ from svv.core.box import Box
 from svv.core.classified import COARSE, LARGEST, ClassifiedVolume, ValueGrid, ValueRange, grid_shape
 from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.dvr.grids import to_array
-from svv.dvr.mappers import usable_cpus
 from svv.dvr.stage import Stage, set_stage
 from svv.dvr.transfer_functions import TransferFunction
+from svv.measure import usable_cpus
 
 Array = NDArray[np.float64]
 

@@ -19,12 +19,13 @@ from svv.bricks.source import ArraySource, Level, Source
 from svv.core.cameras import Camera
 from svv.core.shading import Shading
 from svv.dvr.grids import from_array, level_of_image, set_geometry, to_array
-from svv.dvr.mappers import Pixels, usable_cpus
+from svv.dvr.mappers import Pixels
 from svv.dvr.stage import Stage
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.volumes import read_volume
 from svv.errors import BadInput, Progress, silent
 from svv.io.memory import memory_there
+from svv.measure import usable_cpus
 
 VTK_BYTES = 5
 """Bytes per voxel that VTK's ray casters need besides three copies of the values: normals, and tables of blocks."""

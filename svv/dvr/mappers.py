@@ -36,6 +36,7 @@ from svv.dvr.grids import to_array
 from svv.dvr.stage import Stage, visible_cells
 from svv.dvr.vtk_readers import vtk_messages
 from svv.errors import BadInput
+from svv.measure import usable_cpus
 
 Pixels = NDArray[np.uint8]
 
@@ -291,13 +292,6 @@ def all_threads() -> Iterator[None]:
         yield
     finally:
         vtkMultiThreader.SetGlobalMaximumNumberOfThreads(limit)
-
-
-def usable_cpus() -> int:
-    """Return the number of CPUs that this process may use, a share of them if torchrun started several processes."""
-    cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    processes = os.environ.get("LOCAL_WORLD_SIZE", "")
-    return max(1, cpus // int(processes)) if processes.isdecimal() and int(processes) else cpus
 
 
 def _memory(pointer: object, kind: Any, count: int) -> NDArray[Any]:

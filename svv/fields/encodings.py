@@ -327,8 +327,7 @@ def _index_of(vertices: NDArray[np.bool_], rows: int) -> tuple[NDArray[np.int64]
 
     ``vertices`` (X, Y, Z) are those that are stored; ``rows`` is the first one's row.
     """
-    x, y, z = vertices.shape
-    padded = np.pad(vertices, ((0, 0), (0, 0), (0, -z % VERTICES_A_WORD))).reshape(-1, VERTICES_A_WORD)
+    padded = np.pad(vertices, ((0, 0), (0, 0), (0, -vertices.shape[2] % VERTICES_A_WORD))).reshape(-1, VERTICES_A_WORD)
     stored = np.packbits(padded, axis=1, bitorder="little").view("<u4")[:, 0].astype(np.int64)
     behind = np.cumsum(padded.sum(axis=1, dtype=np.int64))
     first = rows + np.concatenate([[0], behind[:-1]])

@@ -108,7 +108,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
 ):
     """March rays through the occupied cells and keep the samples that matter.
 
-    ``distance`` (8, X, Y, Z) holds 0 for occupied cells, otherwise how far a ray may leap (:func:`svv.core.cells.leaps`).
+    ``distance`` (8, X, Y, Z) tells how far a ray may leap, 0 for occupied cells (:func:`svv.core.cells.leaps`).
     Every ray is sampled with a fixed step (shifted by a random fraction of it if ``jitter_seed`` > 0, by half a step
     otherwise; ``first_ray`` is the number of the first ray in its batch, for its random numbers). A sample whose weight
     is below ``least_weight`` is kept only with probability ``keep``; the optical

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from svv.core.colour import WHITE
 from svv.core.json_values import list_in, needed, number_in, numbers_in, object_in, text_in, whole_in
@@ -16,9 +18,13 @@ from svv.errors import Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import device_report, forget_gpu_peak
+from svv.measure import usable_cpus
 from svv.train.lpips import load_lpips, lpips
 
 Value = TypeVar("Value")
+
+MOST_AT_A_TIME = 8
+"""Maximum number of images whose metrics are computed side by side: FLIP needs half a kilobyte a pixel."""
 
 
 @dataclass(frozen=True)
@@ -124,25 +130,34 @@ def evaluate_scene(scene: Scene, views: ViewSet, network: str | None = None, pro
     network = network or scene.networks[-1]
     measure = load_lpips()
     forget_gpu_peak(scene.device)
-    likeness, seconds, flips, distances = [], [], [], []
+    seconds: list[float] = []
     scene.render(views.cameras[0].resized(64, 64), network)  # warm-up: kernels are compiled on first use
-    for number, (camera, truth) in enumerate(zip(views.cameras, views.images, strict=True)):
-        progress(number / len(views.cameras), f"evaluating {network}")
-        begin = time.perf_counter()
-        shown = scene.render(camera, network, WHITE).rgba[..., :3]
-        seconds.append(time.perf_counter() - begin)
-        likeness.append(Likeness.of(shown, truth))
-        flips.append(flip(shown, on_white(truth)))
-        if measure is not None:
-            distances.append(lpips(measure, shown, on_white(truth)))
+
+    def compared(shown: NDArray[np.float32], truth: NDArray[np.uint8]) -> tuple[Likeness, float, float | None]:
+        white = on_white(truth)
+        distance = None if measure is None else lpips(measure, shown, white)
+        return Likeness.of(shown, truth), flip(shown, white), distance
+
+    # Images are timed, so nothing else runs beside them; the metrics of a few are then computed side by side.
+    workers, found = min(usable_cpus(), MOST_AT_A_TIME), []
+    with ThreadPoolExecutor(workers) as pool:
+        for first in range(0, len(views.cameras), workers):
+            some, images = range(first, min(first + workers, len(views.cameras))), []
+            for number in some:
+                progress(number / len(views.cameras), f"evaluating {network}")
+                begin = time.perf_counter()
+                images.append(scene.render(views.cameras[number], network, WHITE).rgba[..., :3])
+                seconds.append(time.perf_counter() - begin)
+            found += pool.map(compared, images, [views.images[number] for number in some])
     progress(1.0, f"evaluating {network}")
+    likeness, flips, distances = zip(*found, strict=True)
     mean = Likeness.mean(likeness)
     return Scores(
         psnr=mean.psnr,
         psnr_foreground=mean.psnr_foreground,
         ssim=mean.ssim,
         flip=float(np.nanmean(flips)),
-        lpips=float(np.nanmean(distances)) if distances else None,
+        lpips=None if measure is None else float(np.nanmean(distances)),
         views=len(views.cameras),
         size=(views.cameras[0].width, views.cameras[0].height),
         seconds_per_view=float(np.median(seconds)),

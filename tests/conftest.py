@@ -69,10 +69,11 @@ def balls() -> Scene:
 def of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[str, str | None]]:
     """Tests neither fetch weights nor find the user's, or what they paint would depend on the machine.
 
-    Gives the variables as the user has set them.
+    Commands do not compile ahead: each would start a process for that. Gives the variables as the user has set them.
     """
     empty = tmp_path_factory.mktemp("empty")
     ours = {"SVV_OFFLINE": "1", "SVV_WEIGHTS": str(empty / "weights"), "TORCH_HOME": str(empty / "torch")}
+    ours["SVV_COMPILE_AHEAD"] = "0"
     before = {name: os.environ.get(name) for name in ours}
     with pytest.MonkeyPatch.context() as patch:
         for name, value in ours.items():

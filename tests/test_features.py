@@ -132,6 +132,27 @@ def test_what_is_masked_out_does_not_matter() -> None:
     assert torch.isfinite(empty)
 
 
+@pytest.mark.parametrize("network", [PatchFeatures(), VggFeatures()])
+def test_a_small_region_is_matched_in_a_crop_with_the_same_loss(
+    network: PatchFeatures | VggFeatures, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings, generator = replace(PATCH_LOSS, style_size=64), torch.Generator().manual_seed(0)
+    mask = torch.zeros(160, 144)
+    mask[70:111, 33:66] = 1.0
+    picture = torch.where(mask > 0, torch.rand(3, 160, 144, generator=generator), 0.5)
+    seen: list[int] = []
+    network.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0][0, 0].numel()))
+
+    def loss() -> torch.Tensor:
+        seen.clear()
+        return StyleTarget(network, stripes(0), settings).loss(picture, mask)
+
+    small, pixels = loss(), max(seen)
+    monkeypatch.setattr("svv.train.style_loss.cropped", lambda picture, cover: (picture, cover))
+    torch.testing.assert_close(small, loss(), rtol=sums_apart(160 * 144), atol=0)
+    assert pixels < 0.4 * max(seen)
+
+
 def test_the_background_is_the_luminance_of_the_style_s_mean_colour() -> None:
     style = torch.tensor([0.9, 0.2, 0.4])[:, None, None].expand(3, 64, 64)
     target = StyleTarget(PatchFeatures(), style, SMALL)

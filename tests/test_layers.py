@@ -25,7 +25,7 @@ BELOW["errors"] = set()
 BELOW["options"] = {"errors"}
 BELOW["io"] = BOTTOM | {"core"}
 BELOW["bricks"] = BOTTOM | {"core", "io"}
-BELOW["dvr"] = BOTTOM | {"core", "io", "bricks"}
+BELOW["dvr"] = BOTTOM | {"core", "io", "bricks", "measure"}
 BELOW["progress"] = BELOW["measure"] = BELOW["ending"] = BOTTOM
 BELOW["fields"] |= {"io"}
 BELOW["styles"] |= {"io"}

@@ -50,8 +50,11 @@ def demo(
 
     After Ctrl-C, the same command resumes; finished stages are not repeated.
     """
+    from svv.job.ahead import compile_beside
     from svv.job.demo import run_demo
     from svv.job.steps import JobSettings
+
+    compile_beside()
 
     print(run_demo(out, JobSettings(drawing, training, path, recolour=True), resolution, shown))
 
@@ -77,6 +80,7 @@ def run(
     """
     from svv.io.cinema.table import is_database
     from svv.io.transforms import transforms_file
+    from svv.job.ahead import compile_beside
     from svv.job.run import check, run_job
     from svv.job.source import ViewSource, VolumeSource, imported_views
     from svv.job.steps import JobSettings
@@ -90,6 +94,7 @@ def run(
     settings = JobSettings(drawing, training, path, recolour)
     check(settings)  # before a picture of the gallery is written
     origin.identity()
+    compile_beside()
     print(run_job(origin, [style_file(name, out) for name in style or []], out, settings, shown))
 
 
@@ -109,6 +114,7 @@ def views(
     """
     from svv.dvr.large import memory_allowed
     from svv.io.view_meta import known
+    from svv.job.ahead import compile_beside
     from svv.job.source import VolumeSource
     from svv.train import ranks
 
@@ -117,6 +123,8 @@ def views(
     if len(every) < len(reading.tf):
         raise BadInput("Transfer functions of the same name would share a folder: rename one of their files.")
     with ranks.joined():
+        if ranks.is_first():
+            compile_beside()  # whoever draws views trains on them next
         if ranks.many() and drawing.memory is None:  # the level that is drawn depends on it: the same for all
             drawing = replace(drawing, memory=ranks.once(lambda: memory_allowed(None) / 1e9 / local))
         for folder, one in every.items():

@@ -115,12 +115,13 @@ class SparseLattice(Encoding):
             resolutions: Cells per box unit of each level; each divides ``cells`` or is a multiple of it.
             features: Features per level.
         """
-        shapes, bases, index, ends, rows = [], [], [], [], 0
+        shapes, bases, ends, rows = [], [], [], 0
+        index: list[NDArray[np.int64]] = []
         for resolution in resolutions:
             vertices = _vertices(_resample(occupied, cells, resolution))
             words, count = _index_of(vertices, rows)
             shapes.append(vertices.shape)
-            bases.append(sum(map(len, index)))
+            bases.append(sum(len(level) for level in index))
             index.append(words)
             rows += count
             ends.append(rows)

@@ -34,12 +34,14 @@ IMAGE: ImageKernels | None = numba_image
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
     out = _empty(len(x), len(where.scales) * table.shape[1])
+    x = x.contiguous()  # each layout of an array would be compiled separately
     numba_lattice.encode(x.numpy(), *_layout(where), table.detach().numpy(), (0.0,) * table.shape[1], out.numpy())
     return out
 
 
 def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
     width = (0.0,) * gradient.shape[1]
+    x, g = x.contiguous(), g.contiguous()
     numba_lattice.encode_backward(x.numpy(), g.numpy(), *_layout(where), width, gradient.numpy(), used.numpy())
 
 

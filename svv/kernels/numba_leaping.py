@@ -8,7 +8,7 @@ from numba import njit, prange
 from svv.core.cells import FARTHEST_LEAP
 
 
-@njit(inline="always", cache=True)
+@njit(cache=True)
 def octant(dx, dy, dz):  # type: ignore[no-untyped-def]
     """Return the octant into which a direction points; see :func:`svv.core.cells.leaps`."""
     return (4 if dx < 0 else 0) + (2 if dy < 0 else 0) + (1 if dz < 0 else 0)
@@ -41,8 +41,8 @@ def leaps(occupied, out):  # type: ignore[no-untyped-def]
                     if j > 0:
                         now = min(now, np.int64(distance[x, y + sy, z]))
                     if occupied[x, y, z]:
-                        ahead = 0
+                        ahead = np.int64(0)
                     else:
-                        ahead = min(np.int64(FARTHEST_LEAP), 1 + min(ahead, min(now, beside)))
+                        ahead = min(np.int64(FARTHEST_LEAP), np.int64(1) + min(ahead, min(now, beside)))
                     beside = now
                     distance[x, y, z] = ahead

@@ -34,7 +34,7 @@ def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: i
     return total
 
 
-@njit(fastmath=True, inline="always")
+@njit(fastmath=True)
 def clip_to_box(origins, directions, r, extent):  # type: ignore[no-untyped-def]
     """Return the distances at which ray r enters and leaves the box; the first is larger if it misses the box."""
     near, far = np.float32(0.0), np.float32(1e30)
@@ -49,7 +49,7 @@ def clip_to_box(origins, directions, r, extent):  # type: ignore[no-untyped-def]
     return near, far
 
 
-@njit(fastmath=True, inline="always")
+@njit(fastmath=True)
 def uniform(seed, a, b):  # type: ignore[no-untyped-def]
     """Return a random number in [0, 1) from three integers (counter-based, so threads need no state)."""
     h = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) ^ np.uint64(a) * np.uint64(0xBF58476D1CE4E5B9)
@@ -62,13 +62,13 @@ def uniform(seed, a, b):  # type: ignore[no-untyped-def]
     return np.float32(h >> np.uint64(40)) * np.float32(1.0 / 16777216.0)
 
 
-@njit(fastmath=True, inline="always")
+@njit(fastmath=True)
 def inverse(d):  # type: ignore[no-untyped-def]
     """Return 1 / d, or 0 for a ray parallel to the planes normal to the axis."""
     return np.float32(0.0) if abs(d) < 1e-9 else np.float32(1.0) / d
 
 
-@njit(fastmath=True, inline="always")
+@njit(fastmath=True)
 def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
     """Return where a ray leaves the slab of ``empty`` cells that begins with a cell, along one axis."""
     if inverse_d == 0.0:

@@ -15,13 +15,13 @@ NEXT_ROW = np.uint64(1)
 WORD_BITS = np.uint64(32)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def ones_in(context, word):  # type: ignore[no-untyped-def]
     """Return the number of ones among the bits of an unsigned integer: one instruction."""
     return types.uint64(types.uint64), lambda _, builder, __, arguments: builder.ctpop(arguments[0])
 
 
-@njit(fastmath=True, inline="always")
+@njit(fastmath=True)
 def row_at(word, before):  # type: ignore[no-untyped-def]
     """Return the row of a vertex from its word of the index and a mask of the word's vertices before it.
 

@@ -139,7 +139,8 @@ def evaluate_scene(scene: Scene, views: ViewSet, network: str | None = None, pro
         return Likeness.of(shown, truth), flip(shown, white), distance
 
     # Images are timed, so nothing else runs beside them; the metrics of a few are then computed side by side.
-    workers, found = min(usable_cpus(), MOST_AT_A_TIME), []
+    workers = min(usable_cpus(), MOST_AT_A_TIME)
+    found: list[tuple[Likeness, float, float | None]] = []
     with ThreadPoolExecutor(workers) as pool:
         for first in range(0, len(views.cameras), workers):
             some, images = range(first, min(first + workers, len(views.cameras))), []

@@ -32,6 +32,8 @@ from svv.train.quilt import Guides
 LEAST_SHARE = 0.3
 """Fraction of foreground above which a cell of the feature map is matched."""
 
+SEEN_AROUND = 24
+"""Distance in pixels up to which features see their surroundings: a conv3_3 of VGG-16 sees 20 pixels to each side."""
 
 WHOLE, LEAST_CELLS = 0.95, 16
 """Fraction of foreground above which a cell counts for the energy, and minimum number of such cells: outlines would
@@ -177,6 +179,7 @@ class StyleTarget:
         return loss
 
     def _matching(self, picture: Tensor, cover: Tensor, mean: Tensor, vectors: Tensor) -> Tensor:
+        picture, cover = cropped(picture, cover)
         # Cells lie on a grid of 4 pixels: a random shift each time keeps the grid from showing.
         top, left = torch.randint(STRIDE, (2,), generator=self._generator).tolist()
         features = self.network(picture[None, :, top:, left:])[0].flatten(1).T - mean
@@ -209,6 +212,27 @@ def solid(colours: Tensor, mask: Tensor, background: float) -> tuple[Tensor, Ten
         return colours, mask
     gain = 1 / mask.clamp_min(float(there.quantile(0.9)))
     return background + (colours - background) * gain, mask * gain
+
+
+def cropped(picture: Tensor, cover: Tensor) -> tuple[Tensor, Tensor]:
+    """Crop a render to what is matched and what features see around it: a small region costs less than a large one.
+
+    Args:
+        picture: The render. (3, h, w)
+        cover: Share of the region in its pixels, in [0, 1]. (h, w)
+
+    Returns:
+        Both, cropped to the pixels whose share exceeds ``LEAST_SHARE``, and :data:`SEEN_AROUND` more on each side.
+    """
+    there = cover.detach() > LEAST_SHARE
+    for axis in (0, 1):
+        lines = there.any(dim=1 - axis).nonzero()[:, 0]
+        if len(lines) == 0:
+            return picture, cover
+        first = max(0, int(lines[0]) - SEEN_AROUND) // STRIDE * STRIDE  # the grid of cells stays where it is
+        length = min(cover.shape[axis], int(lines[-1]) + SEEN_AROUND + 1) - first
+        picture, cover = picture.narrow(axis + 1, first, length), cover.narrow(axis, first, length)
+    return picture, cover
 
 
 def resized(picture: Tensor, long_side: int) -> Tensor:

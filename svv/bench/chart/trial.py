@@ -24,7 +24,7 @@ from svv._version import __version__
 from svv.bench.chart.plan import Training
 from svv.bench.chart.scenes import shrunk, spread_over, unseen_cameras
 from svv.bench.chart.tasks import RenderTask, TrainTask
-from svv.core.cameras import Camera, sphere_cameras
+from svv.core.cameras import Camera
 from svv.core.colour import WHITE
 from svv.core.metrics import Likeness
 from svv.ending import end_with
@@ -34,6 +34,7 @@ from svv.io.atomic import write_json
 from svv.io.scene_file import checkpoint_of
 from svv.io.view_meta import known
 from svv.io.viewset import ViewSet, read_meta
+from svv.job.ahead import ball_views
 from svv.job.source import VolumeSource
 from svv.kernels.dispatch import device_named
 from svv.measure import measured
@@ -66,15 +67,9 @@ def train(task: TrainTask, progress: Progress) -> None:
 
 def warm_up(run: Training) -> None:
     """Train briefly on a ball to exclude compiling from the run's seconds."""
-    cameras = sphere_cameras(6, (0.0, 0.0, 0.0), 4.0, float(np.radians(30.0)), 32)
-    images = np.zeros((6, 32, 32, 4), np.uint8)
-    y, x = np.mgrid[:32, :32] - 15.5
-    images[:, np.hypot(x, y) < 9.0] = (200, 60, 40, 255)
-    images[:, (np.hypot(x, y) < 9.0) & (x < 0)] = (40, 80, 200, 255)
-    ball = ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(6)))
     draft = preset("draft", run.encoding)
     few_cells = replace(draft, reconstruct=replace(draft.reconstruct, cells=32))
-    _train(ball, run, few_cells, 0.2, silent, None)
+    _train(ball_views(), run, few_cells, 0.2, silent, None)
 
 
 def _train(

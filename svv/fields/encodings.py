@@ -8,7 +8,7 @@ write its table: the backward pass adds to ``gradient`` and marks the vertices i
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -146,6 +146,17 @@ class SparseLattice(Encoding):
         """Return integer coordinates of a level's vertices, in the order of its rows, for the lattice's cells."""
         return np.argwhere(_vertices(_resample(occupied, cells, self.resolutions[level])))
 
+    def pieces_of_level(
+        self, level: int, occupied: NDArray[np.uint8], cells: int
+    ) -> Iterator[tuple[slice, NDArray[np.int64]]]:
+        """Yield rows of a level and the coordinates of their vertices, some at a time: millions take much memory."""
+        vertices = _vertices(_resample(occupied, cells, self.resolutions[level]))
+        there, first = np.flatnonzero(vertices), self.rows_of_level(level).start
+        for start in range(0, len(there), VERTICES_AT_A_TIME):
+            some = there[start : start + VERTICES_AT_A_TIME]
+            rows = slice(first + start, first + start + len(some))
+            yield rows, np.stack(np.unravel_index(some, vertices.shape), axis=1)
+
     def places_of_level(self, level: int, occupied: NDArray[np.uint8], cells: int) -> NDArray[np.float32]:
         """Return box coordinates for looking up a level's vertices, in the order of its rows. (V, 3)
 
@@ -205,10 +216,18 @@ class SparseLattice(Encoding):
         result = SparseLattice(occupied, cells, (*self.resolutions, *finer), self.features).to(self.table.device)
         with torch.no_grad():
             for level in range(self.levels):
-                vertices = torch.from_numpy(self.vertices_of_level(level, occupied, cells)).to(self.table.device)
-                old = stored_rows(vertices, self.shapes[level], self.bases[level], self.index)
-                result.table[result.rows_of_level(level)] = self.table[old]
+                left = _vertices(_resample(occupied, cells, self.resolutions[level]))[self._stored(level)]
+                old = self.table[self.rows_of_level(level)]
+                result.table[result.rows_of_level(level)] = old[torch.from_numpy(left).to(old.device)]
         return result
+
+    def _stored(self, level: int) -> NDArray[np.bool_]:
+        """Return which vertices of a level are stored, as the index has it. (X, Y, Z)"""
+        x, y, z = self.shapes[level].tolist()
+        words, base = -(-z // VERTICES_A_WORD), int(self.bases[level])
+        bits = self.index[base : base + x * y * words].cpu().numpy().astype("<u8").view("<u4")[::2]  # the lower halves
+        whole = np.unpackbits(np.ascontiguousarray(bits).view(np.uint8), bitorder="little")
+        return whole.reshape(x, y, words * VERTICES_A_WORD)[:, :, :z] > 0
 
     def summed(self, occupied: NDArray[np.uint8], cells: int) -> SparseLattice:
         """Return a lattice of only the finest level that gives exactly the sum of all levels' features.
@@ -220,13 +239,11 @@ class SparseLattice(Encoding):
             return self.restricted(occupied, cells)
         finest = self.resolutions[-1]
         result = SparseLattice(occupied, cells, (finest,), self.features)
-        vertices = result.vertices_of_level(0, occupied, cells)
         table, index = self.table.detach().cpu().numpy(), self.index.cpu()
         shapes, bases = self.shapes.cpu(), self.bases.tolist()
-        total = np.zeros((len(vertices), self.features), np.float32)
-        pieces = [slice(start, start + VERTICES_AT_A_TIME) for start in range(0, len(vertices), VERTICES_AT_A_TIME)]
-        for piece, (level, resolution) in itertools.product(pieces, enumerate(self.resolutions)):
-            low, rest = np.divmod(vertices[piece], finest // resolution)
+        total, pieces = np.zeros(result.table.shape, np.float32), result.pieces_of_level(0, occupied, cells)
+        for (piece, vertices), (level, resolution) in itertools.product(pieces, enumerate(self.resolutions)):
+            low, rest = np.divmod(vertices, finest // resolution)
             part = (rest * (resolution / finest)).astype(np.float32)
             for corner in itertools.product((0, 1), repeat=3):
                 weight = np.where(corner, part, 1.0 - part).prod(axis=1, dtype=np.float32)

@@ -52,7 +52,9 @@ def read_views(
     files, masks = [file_in(path, frame) for frame in frames], mask_files(path, frames)
     of: Sequence[Path | None] = masks or [None] * len(files)
     jobs = list(zip(files, of, strict=True))
-    decoded = list(in_threads(lambda job: _masked(*job), jobs, progress, label))
+    whole = _Whole(len(jobs))
+    numbered = list(enumerate(jobs))
+    decoded = list(in_threads(lambda job: whole.put(job[0], _masked(*job[1])), numbered, progress, label))
     images, assumed = with_alpha(decoded, files)
     taken = [
         camera_in(path, scene, frame, image.shape[1], image.shape[0])
@@ -68,7 +70,32 @@ def read_views(
         stated = all("w" in frame and "h" in frame for frame in frames)
         images, cameras = _of_one_size(images, cameras, files, stated)
         notes.append(RESIZED.format(width=cameras[0].width, height=cameras[0].height))
-    return np.stack(images), tuple(cameras), " ".join(notes) or None
+    return whole.of(images), tuple(cameras), " ".join(notes) or None
+
+
+class _Whole:
+    """An array of all images, into which each is decoded: images and their array together would take twice the memory.
+
+    Only images of one size with alpha fit; others stay what they are.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count, self._array = count, np.empty(0, np.uint8)
+        self._lock = threading.Lock()
+
+    def put(self, number: int, image: Images) -> Images:
+        """Return the image in its place in the array if it fits there."""
+        with self._lock:
+            if not self._array.size and image.shape[-1] == 4:
+                self._array = np.empty((self._count, *image.shape), np.uint8)
+        if image.shape != self._array.shape[1:]:
+            return image
+        self._array[number] = image
+        return np.asarray(self._array[number])
+
+    def of(self, images: Sequence[Images]) -> Images:
+        """Return the array if all images are still in their places, otherwise a new one. (n, h, w, 4)"""
+        return self._array if all(image.base is self._array for image in images) else np.stack(images)
 
 
 def _masked(file: Path, mask: Path | None) -> Images:

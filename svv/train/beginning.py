@@ -115,10 +115,9 @@ def begin(
     if known is not None:
         cells = min(KNOWN_CELLS * field.resolutions[-1], known.cells)
         density = SparseLattice(occupancy.occupied, occupancy.cells, (cells,), 1)
-        vertices = density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
-        exponent = known.at_vertices(vertices, density.resolutions[0])
         with torch.no_grad():
-            density.table.copy_(torch.from_numpy(exponent)[:, None])
+            for rows, vertices in density.pieces_of_level(0, occupancy.occupied, occupancy.cells):
+                density.table[rows, 0] = torch.from_numpy(known.at_vertices(vertices, cells))
         return Beginning(occupancy, density), None
     if field.encoding != "lattice" or not settings.tomography:
         return Beginning(occupancy), None

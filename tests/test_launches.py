@@ -27,6 +27,7 @@ from svv.kernels import dispatch
 from svv.train.batches import RayPool
 from svv.train.beginning import Beginning
 from svv.train.config import RecolourSettings, ReconstructSettings
+from svv.train.network_adam import NetworkAdam
 from svv.train.recolour import Recolouring
 from svv.train.reconstruct import Reconstruction
 from tests.interpreted import GPU, triton_kernels
@@ -75,13 +76,13 @@ def count(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], l
     from triton.runtime.interpreter import GridExecutor
 
     monkeypatch.setattr(dispatch, "kernels_of", lambda kind: triton_kernels)
-    counter, launch, step = Counter(), GridExecutor.__call__, torch.optim.Adam.step
+    counter, launch, step = Counter(), GridExecutor.__call__, NetworkAdam.step
 
     def counted_launch(self: Any, *args: Any, **kwargs: Any) -> Any:
         with counter.one(self.fn.__name__):
             return launch(self, *args, **kwargs)
 
-    def uncounted_step(self: torch.optim.Adam) -> Any:
+    def uncounted_step(self: NetworkAdam) -> Any:
         with counter.one(None):
             return step(self)
 
@@ -92,7 +93,7 @@ def count(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], l
         return list(counter.found)
 
     monkeypatch.setattr(GridExecutor, "__call__", counted_launch)
-    monkeypatch.setattr(torch.optim.Adam, "step", uncounted_step)
+    monkeypatch.setattr(NetworkAdam, "step", uncounted_step)
     return run
 
 

@@ -18,6 +18,7 @@ from svv.fields.encodings import LatticeAdam
 from svv.io.made import key_of
 from svv.io.scene_file import read_scene_file, write_scene_file
 from svv.train import ranks
+from svv.train.network_adam import NetworkAdam
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -62,7 +63,7 @@ class Checkpoint:
         self._write()
 
     def stage(
-        self, name: str, network: nn.Module, optimiser: torch.optim.Optimizer | None, tables: LatticeAdam
+        self, name: str, network: nn.Module, optimiser: torch.optim.Optimizer | NetworkAdam | None, tables: LatticeAdam
     ) -> StageState:
         """Return the state of a stage in progress, restored if the file holds a stage of that name."""
         return StageState(self, name, network, optimiser, tables)
@@ -88,7 +89,7 @@ class Checkpoint:
 class StageState:
     """Parameters and optimisers of one stage."""
 
-    def __init__(self, checkpoint: Checkpoint, name: str, network: nn.Module, optimiser: torch.optim.Optimizer | None,
+    def __init__(self, checkpoint: Checkpoint, name: str, network: nn.Module, optimiser: torch.optim.Optimizer | NetworkAdam | None,
                  tables: LatticeAdam) -> None:  # fmt: skip
         self.checkpoint, self.name = checkpoint, name
         self.network, self.optimiser, self.tables = network, optimiser, tables

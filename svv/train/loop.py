@@ -15,6 +15,7 @@ from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.train import ranks
 from svv.train.checkpoint import Checkpoint
 from svv.train.last_good import LastGood
+from svv.train.network_adam import NetworkAdam
 
 SAVE_EVERY = 30.0
 """Seconds between two checkpoints."""
@@ -162,7 +163,9 @@ def falling(fraction: float, end: float) -> float:
     return float(end**fraction)
 
 
-def network_adam(parameters: Sequence[Tensor] | Sequence[dict[str, Any]], rate: float = 1e-3) -> torch.optim.Adam:
+def network_adam(
+    parameters: Sequence[Tensor] | Sequence[dict[str, Any]], rate: float = 1e-3
+) -> torch.optim.Adam | NetworkAdam:
     """Return Adam for a stage's networks; on a GPU, one kernel updates all parameters of a group.
 
     Args:
@@ -171,4 +174,6 @@ def network_adam(parameters: Sequence[Tensor] | Sequence[dict[str, Any]], rate: 
     """
     first = parameters[0]
     one = first["params"][0] if isinstance(first, dict) else first
-    return torch.optim.Adam(parameters, rate, betas=(0.9, 0.99), eps=1e-12, fused=one.is_cuda or None)
+    if one.is_cuda:
+        return torch.optim.Adam(parameters, rate, betas=(0.9, 0.99), eps=1e-12, fused=True)
+    return NetworkAdam(parameters, rate, betas=(0.9, 0.99), eps=1e-12)

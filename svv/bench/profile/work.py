@@ -18,6 +18,7 @@ import svv.train.reconstruct
 from svv.core.encodings import lattice_corners
 from svv.kernels.types import ImageKernels, Kernels, Lattice
 from svv.train.batches import RayPool
+from svv.train.network_adam import NetworkAdam
 from svv.train.ranges import Owners
 from svv.train.reconstruct import Reconstruction
 
@@ -85,6 +86,7 @@ def watched(kernels: Kernels) -> list[Watched]:
         Watched(kernels, "lattice_backward", "encode, backward", lambda a: _encode(a[0], a[2], a[3].shape[1], 2)),
         Watched(kernels, "hash_backward", "encode, backward", lambda a: _hash(len(a[0]), len(a[2]), a[4].shape[1], 2)),
         Watched(kernels, "adam", "Adam, tables", _adam),
+        Watched(NetworkAdam, "step", "Adam, networks"),
         Watched(Reconstruction, "prune", "prune"),
         *([] if kernels.IMAGE is None else _watched_image(kernels.IMAGE)),
     ]  # fmt: skip

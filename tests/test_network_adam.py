@@ -68,7 +68,8 @@ def test_training_does_not_load_the_compiler_of_torch() -> None:
     code = (
         "import sys, svv.job.ahead as ahead; from dataclasses import replace\n"
         "from svv.train.config import preset; from svv.train.pipeline import train_scene\n"
-        "draft = preset('draft'); few = replace(draft, reconstruct=replace(draft.reconstruct, iterations=2, cells=16),\n"
+        "draft = preset('draft')\n"
+        "few = replace(draft, reconstruct=replace(draft.reconstruct, iterations=2, cells=16),\n"
         "    recolour=replace(draft.recolour, iterations=2))\n"
         "train_scene(ahead.ball_views(), few)\n"
         "assert 'torch._dynamo' not in sys.modules, 'the compiler was loaded'\n"

@@ -198,4 +198,5 @@ def _sample_buffers(capacity: int) -> tuple[NDArray[Any], ...]:
 
 
 def _empty(*shape: int) -> Tensor:
-    return torch.from_numpy(np.empty(shape, np.float32))
+    """Return a tensor as torch places it: where NumPy does, products of matrices may round differently in each run."""
+    return torch.empty(shape)

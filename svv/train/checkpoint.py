@@ -89,8 +89,10 @@ class Checkpoint:
 class StageState:
     """Parameters and optimisers of one stage."""
 
-    def __init__(self, checkpoint: Checkpoint, name: str, network: nn.Module, optimiser: torch.optim.Optimizer | NetworkAdam | None,
-                 tables: LatticeAdam) -> None:  # fmt: skip
+    def __init__(
+        self, checkpoint: Checkpoint, name: str, network: nn.Module,
+        optimiser: torch.optim.Optimizer | NetworkAdam | None, tables: LatticeAdam,
+    ) -> None:  # fmt: skip
         self.checkpoint, self.name = checkpoint, name
         self.network, self.optimiser, self.tables = network, optimiser, tables
         self.restored: tuple[int, float] | None = None

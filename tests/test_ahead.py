@@ -41,6 +41,12 @@ def test_another_version_or_cpu_compiles_again(started: list[list[str]], monkeyp
     assert ahead._marker() != before
 
 
+def test_little_memory_is_left_to_the_command(started: list[list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ahead, "memory_there", lambda: 2 << 30)
+    ahead.compile_beside()
+    assert not started
+
+
 def test_the_switch_turns_it_off(started: list[list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(ahead.SWITCH, "0")
     ahead.compile_beside()

@@ -12,12 +12,12 @@ TYPES = {
     "*fp32": "x g_out scales table out gradient first second rotations positions lenses origins directions tail "
     "position skipped sigma values transmittance weights g_transmittance g_sigma g_values first middle last g_x parts "
     "begin end passed shift",
-    "*i64": "shapes bases resolutions offsets pixels start count own chosen place taken",
-    "*i32": "index age ray",
+    "*i64": "shapes bases index resolutions offsets pixels start count own chosen place taken",
+    "*i32": "age ray",
     "*u8": "used distance known nearest",
     "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
     "cuts",
-    "i32": "samples rows finer width height rays nx ny nz seed first_ray inputs outputs size stride length",
+    "i32": "samples rows finer width height rays nx ny nz seed first_ray inputs outputs size stride length side",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}

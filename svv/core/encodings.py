@@ -134,7 +134,7 @@ def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, i
         x: Box coordinates, in the lattice's occupied cells. (S, 3)
         shapes: Number of vertices of each level along x, y, z, int64. (L, 3)
         scales: Cells per box unit of each level. (L,)
-        bases: First word of each level in ``index``, int64. (L,)
+        bases: First word of each level in ``index``, int64. (L,) What follows is not used.
         index: See :func:`stored_rows`.
         table: Features. (V, F)
 
@@ -142,9 +142,9 @@ def lattice_features(x: Tensor, shapes: Tensor, scales: Tensor, bases: Tensor, i
         Features of all levels. (S, L * F)
     """
     levels = []
-    for level in zip(shapes, scales, bases, strict=True):
+    for level in zip(shapes, scales, bases[: len(shapes)], strict=True):
         rows, weights = lattice_corners(x, *level, index)
-        levels.append((weights[:, :, None] * table[rows]).sum(dim=1))
+        levels.append((weights[:, :, None] * table[rows.clamp(max=len(table) - 1)]).sum(dim=1))
     return torch.cat(levels, dim=1)
 
 

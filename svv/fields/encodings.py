@@ -125,6 +125,7 @@ class SparseLattice(Encoding):
             index.append(words)
             rows += count
             ends.append(rows)
+        bases.append(max(rows - 2, 0))
         super().__init__(rows, features, len(resolutions))
         self.resolutions = tuple(int(r) for r in resolutions)
         self._ends = ends

@@ -22,6 +22,7 @@ from svv._version import __version__
 from svv.core.cameras import sphere_cameras
 from svv.io.cache import cache_folder
 from svv.io.made import key_of
+from svv.io.memory import memory_there
 from svv.io.viewset import ViewSet
 
 SWITCH = "SVV_COMPILE_AHEAD"
@@ -33,15 +34,18 @@ SIDE, STEPS = 32, 6
 POLITE = 10
 """Added to the niceness of the process: the command that started it comes first."""
 
+LEAST_MEMORY = 4 << 30
+"""Bytes of memory from which there is room for the process, which takes half a gigabyte, beside any other."""
+
 _started: list[subprocess.Popen[bytes]] = []
 
 
 def compile_beside() -> None:
-    """Start compiling in another process, unless this machine has it done for these versions, or it is turned off.
+    """Start compiling in another process, unless that was done, is turned off, or there is little memory for two.
 
     The process ends by itself, and after Ctrl-C with this one. If it fails, kernels are compiled when they are needed.
     """
-    if os.environ.get(SWITCH) == "0" or _marker().exists():
+    if os.environ.get(SWITCH) == "0" or memory_there() < LEAST_MEMORY or _marker().exists():
         return
     nowhere = subprocess.DEVNULL
     try:

@@ -35,7 +35,7 @@ def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used
     tasks write the same vertex, and each vertex sums in the order of the samples, whatever the number of threads. Even
     a lattice of one level has work for two threads.
     """
-    levels, features = shapes.shape[0], len(width)
+    levels, features, last = shapes.shape[0], len(width), np.uint64(bases[shapes.shape[0]])
     for task in prange(2 * levels):
         odd, level = task // levels, task % levels  # each of two threads gets all levels and so the same work
         scale, column = scales[level], level * features
@@ -50,7 +50,7 @@ def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used
             near, far = w * (ONE32 - wy), w * wy
             at = np.uint64(bases[level] + ((ix + beyond) * ny + iy) * words + (iz >> 5))
             before = (np.uint64(1) << np.uint64(iz & 31)) - np.uint64(1)
-            a, b = row_at(index[at], before), row_at(index[at + np.uint64(words)], before)
+            a, b = row_at(index[at], before, last), row_at(index[at + np.uint64(words)], before, last)
             weights = near * (ONE32 - wz), near * wz, far * (ONE32 - wz), far * wz
             rows = (a, a + NEXT_ROW, b, b + NEXT_ROW)
             for k in range(4):

@@ -22,13 +22,14 @@ def ones_in(context, word):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
-def row_at(word, before):  # type: ignore[no-untyped-def]
+def row_at(word, before, last):  # type: ignore[no-untyped-def]
     """Return the row of a vertex from its word of the index and a mask of the word's vertices before it.
 
-    See :func:`svv.core.encodings.stored_rows`.
+    See :func:`svv.core.encodings.stored_rows`. A position on the rim of an occupied cell may be rounded into the next
+    one, whose far corners are not stored: their weight is nearly 0, but their rows must not exceed ``last``.
     """
     bits = np.uint64(word)
-    return (bits >> WORD_BITS) + ones_in(bits & before)
+    return min((bits >> WORD_BITS) + ones_in(bits & before), last)
 
 
 @njit(fastmath=True)
@@ -48,8 +49,9 @@ def cell_at(x, y, z, level, shapes, scales, bases, index):  # type: ignore[no-un
     at = np.uint64(bases[level] + (ix * ny + iy) * words + (iz >> 5))
     right, behind = np.uint64(words), np.uint64(ny * words)
     before = (np.uint64(1) << np.uint64(iz & 31)) - np.uint64(1)
-    a, b = row_at(index[at], before), row_at(index[at + right], before)
-    c, d = row_at(index[at + behind], before), row_at(index[at + behind + right], before)
+    last = np.uint64(bases[shapes.shape[0]])
+    a, b = row_at(index[at], before, last), row_at(index[at + right], before, last)
+    c, d = row_at(index[at + behind], before, last), row_at(index[at + behind + right], before, last)
     return a, b, c, d, fx - np.float32(ix), fy - np.float32(iy), fz - np.float32(iz)
 
 

@@ -30,8 +30,9 @@ def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
 
 def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
     parts = g.split(gradient.shape[1], dim=1)
-    for shape, scale, base, part in zip(where.shapes, where.scales, where.bases, parts, strict=True):
-        _scatter(*lattice_corners(x, shape, scale, base, where.index), part, gradient, used)
+    for shape, scale, base, part in zip(where.shapes, where.scales, where.bases[:-1], parts, strict=True):
+        rows, weights = lattice_corners(x, shape, scale, base, where.index)
+        _scatter(rows.clamp(max=len(gradient) - 1), weights, part, gradient, used)
 
 
 def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:

@@ -134,7 +134,7 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
         for corner in tl.static_range(4):
             # Vertices are numbered in raster order, so the neighbour in z always has the next number.
             word = tl.load(at + (corner >> 1) * ny * words + (corner & 1) * words, mask=inside, other=0)
-            row = row_of(word, iz)
+            row = row_of(word, iz, tl.load(bases + LEVELS))
             low = tl.load(table + row, mask=inside, other=0.0)
             high = tl.load(table + row + 1, mask=inside, other=0.0)
             w = (wx if corner & 2 else 1.0 - wx) * (wy if corner & 1 else 1.0 - wy)

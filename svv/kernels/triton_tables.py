@@ -33,13 +33,16 @@ def corner_weight(wx, wy, wz, corner: tl.constexpr):  # type: ignore[no-untyped-
 
 
 @triton.jit
-def row_of(word, z):  # type: ignore[no-untyped-def]
-    """Return the row of a vertex from its word of the index; see :func:`svv.core.encodings.stored_rows`."""
+def row_of(word, z, last):  # type: ignore[no-untyped-def]
+    """Return the row of a vertex from its word of the index; see :func:`svv.core.encodings.stored_rows`.
+
+    ``last``: see :func:`svv.kernels.numba_trilinear.row_at`.
+    """
     before = word & ((tl.full(z.shape, 1, tl.int64) << (z & 31).to(tl.int64)) - 1)
     before = (before & 0x55555555) + (before >> 1 & 0x55555555)
     before = (before & 0x33333333) + (before >> 2 & 0x33333333)
     before = (before & 0x0F0F0F0F) + (before >> 4 & 0x0F0F0F0F)
-    return (word >> 32) + (before * 0x01010101 >> 24 & 0xFF)
+    return tl.minimum((word >> 32) + (before * 0x01010101 >> 24 & 0xFF), last)
 
 
 @triton.jit
@@ -71,7 +74,7 @@ def lattice_encode(  # type: ignore[no-untyped-def]
     for corner in tl.static_range(8):
         # Vertices are numbered in raster order, so the neighbour in z always has the next number.
         word = tl.load(index + at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y, mask=there, other=0)
-        row = row_of(word, z) + (corner & 1)
+        row = row_of(word, z, tl.load(bases + LEVELS)) + (corner & 1)
         value = tl.load(table + row[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
         total += corner_weight(wx, wy, wz, corner)[:, None] * value
     tl.store(out + (i * LEVELS + level)[:, None] * FEATURES + f[None, :], total, mask=both)
@@ -93,7 +96,7 @@ def lattice_backward(  # type: ignore[no-untyped-def]
     one = tl.full((BLOCK,), 1, tl.uint8)
     for corner in tl.static_range(8):
         word = tl.load(index + at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y, mask=there, other=0)
-        row = row_of(word, z) + (corner & 1)
+        row = row_of(word, z, tl.load(bases + LEVELS)) + (corner & 1)
         share = corner_weight(wx, wy, wz, corner)[:, None] * g
         tl.atomic_add(gradient + row[:, None] * FEATURES + f[None, :], share, mask=both, sem="relaxed")
         tl.store(used + row, one, mask=there)

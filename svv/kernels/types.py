@@ -18,7 +18,7 @@ class Lattice:
     scales: Tensor
     """Cells per box unit of each level, float32. (L,)"""
     bases: Tensor
-    """First word of each level in ``index``, int64. (L,)"""
+    """First word of each level in ``index``, and the last row but one, which no look-up exceeds, int64. (L + 1,)"""
     index: Tensor
     """Which vertices are stored, and in which rows, int64; see :func:`svv.core.encodings.stored_rows`."""
 

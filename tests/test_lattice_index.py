@@ -48,3 +48,14 @@ def test_the_index_takes_a_quarter_of_a_byte_for_each_vertex() -> None:
     lattice = SparseLattice(occupied, 64, (64,), 1)
     assert lattice.index.element_size() * lattice.index.numel() == 65 * 65 * 64 * 8 // VERTICES_A_WORD
     assert len(lattice.table) == 8
+
+
+@given(st.integers(0, 10**6), st.integers(1, 80), st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3))
+def test_no_look_up_leaves_the_table(seed: int, length: int, part: list[float]) -> None:
+    """Not even one in a cell that is not stored, into which rounding may move a position."""
+    lattice, occupied = lattice_of(seed, length, 0.05)
+    layout = lattice.shapes.numpy(), lattice.scales.numpy(), lattice.bases.numpy(), lattice.index.numpy()
+    x, y, z = (np.array(part) * occupied.shape / 8).astype(np.float32)
+    for level in range(2):
+        *rows, _, _, _ = cell_at(x, y, z, level, *layout)
+        assert max(rows) + 1 < len(lattice.table)

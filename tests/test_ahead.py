@@ -61,6 +61,7 @@ def test_a_process_that_cannot_start_does_no_harm(started: list[list[str]], monk
     ahead.compile_beside()
 
 
+@pytest.mark.slow
 def test_the_small_job_trains_both_lights_and_paints(monkeypatch: pytest.MonkeyPatch) -> None:
     from svv.kernels import numba_image, numba_kernels
 

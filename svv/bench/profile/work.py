@@ -125,7 +125,7 @@ def _march(march: Callable[..., Any], a: Sequence[Any]) -> Work:
 
 def _distinct(x: Tensor, lattice: Lattice) -> int:
     """Return the number of rows of a lattice's table that are read for the positions."""
-    levels = zip(lattice.shapes, lattice.scales, lattice.bases, strict=True)
+    levels = zip(lattice.shapes, lattice.scales, lattice.bases[:-1], strict=True)
     return sum(len(lattice_corners(x, *level, lattice.index)[0].unique()) for level in levels)
 
 

@@ -25,8 +25,8 @@ def ones_in(context, word):  # type: ignore[no-untyped-def]
 def row_at(word, before, last):  # type: ignore[no-untyped-def]
     """Return the row of a vertex from its word of the index and a mask of the word's vertices before it.
 
-    See :func:`svv.core.encodings.stored_rows`. A position on the rim of an occupied cell may be rounded into the next
-    one, whose far corners are not stored: their weight is nearly 0, but their rows must not exceed ``last``.
+    See :func:`svv.core.encodings.stored_rows`. The rows of vertices that are not stored mean nothing, but no
+    look-up may leave the table: none exceeds ``last``.
     """
     bits = np.uint64(word)
     return min((bits >> WORD_BITS) + ones_in(bits & before), last)

@@ -52,11 +52,13 @@ def demo(
     """
     from svv.job.ahead import compile_beside
     from svv.job.demo import run_demo
+    from svv.job.run import check
     from svv.job.steps import JobSettings
 
+    settings = JobSettings(drawing, training, path, recolour=True)
+    check(settings)
     compile_beside()
-
-    print(run_demo(out, JobSettings(drawing, training, path, recolour=True), resolution, shown))
+    print(run_demo(out, settings, resolution, shown))
 
 
 @spread

@@ -30,15 +30,16 @@ def write(folder: Path) -> None:
 def commands() -> Iterator[str]:
     """Yield every command with its arguments, options and examples."""
     from svv.cli import paraview
-    from svv.cli.app import COMMANDS
+    from svv.cli.app import COMMANDS, command_of
     from svv.cli.bench import COMMANDS as BENCH
 
     yield "# Commands\n"
     yield OPEN
     yield "`svv COMMAND --help` says the same in a terminal. How commands end, what they read and what they resume: "
     yield "[conventions](command-line.md).\n"
-    for name, (function, examples) in COMMANDS.items():
-        yield from _command(f"svv {name}", function, examples)
+    for name in COMMANDS:
+        if name != "bench":  # a group, at the end
+            yield from _command(f"svv {name}", *command_of(name))
     for function in (paraview.paraview, paraview.pvpython, paraview.pvbatch, paraview.pvserver):
         yield from _command(f"svv {function.__name__}", function, ())
     for name, (function, examples) in BENCH.items():

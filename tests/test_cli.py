@@ -118,6 +118,25 @@ def test_the_command_alone_shows_its_help_and_its_version() -> None:
     assert run("--version").stdout.startswith("svv 0.")
 
 
+def test_the_help_says_of_each_command_what_the_command_says_of_itself() -> None:
+    for name, (_, said) in cli.COMMANDS.items():
+        told = (bench.bench if name == "bench" else cli.command_of(name)[0]).__doc__ or ""
+        assert " ".join(told.split("\n\n")[0].split()) == said, name
+
+
+def test_a_command_is_imported_when_it_is_called() -> None:
+    code = (
+        "import sys; sys.argv = ['svv', '--help']\n"
+        "from svv.cli import app as cli\n"
+        "try: cli.main()\n"
+        "except SystemExit as end: assert not end.code\n"
+        "commands = {f'svv.cli.{module}' for module, _ in cli.COMMANDS.values()} & set(sys.modules)\n"
+        "assert not commands, commands"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def is_one_sentence(text: str) -> bool:
     return text.startswith("svv: ") and text.count("\n") == 1 and "Traceback" not in text
 

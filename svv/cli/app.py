@@ -1,6 +1,7 @@
 """The ``svv`` command: reads arguments, calls the layers below and prints the result.
 
-Heavy imports are inside the commands, so ``svv --help`` answers at once.
+Heavy imports are inside the commands, and a command's module is imported when it is called, so ``svv --help`` answers
+at once.
 
 Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130 stopped by the user.
 """
@@ -8,16 +9,19 @@ Exit codes: 0 done, 2 bad use or bad input (one sentence on standard error), 130
 from __future__ import annotations
 
 import functools
+import importlib
 import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from keyword import iskeyword
 from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from svv._version import __version__
-from svv.cli import bench, cache, cinema, edit, features, follow, job, join, paraview, render, scene, style, stylize
+from svv.cli import paraview
 from svv.cli.options import examples
 from svv.ending import end_with
 from svv.errors import BadInput, Cancelled, Elsewhere
@@ -26,7 +30,92 @@ from svv.io.memory import check_address_space
 from svv.measure import share_cores
 from svv.train.ranks import place
 
+COMMANDS: dict[str, tuple[str, str]] = {
+    "demo": (
+        "job",
+        "Run the whole job on generated data: volume, views, training, edits, styles, a movie and a report.",
+    ),
+    "run": ("job", "Run the whole job on a volume or on views: training, scores, styles, a movie and a report."),
+    "views": ("job", "Render views of a volume: training views on a sphere around it, test views on the orbit."),
+    "import": ("cinema", "Make a folder of views from a Cinema database: ParaView's, Ascent's or pycinema's."),
+    "train": ("scene", "Train a scene on views."),
+    "edit": (
+        "edit",
+        "Edit a scene's regions: colour, opacity, light, outlines, visibility and connected parts. Nothing is trained.",
+    ),
+    "palette": ("edit", "Correct a scene's palette by hand and train its regions again; the base network is kept."),
+    "stylize": ("stylize", "Paint a scene's regions in the style of pictures, or draw them in ink."),
+    "join": ("join", "Join scenes of several transfer functions of one volume, to show them alone or together."),
+    "follow": ("follow", "Add the other time steps of its volume to a scene, without views or training."),
+    "render": ("render", "Render a scene: an orbit as a movie or frames, a single view, or its time steps."),
+    "evaluate": ("scene", "Score a scene against views of the volume: PSNR, SSIM, FLIP and LPIPS."),
+    "export": (
+        "cinema",
+        "Write a scene for other programs: a page for browsers, a Cinema database, or a volume for "
+        "ParaView or Blender.",
+    ),
+    "view": (
+        "cinema",
+        "Show a scene in the browser: from all sides, with its palette, opacities, paintings and light to edit.",
+    ),
+    "info": ("scene", "Show what a scene contains: its regions, networks and size, and how it was made."),
+    "styles": ("style", "List the gallery of style pictures, or write them to a folder with a contact sheet."),
+    "style-mask": ("style", "Select the part of a style picture that `svv stylize --style-mask` learns from."),
+    "features": ("features", "Show or fetch the networks that match styles (VGG-16) and measure LPIPS (AlexNet)."),
+    "cache": (
+        "cache",
+        "Show or clear what is kept so that it need not be computed again: results of ParaView's "
+        "filters, and pyramids.",
+    ),
+    "bench": (
+        "bench",
+        "Measure accuracy against time, stability, consistency between frames, and the effect of each part.",
+    ),
+}
+"""Each command's name, its module in :mod:`svv.cli`, and the first paragraph of its help, in the order of the help."""
+
+
+def command_of(name: str) -> tuple[Callable[..., None], Sequence[str]]:
+    """Return the function of a command and the examples in its help."""
+    module, word = importlib.import_module(f"svv.cli.{COMMANDS[name][0]}"), name.replace("-", "_")
+    return getattr(module, f"{word}_" if iskeyword(word) else word), getattr(module, word.upper())
+
+
+class Commands(TyperGroup):
+    """The commands, each imported when it is called: help and every command would wait for all of them otherwise."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in the order of the help: ParaView's programs after our own, measuring last."""
+        *ours, last = COMMANDS
+        return [*ours, *super().list_commands(ctx), last]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command of a name, or None."""
+        if cmd_name not in COMMANDS:
+            return super().get_command(ctx, cmd_name)
+        if cmd_name == "bench":
+            from svv.cli import bench
+
+            return typer.main.get_command(bench.app)
+        command, lines = command_of(cmd_name)
+        one = typer.Typer(add_completion=False, rich_markup_mode="rich")
+        one.command(cmd_name, epilog=examples(*lines))(_guarded(command))
+        return typer.main.get_command(one)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help as click does: what frames the help of a command takes half a second to import."""
+        super(TyperGroup, self).format_help(ctx, formatter)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write what each command does, without importing it."""
+        programs = {name: self.get_command(ctx, name).help for name in super().list_commands(ctx)}
+        with formatter.section("Commands"):
+            said = {name: told for name, (_, told) in COMMANDS.items()} | programs
+            formatter.write_dl([(name, said[name]) for name in self.list_commands(ctx)])
+
+
 app = typer.Typer(
+    cls=Commands,
     name="svv",
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -53,7 +142,7 @@ def svv(
         print(f"svv {__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        context.get_help()  # prints it
+        print(context.get_help())
         raise typer.Exit
     here = place()
     if here.count > 1 and context.invoked_subcommand not in TOGETHER:
@@ -61,29 +150,6 @@ def svv(
             raise typer.Exit
         print(f"svv {context.invoked_subcommand} runs in one process; the others have nothing to do.", file=sys.stderr)
 
-
-COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
-    "demo": (job.demo, job.DEMO),
-    "run": (job.run, job.RUN),
-    "views": (job.views, job.VIEWS),
-    "import": (cinema.import_, cinema.IMPORT),
-    "train": (scene.train, scene.TRAIN),
-    "edit": (edit.edit, edit.EDIT),
-    "palette": (edit.palette, edit.PALETTE),
-    "stylize": (stylize.stylize, stylize.STYLIZE),
-    "join": (join.join, join.JOIN),
-    "follow": (follow.follow, follow.FOLLOW),
-    "render": (render.render, render.RENDER),
-    "evaluate": (scene.evaluate, scene.EVALUATE),
-    "export": (cinema.export, cinema.EXPORT),
-    "view": (cinema.view, cinema.VIEW),
-    "info": (scene.info, scene.INFO),
-    "styles": (style.styles, style.STYLES),
-    "style-mask": (style.style_mask, style.STYLE_MASK),
-    "features": (features.features, features.FEATURES),
-    "cache": (cache.cache, cache.CACHE),
-}
-"""Each command's name, its function and the examples in its help, in the order of the help."""
 
 TOGETHER = ("views", "train", "render", "export")
 """Commands that share their work among the processes that ``torchrun`` starts; for others, the first does all."""
@@ -106,9 +172,6 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-for _name, (_command, _examples) in COMMANDS.items():
-    app.command(_name, epilog=examples(*_examples))(_guarded(_command))
-app.add_typer(bench.app, name="bench")
 paraview.add_to(app)  # last, as in the help
 
 

@@ -9,7 +9,7 @@ import typer
 from svv.cli.bench import blind, chart, judge, profile, sheets, stability, styles
 from svv.cli.options import examples
 
-app = typer.Typer(no_args_is_help=True)
+app = typer.Typer(name="bench", no_args_is_help=True)
 
 COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "chart": (chart.chart, chart.CHART),

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from svv.bricks.source import Box, Level, level_of
 from svv.errors import BadInput
+from svv.kernels.numba_options import FAST_MATH
 
 BROAD, FINE = (3.1, 0.11), (61.0, 0.004)
 """Wave number and strength of the two flows, in a cube that reaches from -1 to 1."""
@@ -63,7 +64,7 @@ def _waves(place: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.sum(terms, axis=0).T.astype(np.float32).copy()
 
 
-@njit(nogil=True, fastmath=True, cache=True)
+@njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def _generate(x, across_x, y, across_y, z, across_z, out):  # type: ignore[no-untyped-def]
     for k in range(len(z)):
         for j in range(len(y)):

@@ -12,6 +12,8 @@ import math
 import numpy as np
 from numba import njit
 
+from svv.kernels.numba_options import FAST_MATH
+
 BRICK = 32
 """Cells along each side of a brick."""
 
@@ -37,7 +39,7 @@ SPENT = np.float32(1.0 / 128.0)
 """Transmittance at which a ray ends, as in VTK's ray caster (255 / 32767)."""
 
 
-@njit(nogil=True, fastmath=True, cache=True, inline="always")
+@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
 def encoded(gx, gy, gz):  # type: ignore[no-untyped-def]
     """Return the code of a gradient's axis, regardless of its sign; 0 for no gradient.
 
@@ -99,7 +101,7 @@ def find_visible(box, first, ranges, seen):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(nogil=True, fastmath=True, cache=True)
+@njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def fill(box, first, to_world, values, codes):  # type: ignore[no-untyped-def]
     """Copy a brick's voxels, and encode the normals there.
 
@@ -133,7 +135,7 @@ def fill(box, first, to_world, values, codes):  # type: ignore[no-untyped-def]
                 place += 1
 
 
-@njit(nogil=True, fastmath=True, cache=True, inline="always")
+@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
 def _leaves(o, d, low, high):  # type: ignore[no-untyped-def]
     """Return the distance at which a ray that is inside a slab leaves it."""
     if d > 1e-12:
@@ -143,7 +145,7 @@ def _leaves(o, d, low, high):  # type: ignore[no-untyped-def]
     return 1e30
 
 
-@njit(nogil=True, fastmath=True, cache=True)
+@njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def through_block(  # type: ignore[no-untyped-def]
     ox, oy, oz, dx, dy, dz, step, k, until, values, codes, table, low, gain, shades, red, green, blue, through
 ):
@@ -184,7 +186,7 @@ def through_block(  # type: ignore[no-untyped-def]
     return red, green, blue, through
 
 
-@njit(nogil=True, fastmath=True, cache=True, inline="always")
+@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
 def _between(v00, v01, v10, v11, wx, wy):  # type: ignore[no-untyped-def]
     """Interpolate bilinearly."""
     v0 = np.float32(v00) + wx * (np.float32(v01) - np.float32(v00))
@@ -192,7 +194,7 @@ def _between(v00, v01, v10, v11, wx, wy):  # type: ignore[no-untyped-def]
     return v0 + wy * (v1 - v0)
 
 
-@njit(nogil=True, fastmath=True, cache=True, inline="always")
+@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
 def _shade(codes, shades, which, a, b, c, d, wx, wy, wz):  # type: ignore[no-untyped-def]
     """Interpolate a column of the shades of a cell's eight voxels."""
     near = _between(
@@ -206,7 +208,7 @@ def _shade(codes, shades, which, a, b, c, d, wx, wy, wz):  # type: ignore[no-unt
     return near + wz * (far - near)
 
 
-@njit(nogil=True, fastmath=True, cache=True, inline="always")
+@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
 def _ray(u, v, frame, pixel):  # type: ignore[no-untyped-def]
     """Return the start and direction of the ray through a place in the image; see :func:`march`."""
     ox, oy, oz = frame[0, 0], frame[0, 1], frame[0, 2]
@@ -219,7 +221,7 @@ def _ray(u, v, frame, pixel):  # type: ignore[no-untyped-def]
     return ox, oy, oz, (dx + ax) / length, (dy + ay) / length, (dz + az) / length
 
 
-@njit(nogil=True, fastmath=True, cache=True, inline="always")
+@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
 def _clipped(o, d, low, high, near, far):  # type: ignore[no-untyped-def]
     """Return the part of a ray from ``near`` to ``far`` that lies in a slab; the first is larger if none does."""
     if abs(d) < 1e-12:
@@ -228,7 +230,7 @@ def _clipped(o, d, low, high, near, far):  # type: ignore[no-untyped-def]
     return max(near, min(a, b)), min(far, max(a, b))
 
 
-@njit(nogil=True, fastmath=True, cache=True)
+@njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def march(  # type: ignore[no-untyped-def]
     rays, width, frame, corner, pixel, bounds, step, slots, stamps, now, seen, values, codes, table, low, gain, shades,
     state, samples, wanted,

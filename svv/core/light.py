@@ -61,8 +61,11 @@ class Lamp:
             raise BadInput(f"The light's intensity must be a number of at least 0, not {self.intensity}.")
         if self.direction is not None:
             direction = np.asarray(self.direction, np.float64)
-            if direction.shape != (3,) or not np.isfinite(direction).all() or not np.linalg.norm(direction) > 0:
+            if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
                 raise BadInput(f"Light cannot come from {self.direction}: give a direction x, y and z, not all 0.")
+            largest = np.abs(direction).max()
+            if not 1e-100 < largest < 1e100:  # its square would be infinite, or 0
+                direction = direction / largest
             object.__setattr__(self, "direction", tuple(float(v) for v in direction))
 
     @property

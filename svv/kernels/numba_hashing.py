@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from svv.kernels.numba_options import FAST_MATH
+
 PRIMES = (np.uint64(2654435761), np.uint64(805459861))
 """Factors of the hash for y and z."""
 
@@ -63,7 +65,7 @@ def read(table, first, end):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def encode(x, resolutions, offsets, table, out):  # type: ignore[no-untyped-def]
     """Compute the features of all levels, concatenated: x (S, 3) in [0, 1] -> out (S, L * F)."""
     levels, features = resolutions.shape[0], table.shape[1]
@@ -80,7 +82,7 @@ def encode(x, resolutions, offsets, table, out):  # type: ignore[no-untyped-def]
                 )  # fmt: skip
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def encode_backward(x, g_out, resolutions, offsets, g_table, used):  # type: ignore[no-untyped-def]
     """Add the gradient of :func:`encode` with respect to the table to ``g_table`` (V, F); mark rows in ``used``."""
     levels, features = resolutions.shape[0], g_table.shape[1]

@@ -22,6 +22,7 @@ from svv.core.compositing import LEAST_ALPHA
 from svv.core.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.kernels.numba_marching import RAYS_A_BLOCK
+from svv.kernels.numba_options import FAST_MATH
 from svv.kernels.numba_trilinear import ONE32, cell_at, mean_of, weights_of
 from svv.kernels.types import Lattice, Samples, Surface
 
@@ -29,13 +30,13 @@ RIM32, GRAZING32 = np.float32(RIM_COSINE), np.float32(LEAST_COSINE)
 """The constants in single precision; with Python floats, numba would compute in double precision."""
 
 
-@njit(fastmath=True, inline="always")
+@njit(fastmath=FAST_MATH, inline="always")
 def _softplus(x):  # type: ignore[no-untyped-def]
     """Return log(1 + e^x), computed as in torch."""
     return x if x > 20.0 else np.log1p(np.exp(x))
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit, plain):  # type: ignore[no-untyped-def]
     """Write inputs of the lighting MLP, ``lit`` (S, L F + H), and of the palette MLP, ``plain`` (S, L F).
 
@@ -58,7 +59,7 @@ def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, li
             lit[i, levels * own + k] = harmonics[r, k]
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-untyped-def]
     """Write diffuse colour I sum_i w_i (P_i + delta_i) (S, 3) and region (S,) from the palette MLP (S, 1 + 4 P)."""
     count = colours.shape[0]
@@ -78,7 +79,7 @@ def _material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-u
         diffuse[i, 0], diffuse[i, 1], diffuse[i, 2] = scale * red, scale * green, scale * blue
 
 
-@njit(fastmath=True, inline="always")
+@njit(fastmath=FAST_MATH, inline="always")
 def _lit(colour, i, factor, shade, specular):  # type: ignore[no-untyped-def]
     """Light a sample's diffuse ``colour`` (S, 3) in place, given f, a m and f (c_s - b).
 
@@ -89,7 +90,7 @@ def _lit(colour, i, factor, shade, specular):  # type: ignore[no-untyped-def]
         colour[i, c] = colour[i, c] * shade + specular
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
     """Light diffuse ``colour`` (S, 3) in place with the output of the lighting MLP (S, 1 or 2).
 
@@ -103,7 +104,7 @@ def _light(raw, lights, region, shift, colour):  # type: ignore[no-untyped-def]
         _lit(colour, i, lights[r, 0], lights[r, 1] * shade, specular)
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _phong(  # type: ignore[no-untyped-def]
     position, ray, facing, toward, half, intensity, shapes, scales, bases, index, normals, scale, soft, raw,
     coefficients, floor, lights, region, colour,
@@ -151,7 +152,7 @@ def _phong(  # type: ignore[no-untyped-def]
         _lit(colour, i, lights[k, 0], shade, lights[k, 0] * (highlight - lights[k, 2]))
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _composite(  # type: ignore[no-untyped-def]
     position, sigma, skipped, colour, region, opacity, origins, start, count, tail, step, size, faint, rgba, depth, seen
 ):

@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from svv.kernels.numba_options import FAST_MATH
 from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at, mean_of, row_at, weights_of
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def encode(x, shapes, scales, bases, index, table, width, out):  # type: ignore[no-untyped-def]
     """Compute the trilinear features of all levels, concatenated: x (S, 3) -> out (S, L * F).
 
@@ -27,7 +28,7 @@ def encode(x, shapes, scales, bases, index, table, width, out):  # type: ignore[
                 out[i, level * features + f] = mean_of(table, a, b, c, d, w, np.uint64(f))
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used):  # type: ignore[no-untyped-def]
     """Add the gradient of :func:`encode` with respect to the table to ``g_table`` (V, F); mark rows in ``used`` (V,).
 
@@ -63,7 +64,7 @@ BIAS_CORRECTED_STEPS = 10000
 """Number of steps after which Adam's bias correction no longer changes."""
 
 
-@njit(fastmath=True, cache=True)
+@njit(fastmath=FAST_MATH, cache=True)
 def bias_corrections(beta1, beta2):  # type: ignore[no-untyped-def]
     """Return 1 - beta1^n and 1 / (1 - beta2^n) for n = 0 to :data:`BIAS_CORRECTED_STEPS`, float32; row 0 is unused.
 
@@ -77,7 +78,7 @@ def bias_corrections(beta1, beta2):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def adam(  # type: ignore[no-untyped-def]
     table, gradient, used, first, second, age, rate, beta1, beta2, epsilon, pull, corrections, finer
 ):

@@ -15,13 +15,14 @@ import numpy as np
 from numba import njit, prange
 
 from svv.kernels.numba_leaping import octant
+from svv.kernels.numba_options import FAST_MATH
 from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at
 
 RAYS_A_BLOCK = 64
 """Number of rays in a block, which one thread marches; the samples of a block are written contiguously."""
 
 
-@njit(fastmath=True)
+@njit(fastmath=FAST_MATH)
 def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
     """Return the sum over levels of the trilinear interpolation of a one-channel table."""
     total = np.float32(0.0)
@@ -34,7 +35,7 @@ def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: i
     return total
 
 
-@njit(fastmath=True)
+@njit(fastmath=FAST_MATH)
 def clip_to_box(origins, directions, r, extent):  # type: ignore[no-untyped-def]
     """Return the distances at which ray r enters and leaves the box; the first is larger if it misses the box."""
     near, far = np.float32(0.0), np.float32(1e30)
@@ -49,7 +50,7 @@ def clip_to_box(origins, directions, r, extent):  # type: ignore[no-untyped-def]
     return near, far
 
 
-@njit(fastmath=True)
+@njit(fastmath=FAST_MATH)
 def uniform(seed, a, b):  # type: ignore[no-untyped-def]
     """Return a random number in [0, 1) from three integers (counter-based, so threads need no state)."""
     h = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) ^ np.uint64(a) * np.uint64(0xBF58476D1CE4E5B9)
@@ -62,13 +63,13 @@ def uniform(seed, a, b):  # type: ignore[no-untyped-def]
     return np.float32(h >> np.uint64(40)) * np.float32(1.0 / 16777216.0)
 
 
-@njit(fastmath=True)
+@njit(fastmath=FAST_MATH)
 def inverse(d):  # type: ignore[no-untyped-def]
     """Return 1 / d, or 0 for a ray parallel to the planes normal to the axis."""
     return np.float32(0.0) if abs(d) < 1e-9 else np.float32(1.0) / d
 
 
-@njit(fastmath=True)
+@njit(fastmath=FAST_MATH)
 def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
     """Return where a ray leaves the slab of ``empty`` cells that begins with a cell, along one axis."""
     if inverse_d == 0.0:
@@ -76,7 +77,7 @@ def leap(cell, empty, d, o, inverse_d, side):  # type: ignore[no-untyped-def]
     return (np.float32(cell + empty if d > 0 else cell + 1 - empty) * side - o) * inverse_d
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins,
     directions,
@@ -205,7 +206,7 @@ def gather(start, count, offset, position, skipped, sigma, ray, position_, skipp
         start[r] = b
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def composite(sigma, skipped, values, start, count, tail, step, out, transmittance, weights):  # type: ignore[no-untyped-def]
     """Composite ``values`` (S, C) front to back: out_r = sum_i w_i v_i, and the transmittance behind the ray."""
     channels = values.shape[1]
@@ -224,7 +225,7 @@ def composite(sigma, skipped, values, start, count, tail, step, out, transmittan
         transmittance[r] = t * np.exp(-tail[r])
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def composite_backward(  # type: ignore[no-untyped-def]
     sigma, skipped, values, weights, start, count, step, out, transmittance, g_out, g_transmittance, g_sigma, g_values
 ):

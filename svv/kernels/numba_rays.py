@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from svv.kernels.numba_options import FAST_MATH
 
-@njit(parallel=True, fastmath=True, cache=True)
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def pixel_rays(pixels, rotations, positions, lenses, width, height, origins, directions):  # type: ignore[no-untyped-def]
     """Compute the rays through pixel centres.
 

@@ -13,10 +13,11 @@ from numba import njit, prange
 
 from svv.kernels.numba_leaping import octant
 from svv.kernels.numba_marching import clip_to_box, interpolate_scalar, inverse, leap
+from svv.kernels.numba_options import FAST_MATH
 from svv.kernels.numba_trilinear import ONE32
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def optical_depths(  # type: ignore[no-untyped-def]
     origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, stop, out
 ):
@@ -69,7 +70,7 @@ def optical_depths(  # type: ignore[no-untyped-def]
         out[r] = depth
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def back_project(vertices, scale, rotations, positions, lenses, images, sums):  # type: ignore[no-untyped-def]
     """Write, for each vertex, the sum over views of what their images hold where the vertex is seen.
 

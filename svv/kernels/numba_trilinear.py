@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
+from svv.kernels.numba_options import FAST_MATH
+
 ONE32 = np.float32(1.0)
 NEXT_ROW = np.uint64(1)
 WORD_BITS = np.uint64(32)
@@ -21,7 +23,7 @@ def ones_in(context, word):  # type: ignore[no-untyped-def]
     return types.uint64(types.uint64), lambda _, builder, __, arguments: builder.ctpop(arguments[0])
 
 
-@njit(fastmath=True)
+@njit(fastmath=FAST_MATH)
 def row_at(word, before, last):  # type: ignore[no-untyped-def]
     """Return the row of a vertex from its word of the index and a mask of the word's vertices before it.
 
@@ -32,7 +34,7 @@ def row_at(word, before, last):  # type: ignore[no-untyped-def]
     return min((bits >> WORD_BITS) + ones_in(bits & before), last)
 
 
-@njit(fastmath=True)
+@njit(fastmath=FAST_MATH)
 def cell_at(x, y, z, level, shapes, scales, bases, index):  # type: ignore[no-untyped-def]
     """Return the rows of four corners of a position's cell, and its offset from the first along each axis, in cells.
 
@@ -55,7 +57,7 @@ def cell_at(x, y, z, level, shapes, scales, bases, index):  # type: ignore[no-un
     return a, b, c, d, fx - np.float32(ix), fy - np.float32(iy), fz - np.float32(iz)
 
 
-@njit(fastmath=True)
+@njit(fastmath=FAST_MATH)
 def weights_of(wx, wy, wz):  # type: ignore[no-untyped-def]
     """Return the weights of the eight corners, neighbours in z next to each other."""
     ux, uy, uz = ONE32 - wx, ONE32 - wy, ONE32 - wz
@@ -63,7 +65,7 @@ def weights_of(wx, wy, wz):  # type: ignore[no-untyped-def]
     return uu * uz, uu * wz, uw * uz, uw * wz, wu * uz, wu * wz, ww * uz, ww * wz
 
 
-@njit(fastmath=True)
+@njit(fastmath=FAST_MATH)
 def mean_of(table, a, b, c, d, w, f):  # type: ignore[no-untyped-def]
     """Return the mean of column ``f`` over a cell's rows (:func:`cell_at`) with weights ``w`` (:func:`weights_of`)."""
     return (

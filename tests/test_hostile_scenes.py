@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
+from svv.core.light import Lamp
 from svv.errors import BadInput
 from svv.fields.encodings import LatticeAdam
 from svv.fields.networks import BaseField
@@ -190,3 +194,14 @@ def test_a_checkpoint_of_another_network_is_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "c").write_bytes(scene_bytes(header, {**tensors, name: np.zeros(3, np.float32)}))
     with pytest.raises(BadInput, match="delete it"):
         resume()
+
+
+@given(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3).filter(any))
+def test_a_direction_has_a_length_whatever_its_numbers(direction: tuple[float, float, float]) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        kept = Lamp(direction=direction).direction
+    assert kept is not None
+    assert 0 < np.linalg.norm(kept) < np.inf
+    largest = int(np.argmax(np.abs(direction)))
+    assert np.argmax(np.abs(kept)) == largest and np.sign(kept[largest]) == np.sign(direction[largest])

@@ -16,8 +16,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from svv.bricks.source import Box, Level, level_of
+from svv.core.fast_math import FAST_MATH
 from svv.errors import BadInput
-from svv.kernels.numba_options import FAST_MATH
 
 BROAD, FINE = (3.1, 0.11), (61.0, 0.004)
 """Wave number and strength of the two flows, in a cube that reaches from -1 to 1."""

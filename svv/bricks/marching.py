@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from svv.kernels.numba_options import FAST_MATH
+from svv.core.fast_math import FAST_MATH
 
 BRICK = 32
 """Cells along each side of a brick."""

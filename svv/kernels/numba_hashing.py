@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.numba_options import FAST_MATH
+from svv.core.fast_math import FAST_MATH
 
 PRIMES = (np.uint64(2654435761), np.uint64(805459861))
 """Factors of the hash for y and z."""

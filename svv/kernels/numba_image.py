@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.compositing import LEAST_ALPHA
+from svv.core.fast_math import FAST_MATH
 from svv.core.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.kernels.numba_marching import RAYS_A_BLOCK
-from svv.kernels.numba_options import FAST_MATH
 from svv.kernels.numba_trilinear import ONE32, cell_at, mean_of, weights_of
 from svv.kernels.types import Lattice, Samples, Surface
 

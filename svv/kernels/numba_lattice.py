@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.numba_options import FAST_MATH
+from svv.core.fast_math import FAST_MATH
 from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at, mean_of, row_at, weights_of
 
 

@@ -14,8 +14,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from svv.core.fast_math import FAST_MATH
 from svv.kernels.numba_leaping import octant
-from svv.kernels.numba_options import FAST_MATH
 from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at
 
 RAYS_A_BLOCK = 64

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from svv.kernels.numba_options import FAST_MATH
+from svv.core.fast_math import FAST_MATH
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)

@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from svv.core.fast_math import FAST_MATH
 from svv.kernels.numba_leaping import octant
 from svv.kernels.numba_marching import clip_to_box, interpolate_scalar, inverse, leap
-from svv.kernels.numba_options import FAST_MATH
 from svv.kernels.numba_trilinear import ONE32
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
-from svv.kernels.numba_options import FAST_MATH
+from svv.core.fast_math import FAST_MATH
 
 ONE32 = np.float32(1.0)
 NEXT_ROW = np.uint64(1)

@@ -37,7 +37,7 @@ test: check paraview browser openvdb
 	$(PYTEST) -m "not slow"
 
 test-slow: paraview browser
-	$(PYTEST) -m slow
+	$(PYTEST) -m slow --hypothesis-profile thorough
 
 # Every CPU rounds sums in a different order, and some have half precision. These runs imitate a CPU without AVX on one
 # thread, one with AVX2 on two threads, and one with AMX.

@@ -79,6 +79,7 @@ def test_a_sheet_has_a_row_a_scene_and_a_column_a_style_and_is_not_painted_twice
     assert {file: file.stat().st_mtime_ns for file in out.glob("*.svv")} == made
 
 
+@pytest.mark.slow
 def test_figures_show_parts_alone_together_and_edited(scene: Path, styles: list[str], tmp_path: Path) -> None:
     out = tmp_path / "figures"
     several, parts, edits = paint_figures(scene, styles, out, HOW)

@@ -132,7 +132,9 @@ def overlap(scene: Scene, views: ViewSet, found: KnownRegions | Labels) -> np.nd
     return np.asarray((both / (both.sum(0) + both.sum(1, keepdims=True) - both)).max(axis=1))
 
 
-@pytest.mark.parametrize("name", ["nested", "greys", "regions-similar"])
+@pytest.mark.parametrize(
+    "name", ["greys", *(pytest.param(n, marks=pytest.mark.slow) for n in ("nested", "regions-similar"))]
+)
 def test_ranges_that_pixels_confuse_are_regions_with_their_colours(name: str) -> None:
     """Shells in each other, grey beside white, and hues that are too close for a palette of pixels."""
     # With half of the steps, seeds differ by more than 1 in the colour of the grey.

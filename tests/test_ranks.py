@@ -107,6 +107,7 @@ def test_a_rank_that_dies_ends_the_run_which_another_number_of_ranks_resumes(
     )
 
 
+@pytest.mark.slow
 def test_the_first_rank_may_die_too(tmp_path: Path) -> None:
     """It has the store by which the ranks meet, and it writes the checkpoint."""
     (first, _, _), (second, _, said) = together(["tests.ranked", tmp_path, "first dies"])

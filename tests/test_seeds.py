@@ -105,6 +105,7 @@ def test_no_kernel_may_reorder_sums() -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 4])
+@pytest.mark.slow
 def test_other_numbers_of_threads_give_as_good_a_scene(threads: int) -> None:
     """Sums are rounded in another order, which training amplifies, but not to the better or worse."""
     assert trained(threads)[0] == threads

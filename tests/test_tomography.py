@@ -194,6 +194,7 @@ SHORT = replace(
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_it_helps() -> None:
     train, test = views_of(orbit(42)), views_of(orbit(12))
     fog = replace(SHORT, reconstruct=replace(SHORT.reconstruct, tomography=False))

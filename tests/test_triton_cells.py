@@ -55,6 +55,7 @@ def test_leaps_end_at_the_nearest_occupied_cell(shape: tuple[int, int, int], sha
     np.testing.assert_array_equal(triton_kernels.leaps(occupied.to(DEVICE)).cpu(), expected)
 
 
+@pytest.mark.slow
 def test_no_leap_is_longer_than_a_byte() -> None:
     occupied = torch.zeros(1, 1, 300, dtype=torch.uint8)
     occupied[0, 0, 0] = 1

@@ -127,6 +127,7 @@ def test_a_movable_light_is_that_of_the_renderer(open_page: Any, balls: Scene, t
     assert opened.psnr(dark, front(scene)) > CLOSE
 
 
+@pytest.mark.slow
 def test_paintings_are_shown_in_turn_and_their_names_are_only_text(
     open_page: Any, painted: Scene, tmp_path: Path
 ) -> None:
@@ -152,6 +153,7 @@ def test_paintings_are_shown_in_turn_and_their_names_are_only_text(
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+@pytest.mark.slow
 def test_eight_regions_and_five_paintings(open_page: Callable[..., Opened], balls: Scene, tmp_path: Path) -> None:
     torch.manual_seed(2)
     palette = PaletteField(balls.settings, balls.occupancy, balls.base.geometry_width, torch.rand(8, 3))

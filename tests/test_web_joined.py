@@ -79,6 +79,7 @@ def least(opened: Opened, scene: Scene, network: str | None = None) -> float:
     return min(opened.psnr(scene, front(scene, frame=frame), network) for frame in FRAMES)
 
 
+@pytest.mark.slow
 def test_functions_are_shown_together_and_alone(open_page: Any, both: Scene, page_of_both: Path) -> None:
     opened = shown(open_page, page_of_both)
     page = opened.page
@@ -132,6 +133,7 @@ def test_the_nearer_function_hides_the_other(open_page: Any, parts: tuple[Scene,
     assert np.abs(pictures[0] - pictures[1]).max() < 0.02, "their order in the list does not matter"
 
 
+@pytest.mark.slow
 def test_a_painted_function_beside_one_that_is_not(open_page: Any, brushed: Scene, tmp_path: Path) -> None:
     write_html(tmp_path / "painted.html", brushed, "painted")
     opened = shown(open_page, tmp_path / "painted.html")

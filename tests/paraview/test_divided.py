@@ -227,6 +227,7 @@ print("SAID", json.dumps([first, second, status(views)]))
 )
 
 
+@pytest.mark.slow
 def test_trouble_on_any_rank_is_one_sentence_and_the_ranks_work_on(mpiexec: Callable) -> None:
     """The values that are not numbers are on the last rank only."""
     done = mpiexec(TROUBLE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
 
@@ -79,6 +80,7 @@ print("SAID", status(train))
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.slow
 def test_a_server_learns_what_the_client_shows(pvpython, pvserver) -> None:
     pvpython(
         VOLUME

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.paraview.test_volume import VIEW
 
 BOTH = """
@@ -40,6 +42,7 @@ for name in ("cube.svv", "two.svv"):
 """
 
 
+@pytest.mark.slow
 def test_scenes_side_by_side_share_a_camera_and_the_mouse(inside) -> None:
     said = inside(
         VIEW

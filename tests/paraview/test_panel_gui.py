@@ -19,6 +19,7 @@ from tests.cube import cube_scene
 
 SCRIPT = """
 from paraview.simple import *
+import pytest
 from svv.pv.follow import busy, fit, show_image
 
 scene, style = ARGUMENTS
@@ -101,6 +102,7 @@ def pixels(picture: Path) -> np.ndarray:
     return np.asarray(Image.open(picture).convert("RGB"), np.int16)
 
 
+@pytest.mark.slow
 def test_the_panels_stand_beside_their_previews(gui: Callable, tmp_path: Path) -> None:
     # SVV_SCREENSHOT names a folder for the pictures of the documentation, SVV_SCENE a scene to show in them.
     kept, scene = os.environ.get("SVV_SCREENSHOT"), os.environ.get("SVV_SCENE")

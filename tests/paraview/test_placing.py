@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from svv.core.cameras import Camera
@@ -96,6 +97,7 @@ draw("opaque")
     assert (np.abs(read(tmp_path / "opaque.png") - meant).max(axis=2) > 0.05).mean() < 0.02
 
 
+@pytest.mark.slow
 def test_the_picture_is_that_of_the_camera_whoever_moves_it(inside, tmp_path: Path) -> None:
     said = inside(
         VIEW

@@ -57,6 +57,7 @@ def test_what_is_finished_is_not_done_again(made: Path, pvpython) -> None:
     assert (made / "out" / "scene.svv").stat().st_mtime_ns == before
 
 
+@pytest.mark.slow
 def test_a_state_is_taken_as_it_was_saved(made: Path, pvpython, tmp_path: Path) -> None:
     pvpython(
         """

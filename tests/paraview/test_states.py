@@ -178,6 +178,7 @@ told("taken")
     assert taken["worked"] == ["stylize_scene", "make_views", "train_scene", "stylize_scene"], taken["status"]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_kept_is_said_and_a_scene_file_of_views_is_read_again(run: Run, tmp_path: Path) -> None:
     script = """
 volume, display = shown()
@@ -199,6 +200,7 @@ told("plain")
     assert again["worked"] == ["make_views"] and same(again, first), again["status"]
 
 
+@pytest.mark.slow
 def test_a_server_tells_its_client_under_which_name_it_keeps_the_scene(pvpython, pvserver) -> None:
     pvpython(
         VOLUME

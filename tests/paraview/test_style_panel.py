@@ -42,6 +42,7 @@ said["gallery"] = arrays(paint, 1)["RGBA"].shape
     assert said["parts"] == [0, 1] and 0.3 < said["part"] < 0.7 and said["gallery"] == [512, 512, 3]
 
 
+@pytest.mark.slow
 def test_points_of_a_mask_are_set_in_the_view(inside, tmp_path: Path) -> None:
     # A picture larger than it is used: 1600 x 1200 pixels are shown as 1024 x 768.
     picture = np.full((1200, 1600, 3), (0.85, 0.2, 0.1), np.float32)

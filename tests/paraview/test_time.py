@@ -190,6 +190,7 @@ assert set(asked()) <= {None, *times}
     )
 
 
+@pytest.mark.slow
 def test_the_orbit_is_an_animation_at_one_time_of_the_data(pvpython, tmp_path) -> None:
     pvpython(
         SOURCE

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from svv.options.baking import BakeOptions
@@ -79,6 +80,7 @@ said["no scene"] = status(StyleRFVolume(Input=PlotOverLine(Input=Wavelet())))
     assert "is not a scene" in said["no scene"]
 
 
+@pytest.mark.slow
 def test_the_3d_view_shows_the_scene_among_other_things(inside, tmp_path: Path) -> None:
     write_baked(tmp_path / "file.vti", bake(cube_scene()))
     said = inside(

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from svv.cli.options import parse_colour
@@ -19,7 +20,6 @@ from tests.cube import cube_scene
 
 SCRIPT = """
 from paraview.simple import *
-import pytest
 from svv.pv.follow import busy, fit, show_image
 
 scene, style = ARGUMENTS

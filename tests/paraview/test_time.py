@@ -22,8 +22,7 @@ def counting(name):
         counted.append(name)
         return plain(*arguments)
     setattr(work, name, counted_one)
-counting("train")
-counting("draw_views")
+[counting(name) for name in ("train", "draw_views")]
 
 def blob(time, size=16):
     z, y, x = np.mgrid[0:size, 0:size, 0:size]

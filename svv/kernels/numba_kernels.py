@@ -33,7 +33,7 @@ IMAGE: ImageKernels | None = numba_image
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
-    out = _empty(len(x), len(where.scales) * table.shape[1])
+    out = torch.empty(len(x), len(where.scales) * table.shape[1])
     x = x.contiguous()  # each layout of an array would be compiled separately
     numba_lattice.encode(x.numpy(), *_layout(where), table.detach().numpy(), (0.0,) * table.shape[1], out.numpy())
     return out
@@ -46,7 +46,7 @@ def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, use
 
 
 def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
-    out = _empty(len(x), len(resolutions) * table.shape[1])
+    out = torch.empty(len(x), len(resolutions) * table.shape[1])
     numba_hashing.encode(x.numpy(), resolutions.numpy(), offsets.numpy(), table.detach().numpy(), out.numpy())
     return out
 
@@ -78,7 +78,7 @@ def marked_rows(marks: Tensor) -> Tensor:
 def pixel_rays(
     pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
 ) -> tuple[Tensor, Tensor]:
-    origins, directions = _empty(len(pixels), 3), _empty(len(pixels), 3)
+    origins, directions = torch.empty(len(pixels), 3), torch.empty(len(pixels), 3)
     arrays = (camera.numpy() for camera in cameras)
     numba_rays.pixel_rays(pixels.numpy(), *arrays, width, height, origins.numpy(), directions.numpy())
     return origins, directions
@@ -141,7 +141,7 @@ def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tens
 
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
     rays, channels = len(samples.start), values.shape[1]
-    out, transmittance, weights = _empty(rays, channels), _empty(rays), _empty(len(sigma))
+    out, transmittance, weights = torch.empty(rays, channels), torch.empty(rays), torch.empty(len(sigma))
     numba_marching.composite(
         sigma.numpy(), samples.skipped.numpy(), values.numpy(), samples.start.numpy(), samples.count.numpy(),
         samples.tail.numpy(), np.float32(samples.step), out.numpy(), transmittance.numpy(), weights.numpy(),
@@ -153,7 +153,7 @@ def composite_backward(
     sigma: Tensor, values: Tensor, weights: Tensor, samples: Samples, out: Tensor, transmittance: Tensor,
     g_out: Tensor, g_transmittance: Tensor,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    g_sigma, g_values = _empty(len(sigma)), _empty(*values.shape)
+    g_sigma, g_values = torch.empty(len(sigma)), torch.empty(*values.shape)
     numba_marching.composite_backward(
         sigma.numpy(), samples.skipped.numpy(), values.numpy(), weights.numpy(), samples.start.numpy(),
         samples.count.numpy(), np.float32(samples.step), out.numpy(), transmittance.numpy(), g_out.numpy(),
@@ -195,8 +195,3 @@ def _sample_buffers(capacity: int) -> tuple[NDArray[Any], ...]:
         np.empty(capacity, np.float32),
         np.empty(capacity, np.int32),
     )
-
-
-def _empty(*shape: int) -> Tensor:
-    """Return a tensor as torch places it: where NumPy does, products of matrices may round differently in each run."""
-    return torch.empty(shape)

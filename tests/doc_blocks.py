@@ -147,8 +147,8 @@ def _svv(arguments: Sequence[str]) -> None:
     command: Any = typer.main.get_command(app)
     while hasattr(command, "commands") and rest and not rest[0].startswith("-"):
         name, *rest = rest
-        assert name in command.commands, f"There is no command {name}."
-        command = command.commands[name]
+        command = command.get_command(None, name)
+        assert command is not None, f"There is no command {name}."
     if name in ("pvpython", "pvbatch") and "paraview_scripts" in " ".join(rest):
         _script(rest)
         return

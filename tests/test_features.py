@@ -192,6 +192,7 @@ def test_a_style_of_one_colour_is_no_measure_of_detail() -> None:
 # --- judging ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_features_are_judged_by_likeness_to_the_style(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Flat grey is further from a style than what was stylized with features that work."""
     monkeypatch.setattr("svv.bench.styles.judge_features.STYLE_PICTURES", ("stippling",))

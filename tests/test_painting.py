@@ -52,6 +52,7 @@ def on_tube(axis: np.ndarray, radius: float, count: int, seed: int = 0) -> tuple
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 0.3), st.floats(0.1, 0.2))
+@pytest.mark.slow
 def test_strokes_run_along_a_tube_whatever_its_direction(axis: tuple[float, ...], radius: float) -> None:
     direction = np.array(axis) / np.linalg.norm(axis)
     points, outward, _ = on_tube(direction, radius, 200)

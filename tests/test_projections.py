@@ -155,6 +155,7 @@ def nearest(camera: Camera) -> float:
     return float(min(found))
 
 
+@pytest.mark.slow
 def test_parallel_views_teach_as_much_as_others() -> None:
     scores = []
     for span in (None, CameraRig((0.0, 0.0, 0.0), 4.0, np.radians(30)).view_width):

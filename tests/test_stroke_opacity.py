@@ -73,6 +73,7 @@ AMOUNT = st.floats(-1.0, 1.0)
 
 @given(st.tuples(AMOUNT, AMOUNT, AMOUNT))
 @settings(max_examples=15)
+@pytest.mark.slow
 def test_regions_are_as_opaque_as_they_were(painted: Scene, amounts: tuple[float, float, float]) -> None:
     scene = painted
     for region, amount in enumerate(amounts):

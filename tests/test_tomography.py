@@ -154,6 +154,7 @@ def test_unseen_views_have_the_same_alpha(n: int, parallel: bool, least: float) 
     assert "tomography" in reason
 
 
+@pytest.mark.slow
 def test_the_extinction_itself_is_recovered() -> None:
     density, occupancy, _ = begun(views_of(orbit(92)))
     vertices = density.vertices_of_level(0, occupancy.occupied, occupancy.cells)
@@ -202,6 +203,7 @@ def test_it_helps() -> None:
     assert scores[0] > scores[1] + 2.0
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_goes_on_from_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The extinction is kept: a time limit would otherwise find another one, with another layout."""
     train, file = views_of(orbit(12)), tmp_path / "run"

@@ -63,7 +63,7 @@ def test_python_learns_from_the_volume_unless_told_otherwise(views: ViewSet) -> 
 
 @pytest.mark.parametrize("command", ["train", "run", "demo", "palette"])
 def test_every_command_that_trains_offers_the_choice(command: str) -> None:
-    function, _ = app.COMMANDS[command]
+    function, _ = app.command_of(command)
     assert "views_only" in inspect.signature(function).parameters
 
 

@@ -110,6 +110,7 @@ def test_pictures_are_those_of_the_renderer_and_edits_act(open_page: Any, balls:
     assert opened.psnr(scene, cameras[2]) > CLOSE
 
 
+@pytest.mark.slow
 def test_a_movable_light_is_that_of_the_renderer(open_page: Any, balls: Scene, tmp_path: Path) -> None:
     scene = lit(balls)
     write_html(tmp_path / "lit.html", scene, "lit")

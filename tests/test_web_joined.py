@@ -102,6 +102,7 @@ def test_functions_are_shown_together_and_alone(open_page: Any, both: Scene, pag
     assert least(opened, edited.edited(3, opacity=1.5)) > CLOSE
 
 
+@pytest.mark.slow
 def test_a_lamp_lights_the_functions_that_it_can(open_page: Any, both: Scene, page_of_both: Path) -> None:
     opened = shown(open_page, page_of_both)
     opened.page.get_by_label("Light from the right of the camera, in degrees").fill("70")
@@ -120,6 +121,7 @@ def test_parallel_rays_meet_boxes_of_all_sizes(open_page: Any, both: Scene, page
     assert opened.psnr(both, flat) > CLOSE
 
 
+@pytest.mark.slow
 def test_the_nearer_function_hides_the_other(open_page: Any, parts: tuple[Scene, Scene], tmp_path: Path) -> None:
     """Opaque, from both sides: layers are composited by distance, not one after the other."""
     first, second = (faint(scene, 3.0) for scene in parts)

@@ -31,6 +31,7 @@ assert scene(train) not in (first, None)
     assert "SAID Stopped" in result.stdout
 
 
+@pytest.mark.slow
 def test_two_trainings_at_once_and_what_is_deleted_meanwhile(pvpython) -> None:
     result = pvpython(
         VOLUME
@@ -100,6 +101,7 @@ assert scene(train) != first, "the client's edit did not reach the server"
     )
 
 
+@pytest.mark.slow
 def test_the_image_of_a_server_follows_the_client_s_camera(pvpython, pvserver, tmp_path) -> None:
     from tests.cube import cube_scene
 

@@ -93,6 +93,7 @@ drag(targets[0], (0.5, 0.5), (0.6, 0.55), (0.7, 0.6))  # does no harm
     assert said["ended"] == [True, True] and said["one"] == [True, True, True]
 
 
+@pytest.mark.slow
 def test_clicks_into_an_image_that_follows_still_choose_parts(inside) -> None:
     said = inside(
         VIEW

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
 from svv.fields.joined import joined, members
@@ -13,6 +14,7 @@ from svv.fields.scene import Scene
 from tests.cube import cube_camera, cube_scene, lit_cube_scene
 
 
+@pytest.mark.slow
 def test_functions_of_a_volume_are_trained_and_joined(pvpython, tmp_path: Path) -> None:
     """Two filters on one volume: each keeps the transfer function that was shown when it was made."""
     pvpython(

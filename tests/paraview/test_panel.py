@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from svv.core.cameras import sphere_cameras
 from svv.core.light import Lamp
@@ -179,6 +180,7 @@ said["no region"] = status(palette)
     assert said["reset"] == [0, [0, 1, 2]] and "no region 7" in said["no region"]
 
 
+@pytest.mark.slow
 def test_a_click_makes_a_part_a_region_of_its_own(inside, tmp_path: Path) -> None:
     loose_balls().save(tmp_path / "balls.svv")
     said = inside("""

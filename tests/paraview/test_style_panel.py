@@ -17,6 +17,7 @@ from svv.train.style_choice import pairs_by_colour
 from tests.cube import cube_scene
 
 
+@pytest.mark.slow
 def test_masks_are_shown_and_kept_before_anything_is_painted(inside, tmp_path: Path) -> None:
     said = inside("""
 reader = OpenDataFile(folder + "/cube.svv")
@@ -131,6 +132,7 @@ said["reset"] = [status(paint), style()]
     assert painted.regions[0].strength == 0.25 and said["reset"][1] == ["", "", ""]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_painted_is_one_sentence(inside) -> None:
     said = inside("""
 reader = OpenDataFile(folder + "/cube.svv")

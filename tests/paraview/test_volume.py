@@ -175,6 +175,7 @@ said["display"] = shown_as(display)
     assert said["display"][:3] == ["Volume", 0, "RGBA"]
 
 
+@pytest.mark.slow
 def test_a_server_draws_it_with_the_same_opacities(inside, pvserver, tmp_path: Path) -> None:
     draw = """
 view = small_view()

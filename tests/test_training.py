@@ -254,9 +254,8 @@ def test_same_seed_same_scene(views: ViewSet, tiny: None, trained: tuple[Scene, 
     np.testing.assert_array_equal(again.render(front()).rgba, trained[0].render(front()).rgba)
 
 
-@pytest.mark.parametrize(
-    "stop_at", [pytest.param(0.3, marks=pytest.mark.slow), 0.6, 0.8]
-)  # before the lattice is refined, after that, and in stage 2
+# Before the lattice is refined, after that, and in stage 2.
+@pytest.mark.parametrize("stop_at", [pytest.param(0.3, marks=pytest.mark.slow), 0.6, 0.8])
 def test_a_stopped_training_goes_on_to_the_same_scene(
     views: ViewSet, tiny: None, trained: tuple[Scene, dict[str, object]], tmp_path: Path, stop_at: float,
     monkeypatch: pytest.MonkeyPatch,

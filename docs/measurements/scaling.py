@@ -68,7 +68,7 @@ def chart(rows: list[dict[str, object]], path: Path) -> None:
     left.set(xlabel="pixels", ylabel="seconds of an image", title=f"{most} threads")
     right.plot([1, most], [1, most], color="0.7", linestyle=":", label="ideal")
     right.set(xlabel="threads", ylabel="times as fast as one", title="800 x 800 pixels")
-    left.legend(loc="upper left")
+    left.legend(loc="lower right", fontsize="small")
     right.legend()
     figure.savefig(path, dpi=110)
 

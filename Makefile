@@ -28,13 +28,27 @@ PIP       := "$(BIN)/python" -m pip install -qq --disable-pip-version-check --no
 PYTEST    := OMP_WAIT_POLICY=passive "$(BIN)/python" -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow test-processors coverage check docs tools install paraview browser openvdb clean
+.PHONY: demo test test-slow test-processors coverage check docs tools install paraview browser openvdb ready system kernels clean
 
 demo: $(INSTALLED)
 	"$(BIN)/svv" demo --out "$(OUT)" $(OPTIONS)
 
-test: check paraview browser openvdb
+test: ready
 	$(PYTEST) -m "not slow"
+
+# pip and apt fetch packages side by side. Then one CPU checks types while the other compiles the kernels, which each of
+# pytest's processes would otherwise compile for itself.
+ready:
+	@$(MAKE) --no-print-directory -j2 tools system
+	@$(MAKE) --no-print-directory -j3 check paraview kernels
+
+system:
+	@.ci/paraview "$(SVV_PARAVIEW)"
+	@.ci/browser
+	@.ci/openvdb
+
+kernels: $(INSTALLED)
+	@"$(BIN)/python" -m svv.job.ahead
 
 test-slow: paraview browser
 	$(PYTEST) -m slow --hypothesis-profile thorough

@@ -78,7 +78,7 @@ def test_without_a_browser_the_tests_go_on(run: Callable, tmp_path: Path) -> Non
     assert "sudo apt-get install chromium" in done.stderr and "skipped" in done.stderr
 
 
-@pytest.mark.parametrize("target", ["install", "check", "paraview", "demo", "clean"])
+@pytest.mark.parametrize("target", ["install", "check", "paraview", "kernels", "demo", "clean"])
 def test_make_quotes_paths_with_spaces(target: str, tmp_path: Path) -> None:
     venv, out = tmp_path / "my env", "my demo"
     (venv / "bin").mkdir(parents=True)

@@ -132,6 +132,7 @@ def test_strange_names(name: str, scene: Path, tmp_path: Path, monkeypatch: pyte
     assert {p.name for p in folder.iterdir()} == {name, *(f"{name}{end}" for end in (".svv", "2.svv", ".mp4", ".cdb"))}
 
 
+@pytest.mark.slow
 def test_a_path_of_four_thousand_characters(scene: Path, tmp_path: Path) -> None:
     name = "/".join(["a" * 199] * 20)
     done = svv("render", scene, "--size", 16, "--out", f"{tmp_path}/{name}.png")

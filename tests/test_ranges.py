@@ -150,7 +150,9 @@ def accuracy(views: ViewSet, preset: Preset) -> tuple[np.ndarray, list[float]]:
     return both / either, region_overlaps(scene, views, volume)
 
 
-@pytest.mark.parametrize("hue", [BLUE, RED], ids=["of its own hue", "of the core's hue"])
+@pytest.mark.parametrize(
+    "hue", [pytest.param(BLUE, marks=pytest.mark.slow), RED], ids=["of its own hue", "of the core's hue"]
+)
 def test_trained_regions_are_the_ranges(hue: tuple[float, float, float]) -> None:
     """A translucent shell around a red core: each region is nine tenths its range at least."""
     tf = bumps((0.3, 0.4, 0.1, hue), (0.8, 0.5, 0.8, RED))
@@ -170,6 +172,7 @@ def test_a_short_training_tells_a_white_in_the_shade_from_a_grey() -> None:
     assert accuracy(views, short)[0].min() > 0.85
 
 
+@pytest.mark.slow
 def test_a_range_that_is_not_seen_is_no_region() -> None:
     """A core inside of an opaque shell."""
     tf = bumps((0.4, 0.3, 1.0, BLUE), (0.85, 0.2, 0.8, RED))

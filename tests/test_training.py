@@ -249,6 +249,7 @@ def test_scene_file_gives_the_same_images(trained: tuple[Scene, dict[str, object
     assert (tmp_path / "a.svv").stat().st_size == (tmp_path / "b.svv").stat().st_size
 
 
+@pytest.mark.slow
 def test_same_seed_same_scene(views: ViewSet, tiny: None, trained: tuple[Scene, dict[str, object]]) -> None:
     again, _ = train_scene(views, "tiny")
     np.testing.assert_array_equal(again.render(front()).rgba, trained[0].render(front()).rgba)

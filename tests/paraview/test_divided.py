@@ -120,7 +120,9 @@ if ranks.number == 0:
     ("ranks", "cases"),
     [
         (2, ["as it is", "on the last rank", "mirrored, whole numbers"]),
-        (4, ["as it is", "with ghosts", "whole on each rank", "on cells", "turned"]),
+        pytest.param(
+            4, ["as it is", "with ghosts", "whole on each rank", "on cells", "turned"], marks=pytest.mark.slow
+        ),
     ],
     ids=["2", "4"],
 )

@@ -323,6 +323,7 @@ assert scene(train) != first and counted == ["draw_views", "train"] * 2, counted
     )
 
 
+@pytest.mark.slow
 def test_what_looks_at_a_view_looks_at_its_time(pvpython, tmp_path) -> None:
     pvpython(
         SOURCE

@@ -26,6 +26,7 @@ ONE_THREAD = {
     "NUMBA_THREADING_LAYER": "workqueue",
     "VTK_SMP_BACKEND_IN_USE": "Sequential",
     "SVV_OFFLINE": "1",
+    "SVV_COMPILE_AHEAD": "0",  # each run would start it anew: the marker that it was done is in its empty home
 }
 """Environment in which forks are sound; it must be set before anything heavy is imported."""
 

@@ -66,3 +66,10 @@ def cube_camera(size: int = 24) -> Camera:
     pose = np.eye(4)
     pose[2, 3] = 3.0
     return Camera(pose, 0.5, size, size)
+
+
+def faint(scene: Scene, factor: float = 0.3) -> Scene:
+    """The scene with all regions more transparent, so that what lies behind can be seen."""
+    for region in range(len(scene.regions)):
+        scene = scene.edited(region, opacity=factor)
+    return scene

@@ -19,17 +19,10 @@ from svv.fields.joined import joined, members
 from svv.fields.scene import Scene
 from svv.io.atomic import write_json
 from svv.train.correct import correct_palette
-from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
+from tests.cube import cube_camera, cube_paint, cube_scene, faint, lit_cube_scene
 from tests.test_from_values import moved_ball
 from tests.test_ranges import BLUE, RED, bumps
 from tests.test_time_steps import command
-
-
-def faint(scene: Scene, factor: float = 0.3) -> Scene:
-    """The scene with all regions more transparent, so that what lies behind can be seen."""
-    for region in range(len(scene.regions)):
-        scene = scene.edited(region, opacity=factor)
-    return scene
 
 
 def alpha(scene: Scene, camera: Camera) -> np.ndarray:

@@ -16,6 +16,7 @@ pyvista = pytest.importorskip("pyvista")
 
 import svv  # noqa: E402
 from svv.core.cameras import Camera, look_at  # noqa: E402
+from svv.core.pace import AIM  # noqa: E402
 from svv.fields.scene import Scene  # noqa: E402
 from svv.io.output import write_vti  # noqa: E402
 from svv.render.show import SceneFollower  # noqa: E402
@@ -88,7 +89,7 @@ def test_it_is_small_while_the_mouse_moves_and_sharp_when_it_rests(follower: Sce
     before = follower.picture
     mouse(follower, "LeftButtonPress", 30, 20)
     mouse(follower, "MouseMove", 42, 25)
-    assert follower.picture.shape == (24, 32, 3)
+    assert follower.picture.shape == (19, 26, 3)
     mouse(follower, "LeftButtonRelease", 42, 25)
     assert follower.picture.shape == (48, 64, 3)
     assert np.abs(follower.picture.astype(int) - before).max() > 20  # it has turned
@@ -98,13 +99,13 @@ def test_it_is_small_while_the_mouse_moves_and_sharp_when_it_rests(follower: Sce
 
 def test_the_small_picture_grows_where_there_is_time(follower: SceneFollower, monkeypatch: pytest.MonkeyPatch) -> None:
     follower.plotter.show(auto_close=False)
-    for seconds, part in ((0.4, 0.25), (0.1, 0.25), (0.025, 0.5), (1e-9, 1.0), (1e9, 0.2)):
+    for seconds, part in ((4 * AIM, 0.2), (AIM, 0.2), (AIM / 4, 0.4), (1e-9, 1.0), (1e9, 0.2)):
         clock = iter((0.0, seconds))
         monkeypatch.setattr("svv.render.show.time", SimpleNamespace(perf_counter=lambda clock=clock: next(clock)))
         follower.plotter.render_window.SetDesiredUpdateRate(15.0)
         follower.plotter.camera.azimuth += 5.0
         follower.update()
-        assert follower.part == pytest.approx(part)
+        assert follower.pace.part == pytest.approx(part)
 
 
 def test_nothing_is_rendered_where_nothing_moved(follower: SceneFollower) -> None:

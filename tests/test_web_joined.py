@@ -18,16 +18,11 @@ from svv.fields.scene import Scene
 from svv.render.notebook import _edited
 from svv.render.web.page import html_of, numbers_of, paintings_of, write_html
 from tests.browser import LARGEST, Opened
+from tests.cube import faint
 from tests.loose_balls import RIGHT, TOP, in_world, loose_balls
 from tests.test_web import CLOSE, COARSE, EVIL, front, lit, paint, ready
 
 FRAMES = (30, 90, 150)
-
-
-def faint(scene: Scene, factor: float) -> Scene:
-    for region in range(len(scene.regions)):
-        scene = scene.edited(region, opacity=factor)
-    return scene
 
 
 def beside(scene: Scene) -> Scene:

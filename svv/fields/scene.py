@@ -35,6 +35,10 @@ from svv.kernels.dispatch import kernels_of
 from svv.kernels.types import Samples
 from svv.options.editing import SPLIT_LEVEL
 
+MOVING_JOINED = 1.0 / 16.0
+"""Weight in a pixel up to which a moving scene's samples are joined, unless its own is larger. More, or longer steps,
+lose what a smaller picture would not (docs/measurements/limits.md)."""
+
 
 @dataclass(frozen=True)
 class Rendering:
@@ -83,6 +87,11 @@ class Scene(PaintedModel):
         return (samples, *self.shade(samples, rays, network, beams)) if len(samples) else None
 
     # --- rendering -------------------------------------------------------------------------------------------------
+
+    def while_moving(self) -> Scene:
+        """Return the scene as it is drawn while a camera moves, with fewer colours along each ray."""
+        layers = tuple(cast(Scene, layer).while_moving() for layer in self.layers)
+        return replace(self, joined=max(self.joined, MOVING_JOINED), layers=layers)
 
     def render(
         self,

@@ -6,13 +6,16 @@ according to a filter's property *Follow Camera*.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from vtkmodules.vtkCommonCore import vtkWeakReference
 
+from svv.core.pace import Pace
 from svv.errors import BadInput
 from svv.pv.forwarding import ForwardedMouse
+from svv.pv.watched import Watched
 
 IMAGES = ("StyleRFRender", "StyleRFStylizedView")
 """Filters that render an image from a camera."""
@@ -23,8 +26,8 @@ PLACED = "StyleRFPlaceInView"
 LARGEST = 800
 """Longer side of the sharp image, in pixels."""
 
-DRAGGING = 0.4
-"""Size of the image while the mouse moves, as a fraction of the sharp image's size."""
+_paces: Watched[Pace] = Watched()
+"""How large the images are while the mouse moves."""
 
 _followers: list[CameraFollower] = []
 
@@ -44,14 +47,14 @@ class CameraFollower:
         self._proxies = [_weak(proxy.SMProxy) for proxy in (view, filter, target)]
         self._last: object = None
         self._mouse = ForwardedMouse(target, view)
-        self._wanted: float | None = None
+        self._wanted: bool | None = None
         self.drawing = False
         interactor = view.GetInteractor()
         self._interactor = _weak(interactor)
         # VTK holds no references to observers, so without these Python would collect them.
         self._do = {
-            "InteractionEvent": lambda *_: self.update(DRAGGING),
-            "EndInteractionEvent": lambda *_: self.update(1.0),
+            "InteractionEvent": lambda *_: self.update(True),
+            "EndInteractionEvent": lambda *_: self.update(False),
         }
         self._tags = [] if interactor is None else [interactor.AddObserver(*pair) for pair in self._do.items()]
 
@@ -77,7 +80,7 @@ class CameraFollower:
 
     def strayed(self, view: Any) -> bool:
         """Whether this is the followed view, given as a proxy, and its camera is not that of the image."""
-        return self._proxies[0].Get() is view and self._last != through(self.view, self.filter, 1.0)
+        return self._proxies[0].Get() is view and self._last != through(self.view, self.filter, False)
 
     @property
     def alive(self) -> bool:
@@ -85,29 +88,29 @@ class CameraFollower:
         groups = zip(("views", "sources", "views"), (proxy.Get() for proxy in self._proxies), strict=True)
         return all(p is not None and p.GetSessionProxyManager().GetProxyName(group, p) for group, p in groups)
 
-    def update(self, scale: float) -> None:
+    def update(self, moving: bool) -> None:
         """Render the image from the view's camera if the camera has moved or the image size has changed."""
-        self._wanted = scale
+        self._wanted = moving
         if self.drawing or busy():
             return
         self.drawing = True
         try:
             while self._wanted is not None and self.alive:
-                scale, self._wanted = self._wanted, None
-                self._draw(scale)
+                moving, self._wanted = self._wanted, None
+                self._draw(moving)
         finally:
             self.drawing = False
 
-    def _draw(self, scale: float) -> None:
+    def _draw(self, moving: bool) -> None:
         from paraview import simple
 
         view, filter, target = self.view, self.filter, self.target
-        wanted = through(view, filter, scale)
+        wanted = through(view, filter, moving)
         if wanted == self._last:
             return
         self._last = wanted
-        look_through(filter, view, scale)
-        filter.UpdatePipeline()
+        look_through(filter, view, moving)
+        timed(filter, filter.UpdatePipeline)
         fit(target, *filter.ImageSize)
         simple.Render(target)
 
@@ -153,28 +156,47 @@ def parallel_scale_of(view: Any) -> float:
     return camera.GetParallelScale() if camera.GetParallelProjection() else 0.0
 
 
-def through(view: Any, filter: Any, scale: float) -> tuple[list[float], float, list[int]]:
-    """Return camera, parallel scale and size of an image that follows a view.
+def pace_of(filter: Any) -> Pace:
+    """Return how large a filter's image is while the mouse moves."""
+    pace = _paces.get(filter.SMProxy)
+    if pace is None:
+        pace = Pace()
+        _paces.put(filter.SMProxy, pace)
+    return pace
+
+
+def timed(filter: Any, update: Callable[[], object]) -> None:
+    """Update a filter's image, and learn from the time that this takes how large it may be while the mouse moves."""
+    began = time.perf_counter()
+    update()
+    if filter.Moving:
+        pace_of(filter).took(time.perf_counter() - began)
+
+
+def through(view: Any, filter: Any, moving: bool) -> tuple[list[float], float, list[int], int]:
+    """Return camera, parallel scale and size of an image that follows a view, and whether it is made in a hurry.
 
     The longer side is :data:`LARGEST`, or that of the view if this is smaller and the image is placed in a 3D view.
+    While the mouse moves, it is as large as :class:`svv.core.pace.Pace` permits.
 
     Args:
         view: The followed view.
         filter: The image's filter.
-        scale: Size of the image, as a fraction of the sharp image's.
+        moving: Whether the mouse moves the view's camera.
     """
+    scale = pace_of(filter).part if moving else 1.0
     longer = max(view.ViewSize)
     sharp = min(LARGEST, longer) if placed(filter) else LARGEST
     size = [max(int(scale * sharp * side / longer), 16) for side in view.ViewSize]
-    return camera_numbers(view), parallel_scale_of(view), size
+    return camera_numbers(view), parallel_scale_of(view), size, int(moving)
 
 
-def look_through(filter: Any, view: Any, scale: float) -> bool:
+def look_through(filter: Any, view: Any, moving: bool) -> bool:
     """Give an image a view's camera, and the size of :func:`through`; return whether anything changed."""
-    wanted = through(view, filter, scale)
-    if (list(filter.Camera), filter.ParallelScale, list(filter.ImageSize)) == wanted:
+    wanted = through(view, filter, moving)
+    if (list(filter.Camera), filter.ParallelScale, list(filter.ImageSize), int(filter.Moving)) == wanted:
         return False
-    filter.Camera, filter.ParallelScale, filter.ImageSize = wanted
+    filter.Camera, filter.ParallelScale, filter.ImageSize, filter.Moving = wanted
     return True
 
 
@@ -250,7 +272,7 @@ def follow(filter: Any = None, view: Any = None) -> CameraFollower:
         active = view
     follower = CameraFollower(view, filter, target)
     _followers.append(follower)
-    follower.update(1.0)
+    follower.update(False)
     simple.SetActiveView(active)
     filter.FollowCamera = 1
     return follower

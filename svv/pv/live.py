@@ -166,7 +166,7 @@ def _follow(waiting: list[Any]) -> None:
             continue
         follower = follower_of(filter)
         if follower is not None:
-            follower.update(1.0)
+            follower.update(False)
         elif not placed(filter) and view_to_follow(filter) is not None:  # a picture needs no view of its own
             follow(filter)
 

@@ -27,6 +27,7 @@ from svv.pv.properties import (
     group,
     hidden_text,
     integer,
+    moving,
     number,
     numbers,
     picked,
@@ -180,6 +181,7 @@ def image_properties(size: int) -> list[Property]:
                "parallel rays; 0 for perspective.", 0.0, None, True),
         integer("Frame", 0, "Frame of the orbit around the scene to show if Camera is all zeros. The macro StyleRF "
                 "play orbit animates through the frames.", 0, 180),
+        moving(),
     ]  # fmt: skip
 
 

@@ -8,12 +8,13 @@ like the mouse.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 from vtkmodules.vtkCommonCore import VTK_INT
 
 from svv.pv.drawing import before_drawing
-from svv.pv.follow import DRAGGING, IMAGES, PLACED, busy, look_through
+from svv.pv.follow import IMAGES, PLACED, busy, look_through, timed
 
 DISPLAY = "GeometryRepresentation"
 """XML name of the representation with which ParaView shows a surface in a 3D view."""
@@ -63,8 +64,8 @@ def _before_drawing(proxy: Any, event: str, interactive: int) -> None:
     view = servermanager._getPyProxy(proxy)
     turned = False
     for picture, image in list(pictures_in(view)):
-        if image.FollowCamera and not busy() and look_through(image, view, DRAGGING if interactive else 1.0):
-            picture.UpdatePipeline(view.ViewTime)
+        if image.FollowCamera and not busy() and look_through(image, view, bool(interactive)):
+            timed(image, partial(picture.UpdatePipeline, view.ViewTime))
             turned = True
     if turned and interactive:
         proxy.Update()  # ParaView updates views before still images only

@@ -304,6 +304,16 @@ def kept_as() -> list[Property]:
     return [Property("KeptAs", xml, "", {"SetKeptAs": setter}), told]
 
 
+def moving() -> Property:
+    """Return the property with which the client says that the camera moves, so that the image is made in a hurry."""
+    xml = (
+        '<IntVectorProperty name="Moving" command="SetMoving" number_of_elements="1" default_values="0" '
+        'panel_visibility="never" state_ignored="1"><BooleanDomain name="bool"/><Documentation>Whether the image is '
+        "made in a hurry, with fewer samples, because the camera moves.</Documentation></IntVectorProperty>"
+    )
+    return Property("Moving", xml, False, {"SetMoving": _store("Moving", bool)})
+
+
 def picked() -> list[Property]:
     """Return the properties through which the client asks what is visible at a pixel (:mod:`svv.pv.picking`)."""
     xml = (

@@ -341,6 +341,8 @@ def draw(scene: Scene, camera: Camera, values: Values, progress: Progress) -> di
     background = values["BackgroundColour"] if values["Background"] else None
     if options.variant is not None:
         scene = scene.with_variant(options.variant)
+    if values["Moving"]:
+        scene = scene.while_moving()
     shown = scene.on(device_named(options.device)).render(camera, options.network, background, progress)
     rgba = to_bytes(shown.rgba)
     if values.get("Show", COLOURS) != COLOURS:

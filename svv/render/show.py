@@ -15,6 +15,7 @@ from PIL import Image
 
 from svv.core.cameras import Camera, look_at
 from svv.core.colour import WHITE, over
+from svv.core.pace import Pace
 from svv.errors import BadInput, Progress, silent
 from svv.io.output import to_bytes, write_png
 from svv.render.frames import orbit
@@ -22,12 +23,6 @@ from svv.render.frames import orbit
 if TYPE_CHECKING:
     from svv.fields.scene import Rendering, Scene
     from svv.render.notebook import SceneWidget
-
-DRAGGING_SECONDS = 0.1
-"""Rendering time aimed at per picture while the mouse moves: ten pictures per second look like movement."""
-
-SMALLEST = 0.2
-"""Smallest size of pictures while the mouse moves, as a fraction of the window's."""
 
 MOVING = 1.0
 """Lowest frame rate that VTK's interactors request while they move, in 1/s; at rest they request a ten-thousandth."""
@@ -137,7 +132,7 @@ def image_data(rendering: Rendering) -> Any:
 class SceneFollower:
     """Updater of a plotter's background with renderings of a scene from the plotter's camera.
 
-    Only the size of pictures depends on rendering times: at rest they are as large as the window.
+    Pictures of a moving camera are made in a hurry, and are as large as time permits; at rest they are sharp.
 
     Args:
         plotter: A ``pyvista.Plotter``. Meshes that are added to it appear in front of the picture.
@@ -151,10 +146,10 @@ class SceneFollower:
         self, plotter: Any, scene: Scene, camera: Camera, network: str | None, background: Sequence[float]
     ) -> None:
         self.plotter, self.scene, self.network, self.background = plotter, scene, network, background
-        self.part = 0.5
+        self.pace = Pace()
         """Size of the next picture while the mouse moves, as a fraction of the window's."""
-        self.seen: Camera | None = None
-        """Camera of the last picture."""
+        self.seen: tuple[Camera, bool] | None = None
+        """Camera of the last picture, and whether it moved."""
         self.picture = np.zeros((1, 1, 3), np.uint8)
         self._texture: Any = None
         # An empty renderer has no bounds, which VTK needs to zoom and to reset the camera.
@@ -167,15 +162,14 @@ class SceneFollower:
     def update(self) -> None:
         """Render a picture for the current camera unless the last one is for the same camera."""
         moving = self.plotter.render_window.GetDesiredUpdateRate() >= MOVING
-        part = self.part if moving else 1.0
-        camera = self.camera(part)
-        if self.seen is not None and _same(camera, self.seen):
+        camera = self.camera(self.pace.part if moving else 1.0)
+        if self.seen is not None and _same(camera, self.seen[0]) and self.seen[1] <= moving:
             return
+        scene = self.scene.while_moving() if moving else self.scene
         began = time.perf_counter()
-        self.picture, self.seen = _picture(self.scene, camera, self.network, self.background), camera
+        self.picture, self.seen = _picture(scene, camera, self.network, self.background), (camera, moving)
         if moving:
-            taken = max(time.perf_counter() - began, 1e-6)
-            self.part = min(max(part * (DRAGGING_SECONDS / taken) ** 0.5, SMALLEST), 1.0)
+            self.pace.took(time.perf_counter() - began)
         self._texture = _pyvista().Texture(self.picture)
         self._texture.SetInterpolate(True)
         renderer = self.plotter.renderer

@@ -258,9 +258,12 @@ render.FollowCamera = 1
 assert list(render.ImageSize) == [800, 400]
 assert GetLayout(view) == GetLayout(target) and GetActiveView() == view
 move(view, 0.0, 90.0, 1.0, event="InteractionEvent")
-assert list(render.ImageSize) == [320, 160] and list(render.Camera[:3]) == [0.0, 90.0, 1.0]
+assert list(render.ImageSize) == [320, 160] and list(render.Camera[:3]) == [0.0, 90.0, 1.0] and render.Moving == 1
+for number in range(3):  # as large as the machine permits
+    move(view, 0.0, 91.0 + number, 1.0, event="InteractionEvent")
+assert 160 <= render.ImageSize[0] <= 800 and render.ImageSize[0] == 2 * render.ImageSize[1] and render.Moving == 1
 move(view, 0.0, 90.0, 1.0)
-assert list(render.ImageSize) == [800, 400]
+assert list(render.ImageSize) == [800, 400] and render.Moving == 0
 (shown_there,) = [d for d in target.Representations if getattr(d, "Input", None) == render]
 assert shown_there.Representation == "Slice" and shown_there.Visibility
 render.FollowCamera = 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +15,7 @@ pytest.importorskip("vtkmodules")
 from svv.dvr.demo_volume import demo_transfer_function
 from svv.dvr.mappers import CpuMapper
 from svv.errors import BadInput, Cancelled, Progress, silent
+from svv.io.drawn_views import RECORD
 from svv.io.made import key_of
 from svv.io.viewset import ViewSet
 from svv.job.source import VolumeSource
@@ -118,3 +121,20 @@ def test_a_folder_of_chunks_is_identified_by_all_of_them(tmp_path: Path) -> None
     assert key_of(fingerprint(tmp_path / "a.zarr")) == before
     chunk.write_bytes(b"ab")
     assert key_of(fingerprint(tmp_path / "a.zarr")) != before
+
+
+def test_what_could_not_be_removed_at_first_is_removed(
+    source: VolumeSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A later run would find the views finished and leave it there for ever."""
+    unlink, failed = os.unlink, []
+
+    def failing(path: str, **where: int) -> None:
+        if not failed and str(path).endswith(RECORD):
+            failed.append(path)
+            raise OSError(errno.EINTR, os.strerror(errno.EINTR), path)
+        unlink(path, **where)
+
+    monkeypatch.setattr(os, "unlink", failing)
+    source.make_views(tmp_path / "views", OPTIONS, silent)
+    assert failed and not list((tmp_path / "views").glob(".*"))

@@ -73,8 +73,9 @@ class DrawnViews:
             np.save(file, view)
 
     def clear(self) -> None:
-        """Remove the views."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Remove the views; after an error that passes, a second time."""
+        for _ in range(2):
+            shutil.rmtree(self.folder, ignore_errors=True)
 
     def _file(self, number: int) -> Path:
         return self.folder / f"{number:05d}.npy"

@@ -165,9 +165,9 @@ def image_properties(size: int) -> list[Property]:
     """
     return [
         client_switch("FollowCamera",
-                      "Follow the camera of the view that shows the volume. While the mouse drags, the image is as large "
-                      "as time permits; on release, it is sharp. It is shown in a separate view to the right, in which "
-                      "the mouse turns the same camera, or in that view by StyleRF Place In View."),
+                      "Follow the camera of the view that shows the volume. While the mouse drags, the image is as "
+                      "large as time permits; on release, it is sharp. It is shown in a separate view to the right, in "
+                      "which the mouse turns the same camera, or in that view by StyleRF Place In View."),
         numbers("ImageSize", (size, size), "Width and height of the image in pixels."),
         choice("Show", (COLOURS, FALSE_COLOURS, IN_COLOUR), COLOURS,
                "What the image shows: the scene, or its numbered regions in false colours or in their own colours."),

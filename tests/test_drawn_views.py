@@ -127,7 +127,8 @@ def test_what_could_not_be_removed_at_first_is_removed(
     source: VolumeSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A later run would find the views finished and leave it there for ever."""
-    unlink, failed = os.unlink, []
+    unlink = os.unlink
+    failed: list[str] = []
 
     def failing(path: str, **where: int) -> None:
         if not failed and str(path).endswith(RECORD):

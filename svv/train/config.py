@@ -79,7 +79,7 @@ class RecolourSettings:
     samples: int = 32768
     """Target number of visible samples per step."""
     joined: float = 1.0 / 64.0
-    """Weight in a pixel up to which samples are merged, as in images; 0 omits negligible samples instead."""
+    """Weight in a pixel up to which samples are merged; 0 omits negligible samples instead."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005

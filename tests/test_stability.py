@@ -269,7 +269,7 @@ def test_what_is_written(counted: list[tuple[int, str]], tmp_path: Path) -> None
     assert {row["seed"] for row in table} == {"0", "1"}
     assert [row["crash"] for row in table if row["failures"] == "crash"] == ["ZeroDivisionError: the end"] * 2
     text = (tmp_path / "stability.md").read_text()
-    assert "| first | 30.5 ± 0.7 | 0.0 | 0.50 | 1.0 | wrong regions (2/2) |" in text
+    assert "| first | 2 | 30.5 ± 0.7 | 0.0 | 0.50 | 1.0 | wrong regions (2/2) |" in text
     with Image.open(tmp_path / "stability.png") as picture:
         assert picture.size[0] > 300
 
@@ -317,7 +317,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
         cli.main()
     assert not ended.value.code
     assert "4 runs" in capsys.readouterr().out
-    assert "| transparent everywhere | - | - | - | - | none |" in (tmp_path / "out" / "stability.md").read_text()
+    assert "| transparent everywhere | 2 | - | - | - | - | none |" in (tmp_path / "out" / "stability.md").read_text()
 
 
 def test_a_matrix_without_runs() -> None:

@@ -152,7 +152,7 @@ def markdown(rows: Sequence[Row]) -> str:
     """Format the table and the rules as Markdown."""
     presets = list(dict.fromkeys(row.preset for row in rows))
     found = {(row.case, row.preset): row for row in rows}
-    heads = ("foreground, dB", "lost, dB", "regions", "colours", "failures")
+    heads = ("seeds", "foreground, dB", "lost, dB", "regions", "colours", "failures")
     lines = [
         "| case | " + " | ".join(f"{name}: {head}" for name in presets for head in heads) + " |",
         "|---" * (1 + len(presets) * len(heads)) + "|",
@@ -165,9 +165,10 @@ def markdown(rows: Sequence[Row]) -> str:
 
 def _cells(row: Row | None) -> list[str]:
     if row is None:
-        return [""] * 5
+        return [""] * 6
     spread = "" if row.spread is None else f" ± {row.spread:.1f}"
     return [
+        str(row.runs),
         "-" if row.foreground is None else f"{row.foreground:.1f}{spread}",
         "-" if row.lost is None else f"{row.lost:.1f}",
         "-" if row.overlap is None else f"{row.overlap:.2f}",

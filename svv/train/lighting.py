@@ -40,6 +40,9 @@ TRIAL = 0.25
 FEW_VIEWS = 32
 """Number of views below which the light is chosen by a trial."""
 
+FEW_STEPS = 100
+"""Most steps of a trial on so few views: in more, the lighting network learns their images by heart."""
+
 MARGIN = 1.0
 """Largest lead in dB of the lighting network in a trial at which the explicit light is still chosen: a movable light is
 worth that much."""
@@ -103,7 +106,8 @@ def light_by_trial(
     on those views. The explicit light is chosen unless the network is better by more than :data:`MARGIN`.
 
     With fewer than :data:`FEW_VIEWS` views, none is held out: so few tell nothing, and the base field has learned from
-    all of them. Of two lights that explain all views, the one of a dozen numbers is the more likely.
+    all of them. Of two lights that explain all views within :data:`FEW_STEPS` steps, the one of a dozen numbers is the
+    more likely.
 
     Args:
         scene: A scene without a palette network; its settings have the explicit light.
@@ -115,12 +119,14 @@ def light_by_trial(
         given: Palette shares in the pixels, if they are needed.
     """
     count = len(views.cameras)
+    steps = max(1, round(settings.iterations * TRIAL))
     held = list(range(0, count, HELD_OUT))
     seen, unseen = views.take([k for k in range(count) if k not in held]), views.take(held)
     told = f"{len(held)} held-out views"
     if count < FEW_VIEWS:
         seen, unseen, told = views, views, f"the {count} views"
-    short = replace(settings, iterations=max(1, round(settings.iterations * TRIAL)))
+        steps = min(steps, FEW_STEPS)
+    short = replace(settings, iterations=steps)
     found = {}
     for number, lighting in enumerate(("phong", "network")):
         fields = replace(scene.settings, lighting=lighting)

@@ -184,6 +184,7 @@ def test_one_material_is_one_region_however_it_is_lit(shading: Shading) -> None:
     assert overlap(scene, train, found).min() > 0.9
 
 
+@pytest.mark.slow
 def test_a_black_scene_is_one_black_region() -> None:
     _, train = drawn("one-region", size=64)
     images = train.images.copy()

@@ -56,6 +56,7 @@ def test_a_preset_takes_it_with_the_paper_s_rates() -> None:
     assert chosen.reconstruct.iterations == preset("fast").reconstruct.iterations
 
 
+@pytest.mark.slow
 def test_a_scene_of_it_trains_and_is_the_same_after_its_file(tmp_path: Path) -> None:
     cameras = sphere_cameras(12, (0.0, 0.0, 0.0), 4.0, np.radians(30), 40)
     images = np.stack([two_balls(camera) for camera in cameras])

@@ -277,6 +277,7 @@ def test_the_page_asks_for_nothing(painted: Scene, tmp_path: Path) -> None:
     assert header["paintings"][0]["name"] == EVIL
 
 
+@pytest.mark.slow
 def test_the_commands_write_and_open_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("svv.render.web.page.MOVIE_FRAMES", 2)
     cube_scene().save(tmp_path / "cube.svv")

@@ -161,6 +161,7 @@ if ranks.number == 0:
 )
 
 
+@pytest.mark.slow
 def test_no_rank_gets_the_volume(paraview: ParaView, mpiexec: Callable, tmp_path: Path) -> None:
     """Each has its piece and a layer around it, and what is sent has the size of images."""
     everywhere = [paraview.program("pvbatch"), "--symmetric"]

@@ -145,6 +145,7 @@ def test_a_database_becomes_a_painting_with_one_command(made: Path, tmp_path: Pa
     assert scores["views"] >= 3 and scores["psnr"] > 22.7  # blank images would have 21.7
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_sweep_and_leaves_nothing(made: Path, pvpython, tmp_path: Path) -> None:
     done = pvpython(
         """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+import pytest
 from filter_script import VOLUME  # type: ignore[import-not-found]
 
 from svv.dvr.views import make_views
@@ -12,6 +13,7 @@ from svv.train.pipeline import train_scene
 from tests.test_from_values import SHORT, TWO, moved_ball
 
 
+@pytest.mark.slow
 def test_a_file_with_time_steps_plays_them(pvpython, tmp_path) -> None:
     views, _ = make_views(moved_ball(0.0), TWO, n=12, test=3, size=64, mapper="cpu")
     shifts = (0.0, 0.1, 0.3)

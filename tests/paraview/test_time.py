@@ -243,6 +243,7 @@ assert "Trained at time 0.5; the data is now at 1" in status(filter), status(fil
     assert all((one != other).any() for k, one in enumerate(frames) for other in frames[:k])
 
 
+@pytest.mark.slow
 def test_files_with_times(pvpython, tmp_path) -> None:
     pvpython(
         BLOB

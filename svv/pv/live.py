@@ -95,6 +95,7 @@ def _pushed(proxy: Any, event: str, name: str) -> None:
     filter = _python(proxy)
     if not filter.FollowCamera:
         stop_following(filter)
+        filter.Moving = 0
     elif follower_of(filter) is None and filter.GetDataInformation().GetNumberOfPoints():
         _wait_for(proxy)
         if not _soon():

@@ -267,7 +267,10 @@ move(view, 0.0, 90.0, 1.0)
 assert list(render.ImageSize) == [800, 400] and render.Moving == 0
 (shown_there,) = [d for d in target.Representations if getattr(d, "Input", None) == render]
 assert shown_there.Representation == "Slice" and shown_there.Visibility
+move(view, 0.0, 90.0, 1.0, event="InteractionEvent")
+assert render.Moving == 1
 render.FollowCamera = 0
+assert render.Moving == 0, "an image that follows no more is made in a hurry for ever"
 move(view, 0.0, 1.0, 90.0)
 assert list(render.Camera[:3]) == [0.0, 90.0, 1.0], "it does not stand still"
 render.FollowCamera = 1

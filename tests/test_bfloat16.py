@@ -15,6 +15,7 @@ from svv.fields.networks import BaseField, FieldSettings, Layers, mlp
 from svv.fields.occupancy import Occupancy
 from svv.kernels import bfloat16
 from svv.kernels.bfloat16 import LEAST_SAMPLES, SAMPLES_MULTIPLE, HalfNetwork, cpu_has_bfloat16
+from svv.kernels.numba_networks import Network
 from tests.tolerances import NETWORKS
 
 HALF = pytest.mark.skipif(not cpu_has_bfloat16(), reason="this CPU multiplies no bfloat16 matrices")
@@ -84,7 +85,7 @@ def test_large_batches_of_rough_networks_are_in_half_and_others_are_not() -> Non
     for rough, count in ((True, LEAST_SAMPLES), (True, LEAST_SAMPLES - 1), (False, LEAST_SAMPLES)):
         network = colour_network(rough=rough)
         with torch.no_grad():
-            same = torch.equal(network(x[:count]), nn.Sequential.forward(network, x[:count]))
+            same = torch.equal(network(x[:count]), Network.apply(x[:count], *network.parameters()))
         assert same == (not rough or count < LEAST_SAMPLES)
 
 
@@ -92,7 +93,7 @@ def test_a_processor_without_it_takes_float32(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(bfloat16, "cpu_has_bfloat16", lambda: False)
     network, x = colour_network(), inputs(LEAST_SAMPLES + 7)
     with torch.no_grad():
-        assert torch.equal(network(x), nn.Sequential.forward(network, x))
+        assert torch.equal(network(x), Network.apply(x, *network.parameters()))
 
 
 def test_a_processor_that_is_held_back_takes_float32() -> None:

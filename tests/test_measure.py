@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from svv.measure import SPINS, prefer_openmp, share_cores
+from svv.measure import SPINS, prefer_openmp, share_cores, use_huge_pages
 
 
 @pytest.mark.parametrize("chosen", [{"OMP_WAIT_POLICY": "active"}, {"GOMP_SPINCOUNT": "5"}])
@@ -27,13 +28,35 @@ def test_numba_uses_openmp_unless_the_user_says_otherwise(chosen: dict[str, str]
     assert done.stdout.split() == [first]
 
 
-def test_the_command_says_how_to_wait_before_torch_is_loaded() -> None:
+@pytest.mark.skipif(not Path("/sys/kernel/mm/transparent_hugepage").is_dir(), reason="no huge pages in this kernel")
+@pytest.mark.parametrize(("chosen", "asked"), [({}, True), ({"THP_MEM_ALLOC_ENABLE": "0"}, False)])
+def test_torch_asks_for_huge_pages_unless_the_user_says_otherwise(chosen: dict[str, str], asked: bool) -> None:
+    environ = {name: value for name, value in os.environ.items() if name != "THP_MEM_ALLOC_ENABLE"} | chosen
+    use_huge_pages(environ)
+    code = (
+        "import torch\n"
+        "large = torch.zeros(4 << 20)\n"
+        "within, there = False, large.data_ptr() + large.nbytes // 2\n"
+        "for line in open('/proc/self/smaps'):\n"
+        "    first, *rest = line.split()\n"
+        "    if '-' in first:\n"
+        "        low, high = (int(number, 16) for number in first.split('-'))\n"
+        "        within = low <= there < high\n"
+        "    elif within and first == 'VmFlags:':\n"
+        "        print('hg' in rest)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=environ, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [str(asked)]
+
+
+def test_the_command_prepares_its_environment_before_torch_is_loaded() -> None:
     code = (
         "import os, sys\n"
-        "for name in ('OMP_WAIT_POLICY', 'GOMP_SPINCOUNT'): os.environ.pop(name, None)\n"
+        "for name in ('OMP_WAIT_POLICY', 'GOMP_SPINCOUNT', 'THP_MEM_ALLOC_ENABLE'): os.environ.pop(name, None)\n"
         "from svv.cli import app as cli\n"
-        "cli.end_with = lambda run, name: print('torch' in sys.modules, os.environ['GOMP_SPINCOUNT'])\n"
+        "said = lambda: (os.environ['GOMP_SPINCOUNT'], os.environ['THP_MEM_ALLOC_ENABLE'])\n"
+        "cli.end_with = lambda run, name: print('torch' in sys.modules, *said())\n"
         "cli.main()\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", SPINS]
+    assert done.stdout.split() == ["False", SPINS, "1"]

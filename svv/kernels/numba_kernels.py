@@ -19,6 +19,7 @@ from svv.kernels import (
     numba_lattice,
     numba_leaping,
     numba_marching,
+    numba_networks,
     numba_rays,
     reference,
 )
@@ -175,7 +176,7 @@ def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
 def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
     if rough and len(x) >= bfloat16.LEAST_SAMPLES and bfloat16.cpu_has_bfloat16():
         return bfloat16.HalfNetwork.apply(x, *weights)
-    return reference.network(x, weights, rough)
+    return numba_networks.Network.apply(x, *weights)
 
 
 @cache

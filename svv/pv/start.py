@@ -21,7 +21,7 @@ from typing import NoReturn
 
 from svv.core.json_values import parsed
 from svv.errors import BadInput
-from svv.measure import prefer_openmp, share_cores
+from svv.measure import prefer_openmp, share_cores, use_huge_pages
 
 PROGRAMS = ("paraview", "pvpython", "pvbatch", "pvserver")
 OLDEST = (5, 11)
@@ -218,6 +218,7 @@ def environ_for(paraview: ParaView, environ: Mapping[str, str] = os.environ) -> 
         "PYTHONPATH": os.pathsep.join(python_path(paraview, environment, environ)),
     }
     share_cores(ours)
+    use_huge_pages(ours)
     prefer_openmp(ours)
     return ours
 

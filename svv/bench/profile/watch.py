@@ -23,7 +23,10 @@ STEP = "svv.step"
 MARK = "svv:"
 NETWORKS = "networks"
 NODE = "autograd::engine::evaluate_function: "
-OF_NETWORKS = ("MmBackward0", "TBackward0", "ReluBackward0", "HalfNetworkBackward", "torch::autograd::AccumulateGrad")
+OF_NETWORKS = (
+    "MmBackward0", "TBackward0", "ReluBackward0", "NetworkBackward", "HalfNetworkBackward",
+    "torch::autograd::AccumulateGrad",
+)  # fmt: skip
 """Nodes of autograd's graph that occur only in the networks."""
 
 REST, REST_BACK = "other torch operations", "other torch operations, backward"

@@ -6,6 +6,7 @@ They run on a GPU if there is one, otherwise in Triton's interpreter. See ``test
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,8 @@ from svv.kernels import numba_kernels, reference
 from svv.kernels.types import Samples
 from tests.interpreted import GPU, triton_kernels
 
-DEVICE = torch.device("cuda" if GPU else "cpu")
+CPU = torch.device("cpu")
+DEVICE = torch.device("cuda") if GPU else CPU
 SHAPES = st.tuples(*[st.integers(1, 7)] * 3)
 
 
@@ -91,14 +93,15 @@ def test_pruning_keeps_what_is_visible(grow: bool) -> None:
     assert SparseLattice(pruned.occupied, 7, (7,), 1).table.numel() > 0
 
 
+@pytest.mark.parametrize(("kernels", "device"), [(triton_kernels, DEVICE), (numba_kernels, CPU)], ids=["gpu", "cpu"])
 @settings(deadline=None, max_examples=5)
 @given(st.integers(1, 40), st.integers(0, 200), st.integers(0, 10**6))
-def test_directions_are_the_reference(rays: int, count: int, seed: int) -> None:
+def test_directions_are_the_reference(kernels: Any, device: torch.device, rays: int, count: int, seed: int) -> None:
     generator = torch.Generator().manual_seed(seed)
     directions = torch.nn.functional.normalize(torch.randn(rays, 3, generator=generator), dim=1)
     ray = torch.randint(rays, (count,), generator=generator, dtype=torch.int32)
     expected = directions_of_samples(directions, ray)
-    got = triton_kernels.directions_of_samples(directions.to(DEVICE), ray.to(DEVICE))
+    got = kernels.directions_of_samples(directions.to(device), ray.to(device))
     torch.testing.assert_close(got.cpu(), expected, atol=1e-6, rtol=1e-6)
 
 

@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from svv.core import palette_shading
-from svv.core.encodings import spherical_harmonics
 from svv.fields.encodings import SparseLattice
 from svv.fields.model import Model, for_colours, of_colour
+from svv.fields.networks import encode_directions
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
 from svv.fields.rendering import Rays
@@ -45,7 +45,8 @@ def draw(
         plain = palette.encoding.look_up(samples.position)
     else:
         tables = _both_tables(geometry.table, palette.encoding)
-        lit, plain = kernels.features(samples, spherical_harmonics(rays.lit_along, 4), geometry.layout, tables)
+        along = encode_directions(rays.lit_along, torch.arange(len(rays), dtype=torch.int32))
+        lit, plain = kernels.features(samples, along, geometry.layout, tables)
         light = palette.lighting_mlp(lit)
     surface = kernels.material(palette.palette_mlp(plain), palette.colours)
     here = scene.regions_at(samples.position)

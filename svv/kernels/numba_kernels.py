@@ -21,7 +21,6 @@ from svv.kernels import (
     numba_marching,
     numba_networks,
     numba_rays,
-    reference,
 )
 from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
 
@@ -170,7 +169,9 @@ def leaps(occupied: Tensor) -> Tensor:
 
 
 def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
-    return reference.directions_of_samples(directions, ray)
+    out = torch.empty(len(ray), 16)
+    numba_rays.harmonics(directions.contiguous().numpy(), ray.numpy(), out.numpy())
+    return out
 
 
 def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:

@@ -17,6 +17,7 @@ from tests.campaign.power_loss import Disk
 from tests.test_kills import campaign
 
 
+@pytest.mark.slow
 def test_results_open_whenever_power_fails() -> None:
     said = campaign("power_loss", "--command", "views,render")
     assert said == "render again: 1 states, 0 wrong"

@@ -23,6 +23,7 @@ def bench() -> Bench:
 @pytest.mark.parametrize(
     ("case", "foreground", "overlap"), [("easy", 19.7, 0.88), ("wires", 20.2, 0.74), ("views-8", 20.9, 0.88)]
 )
+@pytest.mark.slow
 def test_known_failures_stay_mended(bench: Bench, case: str, foreground: float, overlap: float) -> None:
     found = CASES[case].measure(bench, CASES[case], preset("draft"), 0, silent)
     assert found["psnr_foreground"] > foreground, found

@@ -9,7 +9,11 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
-from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at, mean_of, row_at, weights_of
+from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, ask_for, cell_at, mean_of, row_at, weights_of
+
+AHEAD = 6
+"""Samples before its own at which the memory of a sample's vertices is asked for: in training, it is rarely in the
+cache, because neighbouring rays come from all views."""
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
@@ -20,12 +24,36 @@ def encode(x, shapes, scales, bases, index, table, width, out):  # type: ignore[
     """
     levels, features = shapes.shape[0], len(width)
     for i in prange(x.shape[0]):
+        later = min(np.uint64(i + AHEAD), np.uint64(x.shape[0] - 1))
+        for level in range(levels):
+            for row in cell_at(x[later, 0], x[later, 1], x[later, 2], level, shapes, scales, bases, index)[:4]:
+                ask_for(table, row * np.uint64(features))
         px, py, pz = x[i, 0], x[i, 1], x[i, 2]
         for level in range(levels):
             a, b, c, d, wx, wy, wz = cell_at(px, py, pz, level, shapes, scales, bases, index)
             w = weights_of(wx, wy, wz)
             for f in range(features):
                 out[i, level * features + f] = mean_of(table, a, b, c, d, w, np.uint64(f))
+
+
+@njit(fastmath=FAST_MATH)
+def _side_of_cell(fx, fy, fz, odd, level, shapes, bases, index):  # type: ignore[no-untyped-def]
+    """Return rows and weights of a cell's corners with an even or ``odd`` x index, for a position in cells.
+
+    Returns:
+        Rows of the corners with the lower and the higher y, and the lower z; the weight of this side; and the offsets
+        from the cell's first corner along y and z.
+    """
+    last = np.uint64(bases[shapes.shape[0]])
+    nx, ny, nz = shapes[level, 0], shapes[level, 1], shapes[level, 2]
+    words = (nz + 31) >> 5
+    ix, iy, iz = min(int(fx), nx - 2), min(int(fy), ny - 2), min(int(fz), nz - 2)
+    wx, wy, wz = fx - np.float32(ix), fy - np.float32(iy), fz - np.float32(iz)
+    beyond = (ix ^ odd) & 1
+    at = np.uint64(bases[level] + ((ix + beyond) * ny + iy) * words + (iz >> 5))
+    before = (np.uint64(1) << np.uint64(iz & 31)) - np.uint64(1)
+    a, b = row_at(index[at], before, last), row_at(index[at + np.uint64(words)], before, last)
+    return a, b, wx if beyond else ONE32 - wx, wy, wz
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
@@ -36,22 +64,22 @@ def encode_backward(x, g_out, shapes, scales, bases, index, width, g_table, used
     tasks write the same vertex, and each vertex sums in the order of the samples, whatever the number of threads. Even
     a lattice of one level has work for two threads.
     """
-    levels, features, last = shapes.shape[0], len(width), np.uint64(bases[shapes.shape[0]])
+    levels, features, samples = shapes.shape[0], len(width), x.shape[0]
     for task in prange(2 * levels):
         odd, level = task // levels, task % levels  # each of two threads gets all levels and so the same work
         scale, column = scales[level], level * features
-        nx, ny, nz = shapes[level, 0], shapes[level, 1], shapes[level, 2]
-        words = (nz + 31) >> 5
-        for i in range(x.shape[0]):
-            fx, fy, fz = x[i, 0] * scale, x[i, 1] * scale, x[i, 2] * scale
-            ix, iy, iz = min(int(fx), nx - 2), min(int(fy), ny - 2), min(int(fz), nz - 2)
-            wx, wy, wz = fx - np.float32(ix), fy - np.float32(iy), fz - np.float32(iz)
-            beyond = (ix ^ odd) & 1
-            w = wx if beyond else ONE32 - wx
+        for i in range(samples):
+            later = min(i + AHEAD, samples - 1)
+            a, b, w, wy, wz = _side_of_cell(
+                x[later, 0] * scale, x[later, 1] * scale, x[later, 2] * scale, odd, level, shapes, bases, index
+            )
+            for row in (a, b):
+                ask_for(g_table, row * np.uint64(features))
+                ask_for(used, row)
+            a, b, w, wy, wz = _side_of_cell(
+                x[i, 0] * scale, x[i, 1] * scale, x[i, 2] * scale, odd, level, shapes, bases, index
+            )
             near, far = w * (ONE32 - wy), w * wy
-            at = np.uint64(bases[level] + ((ix + beyond) * ny + iy) * words + (iz >> 5))
-            before = (np.uint64(1) << np.uint64(iz & 31)) - np.uint64(1)
-            a, b = row_at(index[at], before, last), row_at(index[at + np.uint64(words)], before, last)
             weights = near * (ONE32 - wz), near * wz, far * (ONE32 - wz), far * wz
             rows = (a, a + NEXT_ROW, b, b + NEXT_ROW)
             for k in range(4):

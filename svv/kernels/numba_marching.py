@@ -16,7 +16,7 @@ from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
 from svv.kernels.numba_leaping import octant
-from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, cell_at
+from svv.kernels.numba_trilinear import NEXT_ROW, ONE32, ask_for, cell_at
 
 RAYS_A_BLOCK = 64
 """Number of rays in a block, which one thread marches; the samples of a block are written contiguously."""
@@ -33,6 +33,17 @@ def interpolate_scalar(x, y, z, shapes, scales, bases, index, table):  # type: i
         far = uy * (uz * table[c] + wz * table[c + NEXT_ROW]) + wy * (uz * table[d] + wz * table[d + NEXT_ROW])
         total += ux * near + wx * far
     return total
+
+
+@njit(fastmath=FAST_MATH)
+def ask_for_values(x, y, z, extent, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
+    """Ask for the values at the corners of a position's cells, without waiting for them."""
+    x = min(max(x, np.float32(0.0)), extent[0])
+    y = min(max(y, np.float32(0.0)), extent[1])
+    z = min(max(z, np.float32(0.0)), extent[2])
+    for level in range(shapes.shape[0]):
+        for row in cell_at(x, y, z, level, shapes, scales, bases, index)[:4]:
+            ask_for(table, row)
 
 
 @njit(fastmath=FAST_MATH)
@@ -160,6 +171,12 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                         tz = leap(cz, empty, dz, oz, iz_, side)
                         i = max(i + 1, int(math.ceil(min(tx, min(ty, tz)) * rate - shift)))
                         continue
+                    if jitter_seed > 0:
+                        # Neighbouring rays of a training come from all views: what the last one needed is of no use.
+                        u = (np.float32(i + 1) + shift) * step
+                        ask_for_values(
+                            ox + u * dx, oy + u * dy, oz + u * dz, extent, shapes, scales, bases, index, table
+                        )
                     x = min(max(x, np.float32(0.0)), extent[0])
                     y = min(max(y, np.float32(0.0)), extent[1])
                     z = min(max(z, np.float32(0.0)), extent[2])

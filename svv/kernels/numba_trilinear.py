@@ -7,6 +7,7 @@ precision, and for a signed row it would check for indices that count from the e
 from __future__ import annotations
 
 import numpy as np
+from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
@@ -21,6 +22,22 @@ WORD_BITS = np.uint64(32)
 def ones_in(context, word):  # type: ignore[no-untyped-def]
     """Return the number of ones among the bits of an unsigned integer: one instruction."""
     return types.uint64(types.uint64), lambda _, builder, __, arguments: builder.ctpop(arguments[0])
+
+
+@intrinsic
+def ask_for(typing, array, place):  # type: ignore[no-untyped-def]
+    """Ask for the memory of an element of an array, counted in raster order, without waiting for it."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        byte = builder.bitcast(builder.gep(array.data, [arguments[1]]), ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [byte.type, *[ir.IntType(32)] * 3])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [byte.type], kind)
+        to_read, keep, data = (ir.IntType(32)(n) for n in (0, 3, 1))
+        builder.call(function, [byte, to_read, keep, data])
+        return context.get_dummy_value()
+
+    return types.void(array, types.uint64), generate
 
 
 @njit(fastmath=FAST_MATH)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.campaign.paraview_long import HOLDS, run, slope
 
 MOST = {"malloc": 20_000, "resident": 200_000, "python": 60}
@@ -11,6 +13,7 @@ MOST = {"malloc": 20_000, "resident": 200_000, "python": 60}
 the first hundreds; the histories of deleted panels took 117 blocks."""
 
 
+@pytest.mark.slow
 def test_operations_leave_nothing_behind(environ: dict[str, str], tmp_path: Path) -> None:
     samples = run("ours", {"operations": 60}, environ, tmp_path, samples=6)
     assert [one["done"] for one in samples] == [0, 10, 20, 30, 40, 50, 60]

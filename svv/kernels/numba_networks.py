@@ -40,8 +40,8 @@ PARTS, SUMS = 64, 16
 def _tile(columns: int, kind: str) -> Callable[..., None]:
     """Return a compiled function that computes c[m, n] = sum over k < depth of a[m, k] b[k, n].
 
-    There are ``ROWS`` rows m and ``columns`` columns n. Arrays count as flat: a[m, k] is a[a0 + m am + k ak], b[k, n] is
-    b[b0 + k bk + n], and c[m, n] is c[c0 + m cm + n].
+    There are ``ROWS`` rows m and ``columns`` columns n. Arrays count as flat: a[m, k] is a[a0 + m am + k ak], b[k, n]
+    is b[b0 + k bk + n], and c[m, n] is c[c0 + m cm + n].
 
     Args:
         columns: Number of columns.

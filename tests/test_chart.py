@@ -183,6 +183,7 @@ GRID = Grid(("draft",), ("lattice", "hash"), (2.0, None), render_sizes=(32, 16))
 SMALL = Measure(test=5)
 
 
+@pytest.mark.slow
 def test_a_stopped_chart_goes_on_and_a_finished_one_does_nothing(tmp_path: Path, runner: Runner) -> None:
     views, out = write_views(tmp_path / "views"), tmp_path / "out"
     runner.stop_at = 4

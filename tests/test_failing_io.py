@@ -39,6 +39,7 @@ def small_files() -> Iterator[None]:
     signal.signal(signal.SIGXFSZ, handler)
 
 
+@pytest.mark.slow
 def test_every_call_of_a_command_may_fail(tmp_path: Path) -> None:
     said = campaign("failing_io", "--command", "edit", "--one-error", "--out", tmp_path / "failing.json")
     assert ", 0 with something wrong" in said

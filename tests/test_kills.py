@@ -31,6 +31,7 @@ def campaign(module: str, *arguments: object) -> str:
     return done.stdout.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_killed_commands_go_on(tmp_path: Path) -> None:
     said = campaign("kills", "--command", "train,cinema", "--times", 4, "--out", tmp_path / "kills.json")
     assert said.startswith("8 kills of 2 commands, 0 with something wrong")

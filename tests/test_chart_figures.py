@@ -80,9 +80,9 @@ def test_charts_are_drawn_in_the_colours_of_their_encodings(draw: Callable[..., 
     rows = some_rows()
     draw(tmp_path / "chart.png", [*rows, *(replace(row, kernels="reference") for row in rows)])
     with Image.open(tmp_path / "chart.png") as image:
-        shown = {tuple(int(c) for c in colour) for colour in np.asarray(image.convert("RGB")).reshape(-1, 3)}
+        shown = np.asarray(image.convert("RGB"))
     for colour in figures.COLOURS.values():
-        assert tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5)) in shown
+        assert (shown == [int(colour[k : k + 2], 16) for k in (1, 3, 5)]).all(axis=-1).any()
     draw(tmp_path / "one.png", some_rows()[:1])  # one point is a chart too
 
 

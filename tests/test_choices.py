@@ -27,12 +27,13 @@ from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.styles.textures import style_picture
 from svv.train.beginning import first_occupancy
-from svv.train.config import PRESETS, fitted_field
+from svv.train.config import PRESETS
 from svv.train.distil import paint_pixel
 from svv.train.levels import with_fewest_levels, without_finer
 from svv.train.loop import Loop
 from svv.train.painting import paint_cells
 from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.resolutions import fitted_field
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(

@@ -164,6 +164,7 @@ def test_training_begins_with_it(views: tuple[ViewSet, ViewSet]) -> None:
     np.testing.assert_allclose(density(places)[:, 0].detach(), expected, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
     """The same few steps with it and without, from a fog."""
     train, test = views

@@ -93,6 +93,7 @@ def test_hues_that_were_one_region_are_told_apart_by_the_colour_that_was_missing
     assert set(report["seconds"]) == {"pcn", "sampling", "total"}
 
 
+@pytest.mark.slow
 def test_more_colours_than_dimensions_are_told_apart_by_the_views_alone() -> None:
     """Five opaque layers, whose hues are mixtures of each other; where eq. 4 alone decides, two of them are nowhere."""
     known = SCENES["regions-5"]

@@ -112,6 +112,7 @@ def test_stages_add_up_to_the_step() -> None:
     assert "a step: 10 rays, 4.00 ms, floor 1.00 ms" in text and "bytes" in text
 
 
+@pytest.mark.slow
 def test_a_profile_of_a_training(views: ViewSet) -> None:
     found = profile_views(views, "draft", 12, 2, 0, silent)
     first, second, palette, image = found["profiles"]

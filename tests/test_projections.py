@@ -12,9 +12,9 @@ from svv.core.cameras import Camera, CameraRig, look_at, sphere_cameras
 from svv.fields.networks import FieldSettings
 from svv.fields.occupancy import Occupancy, carve
 from svv.io.viewset import ViewSet
-from svv.train.config import fitted_field
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
+from svv.train.resolutions import fitted_field
 from tests.balls import SHORT, two_balls
 from tests.solid_ball import solid_ball
 

@@ -82,6 +82,7 @@ def trained(threads: int) -> tuple[int, float]:
     return count, score
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_bits() -> None:
     """Wherever NumPy places its arrays, and whatever was in the memory that the C library hands out."""
 

@@ -19,9 +19,9 @@ from svv.errors import BadInput, Cancelled
 from svv.fields.networks import FieldSettings
 from svv.fields.scene import Scene
 from svv.styles.features import load_features
-from svv.train.config import paint_resolutions
 from svv.train.ink import StyleInput
 from svv.train.pipeline import stylize_scene
+from svv.train.resolutions import paint_resolutions
 from svv.train.style_loss import PATCH_LOSS, StyleLossSettings, StyleTarget
 from svv.train.stylize import StyledView, spread_along_rays, stylization_cameras, visible_from
 from tests.balls import SHORT

@@ -22,9 +22,10 @@ from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.train import pipeline
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings, fitted_field
+from svv.train.config import PRESETS, Preset, RecolourSettings, ReconstructSettings, StylizeSettings
 from svv.train.loop import Loop
 from svv.train.pipeline import stylize_scene, train_scene
+from svv.train.resolutions import fitted_field
 from svv.train.sampling import with_fewest_samples
 from svv.train.stylize import visible_from
 
@@ -256,7 +257,7 @@ def test_same_seed_same_scene(views: ViewSet, tiny: None, trained: tuple[Scene, 
 
 
 # Before the lattice is refined, after that, and in stage 2.
-@pytest.mark.parametrize("stop_at", [pytest.param(0.3, marks=pytest.mark.slow), 0.6, 0.8])
+@pytest.mark.parametrize("stop_at", [0.8, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.3, 0.6))])
 def test_a_stopped_training_goes_on_to_the_same_scene(
     views: ViewSet, tiny: None, trained: tuple[Scene, dict[str, object]], tmp_path: Path, stop_at: float,
     monkeypatch: pytest.MonkeyPatch,
@@ -275,8 +276,7 @@ def test_a_stopped_training_goes_on_to_the_same_scene(
     resumed, _ = train_scene(views, "tiny", progress=lambda f, _: seen.append(f), checkpoint=path)
     # Stage 1 hands stage 2 a base in half precision when it comes from the file.
     assert np.abs(resumed.render(front()).rgba - trained[0].render(front()).rgba).mean() < 5e-3
-    assert min(seen) >= 0.0
-    assert seen[-1] == 1.0
+    assert min(seen) >= 0.0 and seen[-1] == 1.0
 
 
 def test_checkpoint_of_another_run_is_not_used(views: ViewSet, tmp_path: Path) -> None:

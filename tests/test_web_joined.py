@@ -158,6 +158,7 @@ def test_names_are_text_and_paintings_one(brushed: Scene, balls: Scene) -> None:
     assert [(layer["first"], layer["count"]) for layer in header["layers"]] == [(0, 2), (2, 2), (4, 2)]
 
 
+@pytest.mark.slow
 def test_graphics_that_hold_less_than_all_layers(open_page: Any, both: Scene, page_of_both: Path) -> None:
     """The layers lie one behind the other in a texture: it is that which has to fit."""
     opened = shown(open_page, page_of_both)

@@ -1,4 +1,4 @@
-"""Training rays, drawn from the visible pixels of a view set and from their immediate surroundings."""
+"""Training rays, drawn from the pixels of a view set (:mod:`svv.train.pixels`)."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 from torch import Tensor
 
 from svv.core.box import Box
 from svv.fields.rendering import RayCaster, Rays
 from svv.io.viewset import ViewSet
 from svv.train import ranks
-
-MARGIN = 9
-"""Side in pixels of the square by which the visible part of an image is dilated: its outline must be learned, too."""
+from svv.train.pixels import pixels_of
 
 
 @dataclass(frozen=True)
@@ -25,12 +22,13 @@ class Batch:
 
     rays: Rays
     """The rays."""
-    colour: Tensor
-    """Straight RGB in [0, 1]. (R, 3)"""
-    alpha: Tensor
-    """Alpha in [0, 1]. (R,)"""
+    shown: Tensor
+    """Premultiplied RGBA of the pixels in [0, 1]. Errors of colour over black and of alpha together tell as much as
+    random backgrounds do, but without noise. (R, 4)"""
     pixels: Tensor
     """Flat indices of the pixels among all views. (R,) int64"""
+    weight: Tensor
+    """Weights with which a sum over the rays of all parts is, on average, the mean over all pixels. (R,)"""
     first: int = 0
     """Number of the first ray, if these are a part of a batch."""
     share: float = 1.0
@@ -38,8 +36,13 @@ class Batch:
 
     @property
     def premultiplied(self) -> Tensor:
-        """Colour over black. With the error of alpha it tells as much as random backgrounds do, but without noise."""
-        return self.colour * self.alpha[:, None]
+        """Colour over black. (R, 3)"""
+        return self.shown[:, :3]
+
+    @property
+    def alpha(self) -> Tensor:
+        """Alpha in [0, 1]. (R,)"""
+        return self.shown[:, 3]
 
 
 class RayBudget:
@@ -61,28 +64,35 @@ class RayPool:
 
     def __init__(self, views: ViewSet, box: Box, seed: int, device: torch.device, headlight: str = "point") -> None:
         self._caster = RayCaster(views.cameras, box, device, headlight)
-        self._pixels = views.images.reshape(-1, 4)
-        size = views.images.shape[1] * views.images.shape[2]
-        # Tens of millions of numbers: use the smaller type if it suffices.
-        kind = np.int32 if len(self._pixels) <= np.iinfo(np.int32).max else np.int64
-        near = (np.flatnonzero(maximum_filter(image[..., 3] > 0, MARGIN)) for image in views.images)
-        self._pool: NDArray[np.integer] = np.concatenate([(p + k * size).astype(kind) for k, p in enumerate(near)])
+        self._levels = views.images.reshape(-1, 4)
+        self._pixels = pixels_of(views)
         self._seed = seed
 
-    def batch(self, number: int, rays: int, part: slice | None = None) -> Batch:
-        """Return batch ``number`` (>= 0) of ``rays`` rays, or a part of it."""
-        generator = np.random.default_rng((self._seed, number))
-        part = part or slice(0, rays)
-        pixels = self._pool[generator.integers(0, len(self._pool), rays)[part]].astype(np.int64)
-        rgba = torch.from_numpy(self._pixels[pixels].astype(np.float32) / np.float32(255.0)).to(self._caster.device)
+    def batch(self, number: int, rays: int, part: slice | None = None, by_contrast: float = 0.0) -> Batch:
+        """Return batch ``number`` (>= 0) of ``rays`` rays, or a part of it.
+
+        ``by_contrast`` is the fraction of the rays whose pixels are drawn by contrast
+        (:meth:`svv.train.pixels.Pixels.drawn`); the others are drawn evenly.
+        """
+        part, device = part or slice(0, rays), self._caster.device
+        pixels, weight = self._pixels.drawn(np.random.default_rng((self._seed, number)), rays, by_contrast)
+        pixels, weight = pixels[part], weight[part] / np.float32(rays)
+        shown = self._levels[pixels].astype(np.float32) / np.float32(255.0)
+        shown[:, :3] *= shown[:, 3:]
         which = torch.from_numpy(pixels)
-        share = len(pixels) / rays
-        return Batch(self._caster.rays(which), rgba[:, :3], rgba[:, 3], which, part.start, share)
+        return Batch(
+            self._caster.rays(which),
+            torch.from_numpy(shown).to(device),
+            which,
+            torch.from_numpy(weight).to(device),
+            part.start,
+            len(pixels) / rays,
+        )
 
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return straight RGB (N, 3) and alpha (N,) in [0, 1] of at most ``most`` visible pixels, drawn uniformly."""
-        generator = np.random.default_rng(self._seed)
-        chosen = self._pool if len(self._pool) <= most else generator.choice(self._pool, most, replace=False)
-        rgba = self._pixels[chosen].astype(np.float32) / np.float32(255.0)
+        generator, pool = np.random.default_rng(self._seed), self._pixels.index
+        chosen = pool if len(pool) <= most else generator.choice(pool, most, replace=False)
+        rgba = self._levels[chosen].astype(np.float32) / np.float32(255.0)
         rgba = rgba[rgba[:, 3] > 0]
         return rgba[:, :3], rgba[:, 3]

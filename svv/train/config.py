@@ -7,10 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar, get_origin
 
-import numpy as np
-
-from svv.core.box import Box
-from svv.core.cameras import Camera
 from svv.errors import BadInput
 from svv.fields.networks import ENCODINGS, FieldSettings
 from svv.fields.occupancy import PRUNED
@@ -19,15 +15,35 @@ from svv.options.making import LIGHTINGS, PaintOptions, PaletteOptions, TrainOpt
 
 
 @dataclass(frozen=True)
-class ReconstructSettings:
-    """Stage 1, the base radiance field."""
+class FitSettings:
+    """Settings of a stage that fits a field to the pixels of the views."""
 
-    iterations: int = 2500
+    iterations: int
     """Number of optimiser steps."""
     rays: int = 4096
     """Maximum rays per step; as few as a quarter are drawn, to stay within ``samples``."""
     samples: int = 32768
     """Target number of visible samples per step: opaque scenes have few along a ray, translucent ones many."""
+    feature_rate: float = 0.02
+    """Learning rate of the features."""
+    network_rate: float = 0.005
+    """Learning rate of the networks."""
+    decay: float = 0.0
+    """Learning rates at the end, as a part of those at the start, to which they fall exponentially. 0: they fall
+    linearly to nothing after ``hold``."""
+    hold: float = 0.8
+    """Fraction of the schedule during which learning rates that fall to nothing stay as they are."""
+    by_contrast: float = 0.75
+    """Fraction of the rays whose pixels are drawn by how much they differ from their neighbours, not evenly; they count
+    less the more often they are drawn (:class:`svv.train.pixels.Pixels`)."""
+
+
+@dataclass(frozen=True)
+class ReconstructSettings(FitSettings):
+    """Stage 1, the base radiance field."""
+
+    iterations: int = 2500
+    """Number of optimiser steps."""
     refine_at: float = 0.5
     """Fraction of the schedule after which the step and the density lattice become twice as fine; above 1: never."""
     density_rate: float = 0.3
@@ -41,17 +57,13 @@ class ReconstructSettings:
     """Whether the density of a lattice is otherwise initialized from the views' alpha by tomography."""
     colour_every: float = 1.0 / 16.0
     """Fraction of a pixel's weight that shares one colour lookup; the density learns from all samples."""
-    known_density_rate: float = 0.05
-    """Learning rate of a density that was initialized from the volume, or by a tomography of translucent views."""
+    known_density_rate: float = 0.03
+    """Learning rate of a density that was initialized from the volume."""
+    translucent_density_rate: float = 0.05
+    """Learning rate of a density that was initialized by a tomography of translucent views, which is less exact."""
     opaque_density_rate: float = 0.15
     """Learning rate of a density that was initialized by a tomography of views of which most visible pixels are opaque:
     what lies behind such a pixel, it does not tell."""
-    feature_rate: float = 0.02
-    """Learning rate of the features."""
-    network_rate: float = 0.005
-    """Learning rate of the networks."""
-    decay: float = 0.05
-    """Learning rates at the end, as a part of those at the start."""
     alpha_weight: float = 1.0
     """Weight of the squared error of alpha, relative to that of colour."""
     initial_exponent: float = 2.0
@@ -69,25 +81,15 @@ class ReconstructSettings:
 
 
 @dataclass(frozen=True)
-class RecolourSettings:
+class RecolourSettings(FitSettings):
     """Stage 2, the palette colour network."""
 
     iterations: int = 1000
     """Number of optimiser steps."""
-    rays: int = 4096
-    """Maximum rays per step; as few as a quarter are drawn, to stay within ``samples``."""
-    samples: int = 32768
-    """Target number of visible samples per step."""
     joined: float = 1.0 / 64.0
     """Weight in a pixel up to which samples are merged; 0 omits negligible samples instead."""
-    feature_rate: float = 0.02
-    """Learning rate of the features."""
-    network_rate: float = 0.005
-    """Learning rate of the networks."""
     palette_rate: float = 0.0005
     """Learning rate of the palette's colours."""
-    decay: float = 0.05
-    """Learning rates at the end, as a part of those at the start."""
     offset_weight: float = 0.1
     """lambda_delta: weight of the composited squared offsets (StyleRF-VolVis, eq. 5)."""
     offset_start: float = 10.0
@@ -165,7 +167,7 @@ class Preset:
     values: bool = False
     """Whether the scene is a function of the volume's values (:mod:`svv.train.from_values`)."""
     fitted: bool = True
-    """Whether the lattice is fitted to the views' pixels (:func:`fitted_field`)."""
+    """Whether the lattice is fitted to the views' pixels (:func:`svv.train.resolutions.fitted_field`)."""
 
 
 PRESETS = {
@@ -179,8 +181,8 @@ PRESETS = {
     "fast": Preset(
         "fast",
         FieldSettings(),
-        ReconstructSettings(iterations=1000),
-        RecolourSettings(iterations=400),
+        ReconstructSettings(iterations=700),
+        RecolourSettings(iterations=300),
         StylizeSettings(distil_iterations=200, style_iterations=42),
     ),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
@@ -188,12 +190,20 @@ PRESETS = {
         "paper",
         FieldSettings("hash", (16, 4096), features=2, shading=False),
         ReconstructSettings(
-            iterations=30000, use_volume=False, tomography=False, feature_rate=0.01, network_rate=0.01, decay=0.1
+            iterations=30000,
+            use_volume=False,
+            tomography=False,
+            feature_rate=0.01,
+            network_rate=0.01,
+            decay=0.1,
+            by_contrast=0.0,
         ),
         RecolourSettings(
             2500,
             feature_rate=0.01,
             network_rate=0.01,
+            decay=0.05,
+            by_contrast=0.0,
             offset_start=1.0,
             shade_weight=0.0,
             mixing_weight=0.0,
@@ -214,6 +224,9 @@ VALUES = "values"
 
 VALUE_STEPS = 4, 2
 """Parts of stage 1 and stage 2 of a preset that such scenes need."""
+
+VALUE_RATE = 0.05
+"""Learning rate of their extinction, a table that all vertices share."""
 
 
 def preset(name: str | Preset, encoding: str | None = None) -> Preset:
@@ -237,7 +250,7 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
         first, second = chosen.reconstruct, chosen.recolour
         return replace(
             chosen,
-            reconstruct=replace(first, iterations=first.iterations // VALUE_STEPS[0]),
+            reconstruct=replace(first, iterations=first.iterations // VALUE_STEPS[0], known_density_rate=VALUE_RATE),
             recolour=replace(second, iterations=second.iterations // VALUE_STEPS[1], feature_rate=0.0),
             values=True,
         )
@@ -248,7 +261,7 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
         raise BadInput(f"There is no encoding '{encoding}'; choose one of {', '.join(ENCODINGS)}.")
     home = PRESETS[HOMES.get(encoding, "paper")]
     table = {"encoding": encoding, **{name: getattr(home.field, name) for name in ("resolutions", "features")}}
-    rates = ("feature_rate", "network_rate", "decay")
+    rates = ("feature_rate", "network_rate", "decay", "hold", "by_contrast")
     return replace(
         chosen,
         field=replace(chosen.field, **table),
@@ -352,46 +365,3 @@ def given(kind: type[Options], options: Options | Preset | str, changes: Mapping
     base: Any = options if isinstance(options, kind) else kind() if own else kind(preset=options)  # type: ignore[arg-type]
     asked: Options = replace(base, **changes)
     return asked, settings_of(asked, own)
-
-
-PIXELS_A_CELL = 2.5
-"""Minimum number of pixels that the finest lattice cell covers: too few rays see finer cells to train them."""
-
-
-def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tuple[int, ...]:
-    """Return the levels of a lattice for paint: all in the scene's settings, and finer ones that its views resolve.
-
-    Args:
-        field: The scene's field settings.
-        cell: Largest side of the finest cells, in box units; None adds no level.
-        most: Maximum number of cells along the longest side of an added level: that of the scene's occupancy.
-    """
-    levels = field.resolutions + field.finer
-    if field.encoding == "lattice" and cell is not None:
-        while 1.0 / levels[-1] > cell and 2 * levels[-1] <= most:
-            levels += (2 * levels[-1],)
-    return levels
-
-
-def fitted_field(
-    field: FieldSettings, cameras: Sequence[Camera], box: Box, finest: int = 256
-) -> tuple[FieldSettings, str]:
-    """Return the lattice levels that the views can resolve, and the reason in a sentence.
-
-    Cells of the finest level cover at least :data:`PIXELS_A_CELL` pixels of the views; each coarser level has half as
-    many cells, down to 16.
-    """
-    centre = box.bounds.mean(axis=0)
-    # Cameras at several distances: what half of them resolve.
-    pixel = float(np.median([c.pixel_at(float(np.linalg.norm(c.position - centre))) for c in cameras]) / box.size)
-    best = 1.0 / (PIXELS_A_CELL * pixel)
-    levels = [16]
-    while levels[-1] * 2 <= min(best, finest):
-        levels.append(levels[-1] * 2)
-    reason = (
-        f"a pixel covers 1/{1 / pixel:.0f} of the box, so the finest of {len(levels)} levels has {levels[-1]} cells: "
-        f"{levels[-1] * 2} would be under {PIXELS_A_CELL:g} pixels per cell"
-        if levels[-1] < finest
-        else f"the finest of {len(levels)} levels has {finest} cells, the most this preset allows"
-    )
-    return FieldSettings(**{**field.to_json(), "resolutions": tuple(levels)}), reason  # type: ignore[arg-type]

@@ -18,8 +18,9 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.rendering import Rays, march
 from svv.fields.scene import Scene
 from svv.kernels.types import Samples
-from svv.train.config import StylizeSettings, paint_resolutions
+from svv.train.config import StylizeSettings
 from svv.train.loop import falling, network_adam
+from svv.train.resolutions import paint_resolutions
 
 DISTILLATION_SIZE = 256
 """Side in pixels of the views whose rays are drawn: they only determine where samples fall."""

@@ -158,9 +158,15 @@ class Loop:
         return 10.0 * math.log10(max(before, 1e-12) / max(last, 1e-12))
 
 
-def falling(fraction: float, end: float) -> float:
-    """Return the factor on a learning rate, which falls exponentially from 1 to ``end``."""
-    return float(end**fraction)
+def falling(fraction: float, end: float, hold: float = 0.0) -> float:
+    """Return the factor on a learning rate.
+
+    It falls exponentially from 1 to ``end``. If that is 0, it is 1 up to the fraction ``hold`` of the schedule, and
+    then falls linearly to 0, which is the best end of a schedule whose length is known (Defazio et al. 2023).
+    """
+    if end > 0.0:
+        return float(end**fraction)
+    return min(1.0, (1.0 - fraction) / (1.0 - hold)) if hold < 1.0 else 1.0
 
 
 def network_adam(

@@ -75,7 +75,7 @@ class Recolouring:
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
-        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays))
+        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
         samples = march(batch.rays, self.occupancy, self.base.density, self.marching, number + 1, batch.first)
         self.budget.adjust(number, len(samples))
         with torch.no_grad():
@@ -99,13 +99,14 @@ class Recolouring:
             values = torch.cat([values, light[:, None] * parts.weights], dim=1)
         out, _, _ = composite(samples, sigma, values)
         out, mixtures = out[:, :6], out[:, 6:]
-        error = (out[:, :3] - batch.premultiplied).square().mean()
+        missing = torch.cat([(out[:, :3] - batch.premultiplied).square(), out[:, 3:]], dim=1)
+        errors = (batch.weight[:, None] * missing).sum(dim=0)
         drift = (self.field.colours - self.start).square().sum()
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
-        penalties = out.new_tensor([s.offset_weight * early, self.shade_weight, s.mixing_weight])
-        loss = error + (out[:, 3:].mean(dim=0) * penalties).sum() + s.palette_weight * drift
-        if ranks.many():  # means over the whole batch are sums of the ranks' means, by their shares
-            loss, error = batch.share * loss, batch.share * error
+        penalties = s.offset_weight * early, self.shade_weight, s.mixing_weight
+        each = out.new_tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, *penalties])
+        error = errors[:3].detach().mean()
+        loss = (errors * each).sum() + s.palette_weight * batch.share * drift
         if self.owners is not None:
             loss = loss + self._foreign(self.owners, parts.weights, samples.position)
         if self.given is not None:
@@ -114,7 +115,7 @@ class Recolouring:
         loss.backward()
         trained = [p for group in self.networks.param_groups for p in group["params"]]
         error = sum_gradients(error, trained, self.tables.encodings)
-        rate = falling(fraction, s.decay)
+        rate = falling(fraction, s.decay, s.hold)
         for group in self.networks.param_groups:
             group["lr"] = group["full"] * rate
         self.networks.step()
@@ -139,10 +140,11 @@ class Recolouring:
 
     def _not_as_given(self, given: Unmixing, mixtures: Tensor, batch: Batch) -> Tensor:
         """Return the penalty of palette shares in pixels, ``mixtures`` (R, P), other than those given, a scalar."""
-        shares = given.shares(batch.premultiplied) * batch.premultiplied.amax(dim=1, keepdim=True)
+        counts = batch.weight[:, None] * batch.premultiplied.amax(dim=1, keepdim=True)
+        shares = given.shares(batch.premultiplied) * counts
         shown = mixtures / mixtures.sum(dim=1, keepdim=True).clamp_min(1e-6)
         total = ranks.summed(shares.sum(dim=0))  # here, too, a thin layer counts as much as a thick one
-        told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-6)
+        told = (shares * shown.clamp_min(1e-4).log()).sum(dim=0) / total.clamp_min(1e-12)
         return -self.settings.owner_weight * told.sum() / (total > 0).sum().clamp_min(1)
 
     @torch.no_grad()

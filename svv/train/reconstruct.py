@@ -55,11 +55,12 @@ class Reconstruction:
         self.known = known is not None
         self.density_rate = settings.density_rate
         self.prune_least = settings.prune_least
-        if self.known:
-            guessed = beginning.measured and opaque_part(views.images[..., 3]) > MOSTLY
-            self.density_rate = settings.opaque_density_rate if guessed else settings.known_density_rate
-            if beginning.measured and not guessed:
-                self.prune_least = settings.faint_prune_least
+        if self.known and not beginning.measured:
+            self.density_rate = settings.known_density_rate
+        elif self.known and opaque_part(views.images[..., 3]) > MOSTLY:
+            self.density_rate = settings.opaque_density_rate
+        elif self.known:
+            self.density_rate, self.prune_least = settings.translucent_density_rate, settings.faint_prune_least
         self.refined: Occupancy | None = None
         self.occupancy = occupancy = beginning.occupancy
         levels = None if known is None else known.resolutions
@@ -88,19 +89,19 @@ class Reconstruction:
         s = self.settings
         if fraction >= s.refine_at and self.refined is None and self.field.density is not None:
             self.refine()
-        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays))
+        batch = self.pool.batch(number, self.budget.rays, ranks.part(self.budget.rays), s.by_contrast)
         samples = march(batch.rays, self.occupancy, self.field.density, self.marching, number + 1, batch.first)
         samples, sigma, colour, cost = self._look(samples, batch, number)
         self.budget.adjust(number, cost)
         out, transmittance, _ = composite(samples, sigma, colour)
-        error = (out - batch.premultiplied).square().mean()
-        loss = error + s.alpha_weight * (1.0 - transmittance - batch.alpha).square().mean()
-        if ranks.many():  # means over the whole batch are sums of the ranks' means, by their shares
-            loss, error = batch.share * loss, batch.share * error
+        missing = torch.cat([out, 1.0 - transmittance[:, None]], dim=1) - batch.shown
+        errors = (batch.weight[:, None] * missing.square()).sum(dim=0)
+        error = errors[:3].detach().mean()
+        loss = (errors * errors.new_tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, s.alpha_weight])).sum()
         self.networks.zero_grad(set_to_none=True)
         loss.backward()
         error = sum_gradients(error, self.trained, self.field.encodings)
-        self._update(falling(fraction, s.decay))
+        self._update(falling(fraction, s.decay, s.hold))
         if (number + 1) % s.prune_every == 0 and number >= 2 * s.prune_every:
             self.prune(grow=fraction < 0.25 and not self.known)
         return error

@@ -24,7 +24,7 @@ from svv.io.viewset import ViewSet
 from svv.train import ranks
 from svv.train.beginning import Beginning, begin, first_occupancy
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import Preset, fitted_field
+from svv.train.config import Preset
 from svv.train.from_values import ValueReconstruction, field_of
 from svv.train.levels import with_fewest_levels
 from svv.train.lighting import headlight_of, light_by_trial, light_for, shows_light
@@ -33,6 +33,7 @@ from svv.train.material import regions_in
 from svv.train.ranges import KnownRegions, Labelled, regions_for, regions_of
 from svv.train.recolour import palette_of, recolour
 from svv.train.reconstruct import Reconstruction, reconstruct
+from svv.train.resolutions import fitted_field
 from svv.train.sampling import with_fewest_samples
 from svv.train.unmix import Unmixing
 

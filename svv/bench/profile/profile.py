@@ -24,11 +24,12 @@ from svv.kernels.bfloat16 import cpu_has_bfloat16
 from svv.kernels.dispatch import CPU, kernels_of
 from svv.train.batches import RayPool
 from svv.train.beginning import begin, first_occupancy
-from svv.train.config import Preset, fitted_field, preset
+from svv.train.config import Preset, preset
 from svv.train.lighting import shows_light
 from svv.train.ranges import regions_of
 from svv.train.recolour import Recolouring, palette_of
 from svv.train.reconstruct import Reconstruction
+from svv.train.resolutions import fitted_field
 from svv.train.sampling import with_fewest_samples
 
 COUNTED_STEPS = 2

@@ -34,12 +34,17 @@ from svv.train.reconstruct import Reconstruction
 from svv.train.unmix import Unmixing
 
 CPU = torch.device("cpu")
+STEPS = 30
+"""Steps of a stage, enough to refine the lattice; each amplifies what rounding differs by."""
+SLOW = {"feature_rate": 0.002, "network_rate": 0.0005}
+"""A tenth of the usual rates, of which Adam also makes whole steps where a gradient is nothing but rounding."""
 LATTICE = FieldSettings(resolutions=(4, 8), features=2, width=16)
 HASH = FieldSettings("hash", (4, 16), features=2, levels=4, log2_entries=10, width=16)
 BASE = ReconstructSettings(
-    iterations=100, rays=1023, samples=8192, cells=16, prune_every=40, use_volume=False, tomography=False
-)
-PALETTE = RecolourSettings(iterations=100, rays=1023, samples=8192)
+    iterations=100, rays=1023, samples=8192, cells=16, prune_every=40, use_volume=False, tomography=False,
+    density_rate=0.03, **SLOW,
+)  # fmt: skip
+PALETTE = RecolourSettings(iterations=100, rays=1023, samples=8192, **SLOW)
 SMALL = Preset("small", LATTICE, BASE, PALETTE, StylizeSettings())
 COLOURS = ((0.8, 0.2, 0.2), (0.2, 0.3, 0.8), (0.3, 0.8, 0.2), (0.6, 0.6, 0.1))
 Results = dict[str, Tensor]
@@ -108,14 +113,21 @@ def palette(scene: Scene, steps: int, name: str, owners: Halves | None = None, g
     return learned(work, steps, name)
 
 
-def law() -> Results:
+def bases() -> tuple[Scene, Scene]:
+    """What one process learns alone, on a lattice and on a hash grid, for the palette stages.
+
+    Their samples are joined up to a threshold, so bases that differ by rounding may give them different samples.
+    """
+    return base(LATTICE, STEPS, "base")[1], base(HASH, 6, "base")[1]
+
+
+def law(lattice: Scene, hashed: Scene) -> Results:
     """Return what both stages learn, on a lattice and on a hash grid, and with all losses of the palette stage."""
-    found, scene = base(LATTICE, 100, "base")
-    found |= palette(scene, 100, "palette")
-    found |= palette(scene, 12, "owners", Halves())
-    found |= palette(scene, 12, "given", given=True)
-    hashed, scene = base(HASH, 12, "hash base")
-    return found | hashed | palette(scene, 6, "hash palette")
+    found = base(LATTICE, STEPS, "base")[0] | base(HASH, 6, "hash base")[0]
+    found |= palette(lattice, 12, "palette")
+    found |= palette(lattice, 12, "owners", Halves())
+    found |= palette(lattice, 12, "given", given=True)
+    return found | palette(hashed, 6, "hash palette")
 
 
 def train(folder: Path, progress: Progress = silent) -> Scene:
@@ -146,10 +158,11 @@ def main() -> None:
     folder = Path(sys.argv[1])
     torch.set_num_threads(1)
     loop.SAVE_EVERY = loop.SHOW_EVERY = 0.0
+    alone = bases()
     with ranks.joined():
         if sys.argv[2:] == ["first dies"]:
             train(folder, until_palette(die, 0))
-        rank, found, scene = ranks.place().rank, law(), train(folder)
+        rank, found, scene = ranks.place().rank, law(*alone), train(folder)
         torch.save({"law": found, "base": scene.base.state_dict()}, folder / f"{rank}.pt")
         scene.save(folder / f"{rank}.svv")
         try:

@@ -42,7 +42,7 @@ class FitSettings:
 class ReconstructSettings(FitSettings):
     """Stage 1, the base radiance field."""
 
-    iterations: int = 2500
+    iterations: int = 1500
     """Number of optimiser steps."""
     refine_at: float = 0.5
     """Fraction of the schedule after which the step and the density lattice become twice as fine; above 1: never."""
@@ -84,7 +84,7 @@ class ReconstructSettings(FitSettings):
 class RecolourSettings(FitSettings):
     """Stage 2, the palette colour network."""
 
-    iterations: int = 1000
+    iterations: int = 600
     """Number of optimiser steps."""
     joined: float = 1.0 / 64.0
     """Weight in a pixel up to which samples are merged; 0 omits negligible samples instead."""

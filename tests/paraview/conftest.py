@@ -104,9 +104,18 @@ class Gui:
 
     def fill_screen(self) -> str:
         """Give the main window all of the screen, and return its number."""
-        window = self.xdotool("search", "--sync", "--onlyvisible", "--name", "^ParaView").split()[0]
+        window = self._main_window()
         self.xdotool("windowmove", window, 0, 0, "windowsize", window, 1280, 1024)
         return window
+
+    def _main_window(self, searches: int = 10) -> str:
+        """Number of the main window; a search in which another window closes, such as the first picture, is repeated."""
+        try:
+            return self.xdotool("search", "--sync", "--onlyvisible", "--name", "^ParaView").split()[0]
+        except AssertionError as error:
+            if "BadWindow" not in str(error) or searches == 1:
+                raise
+            return self._main_window(searches - 1)
 
 
 @pytest.fixture(scope="session")

@@ -109,7 +109,7 @@ class Gui:
         return window
 
     def _main_window(self, searches: int = 10) -> str:
-        """Number of the main window; a search in which another window closes, such as the first picture, is repeated."""
+        """Number of the main window; a search in which another window closes, such as a splash, starts again."""
         try:
             return self.xdotool("search", "--sync", "--onlyvisible", "--name", "^ParaView").split()[0]
         except AssertionError as error:

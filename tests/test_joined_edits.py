@@ -113,6 +113,18 @@ def test_splits_of_all_functions_have_one_history(both: Scene, edits: list[Calla
     assert with_members(scene, members(scene)).every_region == scene.every_region
 
 
+@pytest.mark.parametrize(("undone", "split"), [(LEFT, TOP), (TOP, LEFT)])
+def test_a_split_forgets_an_undone_one_of_another_function(
+    both: Scene, undone: tuple[float, float, float], split: tuple[float, float, float], tmp_path: Path
+) -> None:
+    found = both.split_at(in_world(undone)).undone().split_at(in_world(split))
+    found.save(tmp_path / "found.svv")
+    again = Scene.load(tmp_path / "found.svv")
+    assert again.every_region == found.every_region and not again.history.future
+    same(again, found)
+    same(again.undone(), both)
+
+
 # --- paint ------------------------------------------------------------------------------------------------------------
 
 INKS = (Ink("stippling"), Ink("hatching"))

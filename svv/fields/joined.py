@@ -108,11 +108,12 @@ def split_in_a_layer(scene: Painted, point: Sequence[float], level: float, progr
     part, whole = split.regions[-1], every[number].regions
     assert part.part_of is not None
     after = scene.with_part(numbers[part.part_of], part.share / max(whole[part.part_of].share, 1e-12))
-    if number == 0:
-        return replace(after, parts=split.parts)
-    layers = list(after.layers)
-    layers[number - 1] = replace(layers[number - 1], parts=split.parts)
-    return replace(after, layers=tuple(layers))
+    # The new step forgets undone splits, also those of the other functions.
+    first, *others = (
+        split.parts if k == number else member.parts and member.parts.without_undone() for k, member in enumerate(every)
+    )
+    layers = tuple(replace(layer, parts=parts) for layer, parts in zip(after.layers, others, strict=True))
+    return replace(after, parts=first, layers=layers)
 
 
 @torch.no_grad()

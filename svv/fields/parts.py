@@ -103,6 +103,10 @@ class Parts:
         names[present] = number.ravel()
         return Parts(self.cells, names[code], inside, self.active + 1)
 
+    def without_undone(self) -> Parts | None:
+        """Return the parts without those whose splits were undone; None if there is no other."""
+        return replace(self, inside=self.inside[:, : self.active]) if self.active else None
+
 
 def no_parts(shape: Sequence[int], cells: int) -> Parts:
     """Return parts without any, in a grid of this shape."""

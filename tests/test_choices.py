@@ -207,7 +207,13 @@ def test_why_a_training_stopped_there_and_whether_more_would_help() -> None:
         loop = Loop(100, None, silent, "")
         loop.run(lambda number, fraction: losses[number])  # noqa: B023
         assert loop.last_gain() == pytest.approx(gain, abs=1e-4)
+        assert loop.last_gain(0.8) == pytest.approx(gain, abs=1e-4)
+    falling = Loop(100, None, silent, "")  # what only the fall of the rates gains tells nothing about more steps
+    falling.run(lambda number, fraction: torch.tensor(1.0 if number < 80 else 0.1))
+    assert falling.last_gain(0.8) == pytest.approx(0.0, abs=1e-4)
+    assert falling.last_gain(0.1) is None
     stopped = Loop(100, None, silent, "", done=95)
     stopped.run(lambda number, fraction: torch.tensor(1.0))
     assert stopped.last_gain() is None
-    assert "stage 1 stopped after 120 steps, as in the preset; the last tenth of them gained" in trained("striped")[1]
+    reason = "stage 1 stopped after 120 steps, as in the preset; the last tenth of them at full rates gained"
+    assert reason in trained("striped")[1]

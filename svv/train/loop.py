@@ -149,9 +149,13 @@ class Loop:
         )
         self.course.clear()
 
-    def last_gain(self) -> float | None:
-        """Return how many dB the mean loss of the last part is below that of the part before; None without both."""
-        ends = [self.course.get(PARTS - k) for k in (2, 1)]
+    def last_gain(self, until: float = 1.0) -> float | None:
+        """Return how many dB the mean loss of the last part is below that of the part before; None without both.
+
+        ``until`` is the fraction of the run up to which parts count: as learning rates fall to nothing, the loss falls
+        in any case.
+        """
+        ends = [self.course.get(round(PARTS * until) - k) for k in (2, 1)]
         if not all(ends):
             return None
         before, last = (float(torch.stack(losses).mean()) for losses in ends if losses)

@@ -28,7 +28,8 @@ from svv.train.loop import Loop, Running, falling, network_adam
 from svv.train.tomography import opaque_part
 
 LEAST_GAIN = 0.1
-"""Gain in dB over the last tenth of a schedule from which a longer schedule is reported as worthwhile."""
+"""Gain in dB over the last tenth of a schedule, before learning rates fall to nothing, from which a longer schedule is
+reported as worthwhile."""
 
 MOSTLY = 0.5
 """Part of the visible pixels that must be opaque for a tomography to count as a guess."""
@@ -222,10 +223,10 @@ def reconstruct(
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()
-    return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, running.limit)
+    return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, running.limit, settings)
 
 
-def _why_there(loop: Loop, limit: float | None) -> str:
+def _why_there(loop: Loop, limit: float | None, settings: ReconstructSettings) -> str:
     """Return why the training stopped, and whether a longer one would help.
 
     Each step draws its pixels at random from all views, a few in a thousand of them, so its error is measured on pixels
@@ -234,8 +235,9 @@ def _why_there(loop: Loop, limit: float | None) -> str:
     whole = loop.done >= loop.iterations
     where = "as in the preset" if whole else f"at its limit of {limit:.0f} s"
     text = f"stage 1 stopped after {loop.done} steps, {where}"
-    gain = loop.last_gain()
+    at, until = ("", 1.0) if settings.decay > 0.0 else (" at full rates", min(settings.hold, 1.0))
+    gain = loop.last_gain(until)
     if gain is None:
         return text
     more = "a longer schedule would add to that" if gain >= LEAST_GAIN else "a longer schedule would add little"
-    return f"{text}; the last tenth of them gained {gain:.2f} dB: {more}"
+    return f"{text}; the last tenth of them{at} gained {gain:.2f} dB: {more}"

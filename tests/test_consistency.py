@@ -264,6 +264,7 @@ def test_every_mode_paints_and_is_measured(compared: tuple[Path, list[dict[str, 
     assert found["video"]["depth 1 rmse"] < 0.9 * found["frame-by-frame"]["depth 1 rmse"]
 
 
+@pytest.mark.slow
 def test_strokes_hold_still_where_frames_alone_do_not(folder: Path, tiny: None, tmp_path: Path) -> None:
     """Of what there is to see, that is: what is calm holds still, too. On a surface, as fog has none to hold them."""
     solid_ball().save(tmp_path / "ball.svv")

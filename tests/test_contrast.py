@@ -151,6 +151,7 @@ def test_strokes_are_larger_where_one_sees_deep() -> None:
     assert stroke_scales(FOG, [0, 1], pixel, 3.0)[1] == 1.0  # nothing of it is seen
 
 
+@pytest.mark.slow
 def test_fog_is_painted_with_the_contrast_of_its_style() -> None:
     """Most of it: of strokes that lie behind each other less is seen, and what is solved makes up for it."""
     row, column = np.mgrid[0:96, 0:96]

@@ -130,6 +130,7 @@ def test_a_removed_range_is_part_of_its_neighbour(nested: Drawn) -> None:
     assert min(region_overlaps(found, train, train.classified)) > 0.9
 
 
+@pytest.mark.slow
 def test_a_colour_within_a_range_is_where_the_views_show_it() -> None:
     """One range of values whose colour map goes from blue to green is two regions if somebody says so."""
     known = KnownScene(ring_and_balls, (Range(-0.5, 0.3, 0.9, GREEN), Range(0.7, 1.5, 0.9, BLUE)))
@@ -148,6 +149,7 @@ def test_a_colour_within_a_range_is_where_the_views_show_it() -> None:
     assert [region.ranges for region in one.regions] == [scene.regions[0].ranges]
 
 
+@pytest.mark.slow
 def test_a_stopped_correction_goes_on_to_the_same_scene(
     nested: Drawn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

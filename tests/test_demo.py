@@ -27,6 +27,7 @@ from svv.job.steps import JobSettings
 from svv.measure import measured
 from svv.options.making import OrbitOptions, TrainOptions, ViewOptions
 from svv.render.pictures import cropped, error_picture, over_white, sheet, shrunk
+from svv.train.config import PRESETS, StylizeSettings
 from tests.movies import frames_of
 
 
@@ -194,6 +195,7 @@ SMALL = JobSettings(
     OrbitOptions(orbit=4, orbit_size=64),
     recolour=True,
 )
+PAINT = StylizeSettings(style_iterations=4, style_views=4, style_size=96)
 RESOLUTION = 24
 
 
@@ -217,18 +219,19 @@ class Shown:
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A tiny demo that was stopped in the middle of its training and then begun again."""
     out = tmp_path_factory.mktemp("demo") / "out"
-    stopped = Shown(stop_in="Training")
-    with pytest.raises(Cancelled):
-        run_demo(out, SMALL, RESOLUTION, stopped)
-    assert not (out / "scene.svv").exists()
-    again = Shown()
-    run_demo(out, SMALL, RESOLUTION, again)
-    assert stopped.titles == ["Volume and styles", "Drawing 12 + 2 views", "Training"]
-    assert again.titles[0] == "Training"
-    return out
+    stopped, again = Shown(stop_in="Training"), Shown()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(PRESETS, "draft", replace(PRESETS["draft"], stylize=PAINT))
+        with pytest.raises(Cancelled):
+            run_demo(out, SMALL, RESOLUTION, stopped)
+        assert not (out / "scene.svv").exists()
+        run_demo(out, SMALL, RESOLUTION, again)
+        assert stopped.titles == ["Volume and styles", "Drawing 12 + 2 views", "Training"]
+        assert again.titles[0] == "Training"
+        yield out
 
 
 def test_the_demo_leaves_what_it_promises(finished: Path) -> None:

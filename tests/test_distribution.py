@@ -77,6 +77,7 @@ def test_the_wheel_runs_without_the_checkout(built: Path, tmp_path: Path) -> Non
     assert said.stdout.strip() == f"svv {__version__}"
 
 
+@pytest.mark.slow
 def test_pyvista_finds_the_reader_and_the_accessor_of_the_wheel(built: Path, tmp_path: Path) -> None:
     """By its entry points, without any import of svv."""
     pytest.importorskip("pyvista", minversion="0.48")

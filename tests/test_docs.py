@@ -24,6 +24,9 @@ PYTHON_TUTORIAL = DOCS / "tutorials" / "python.md"
 GUIDES = sorted([*(DOCS / "tutorials").glob("*.md"), *(DOCS / "how-to").glob("*.md"), DOCS.parent / "README.md"])
 """Pages whose blocks are run."""
 
+LONG = {"blender", "cinema", "masks", "notebook", "pyvista"}
+"""Those of them that take longest."""
+
 NOT_RUN = {"needs ParaView": 11, "needs a GPU": 1, "takes minutes": 4}
 """Why blocks of these pages are only compiled or left alone, and how many there are."""
 
@@ -101,7 +104,10 @@ def folder(tmp_path: Path, filled: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
     return tmp_path
 
 
-@pytest.mark.parametrize("page", GUIDES, ids=lambda page: str(page.relative_to(DOCS.parent).with_suffix("")))
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=[pytest.mark.slow] * (page.stem in LONG)) for page in GUIDES],
+    ids=[str(page.relative_to(DOCS.parent).with_suffix("")) for page in GUIDES],
+)  # fmt: skip
 def test_a_page_works_as_written(page: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, object] = {}
     for block in blocks(page, "python", "sh"):

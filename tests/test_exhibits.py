@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from PIL import Image
 
 from svv.bench.styles.exhibits import Exhibit, paint_figures, paint_sheet
 from svv.errors import BadInput
+from svv.fields.networks import PaletteField
 from svv.fields.scene import Scene
 from svv.io.output import write_png
 from svv.train.config import PRESETS, StylizeSettings
@@ -29,14 +29,17 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def scene(tmp_path: Path, balls: Scene) -> Path:
-    path = tmp_path / "balls.svv"
-    lit = replace(balls, palette_network=copy.deepcopy(balls.palette_network))
-    assert lit.palette_network is not None and lit.palette_network.lighting_mlp is not None
+    """The balls with a lighting network that is told apart from none: whether flat balls get one is a near thing."""
+    path, settings = tmp_path / "balls.svv", replace(balls.settings, lighting="network")
+    flat = balls.palette_network
+    assert flat is not None
+    torch.manual_seed(0)
+    network = PaletteField(settings, balls.occupancy, balls.base.geometry_width, flat.colours)
+    network.load_state_dict({**network.state_dict(), **flat.state_dict()})
+    assert network.lighting_mlp is not None
     with torch.no_grad():
-        list(lit.palette_network.lighting_mlp.parameters())[-1].mul_(
-            10.0
-        )  # the flat balls have next to no light of their own
-    lit.save(path)
+        list(network.lighting_mlp.parameters())[-1].mul_(10.0)
+    replace(balls, settings=settings, palette_network=network).save(path)
     return path
 
 

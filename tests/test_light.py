@@ -375,6 +375,7 @@ def test_lights_that_cannot_be_trained_are_one_sentence(views: ViewSet) -> None:
         train_scene(views, SHORT, lighting="sun")
 
 
+@pytest.mark.slow
 def test_a_whole_job_has_the_light_that_is_asked_for(views: ViewSet, tmp_path: Path) -> None:
     views.write(tmp_path / "views", "train")
     source, out = ViewSource(tmp_path / "views"), tmp_path / "out"

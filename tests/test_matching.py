@@ -94,6 +94,7 @@ def detail(scene: Scene, views: list[StyledView]) -> float:
     return float(colours.std(0).mean()) / float(stripes().std((0, 1)).mean())
 
 
+@pytest.mark.slow
 def test_matching_brings_unseen_views_nearer_to_the_style(laid: Scene, unseen: list[StyledView], weights: str) -> None:
     """By a part of their distance that colours, smoothness and chance do not give."""
     before, after = (from_style(scene, unseen, weights) for scene in (laid, painted(weights)))

@@ -155,7 +155,11 @@ AMBIENT = Shading(ambient=0.3, diffuse=0.6)
 
 @pytest.mark.parametrize(
     ("name", "shading", "most"),
-    [("noise", None, 4.0), ("wires", None, 4.0), ("noise", AMBIENT, 4.0), ("wires", AMBIENT, 6.0)],
+    [
+        ("noise", None, 4.0),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("wires", None, 4.0), ("noise", AMBIENT, 4.0))),
+        ("wires", AMBIENT, 6.0),
+    ],
 )
 def test_colours_are_right_where_normals_are_not(name: str, shading: Shading | None, most: float) -> None:
     """Noise turns gradients anywhere, and a wire is thinner than its normals, so hardly a point is seen in full light.
@@ -195,6 +199,7 @@ def test_a_black_scene_is_one_black_region() -> None:
     np.testing.assert_allclose(found.palette.colours, np.zeros((1, 3)), atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_palette_given_by_hand_tells_brightnesses_of_one_hue_apart() -> None:
     scene, train = drawn("greys")
     truth = np.array([r.colour for r in SCENES["greys"].ranges])

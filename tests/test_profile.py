@@ -127,6 +127,7 @@ def test_a_profile_of_a_training(views: ViewSet) -> None:
     assert not any("backward" in s.name or "Adam" in s.name for s in image.stages)
 
 
+@pytest.mark.slow
 def test_the_command(views: ViewSet, tmp_path: Path) -> None:
     views.write(tmp_path / "views", "train")
     options = ["--preset", "draft", "--steps", "8", "--timed", "1", "--json", str(tmp_path / "p.json")]

@@ -92,6 +92,7 @@ def test_a_seed_gives_the_same_bits() -> None:
     assert content(0, 85) == content(16, 170)
 
 
+@pytest.mark.slow
 def test_kernels_from_the_cache_give_the_bits_of_those_just_compiled(tmp_path: Path) -> None:
     """Numba optimises what it keeps once more: sums in another order would make a first run unlike all later ones."""
     (first, new), (second, kept) = (told(COMPILED, NUMBA_CACHE_DIR=str(tmp_path)).split() for _ in range(2))

@@ -186,6 +186,7 @@ def test_style_pictures_are_what_they_say() -> None:
     assert 0.98 < (barely_masked() == 1.0).all(axis=2).mean() < 1.0
 
 
+@pytest.mark.slow
 def test_a_run_measures_what_it_promises(tmp_path: Path) -> None:
     matrix = Matrix(("easy", "saved", "camera-far", "camera-inside"), ("draft",), 1)
     records = run_stability(tmp_path, matrix, QUICK)

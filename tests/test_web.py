@@ -236,6 +236,7 @@ def test_where_a_movie_cannot_be_played_there_is_a_picture(open_page: Any, cube_
     assert not opened.page.locator("video").is_visible()
 
 
+@pytest.mark.slow
 def test_graphics_that_hold_less_draw_a_coarser_scene_and_say_so(
     open_page: Any, painted: Scene, tmp_path: Path
 ) -> None:

@@ -109,6 +109,7 @@ simple.SaveExtracts(ExtractsOutputDirectory=sys.argv[3], FrameWindow=[0, 0])
     assert json.loads((tmp_path / "a.cdb" / "camera.json").read_text())["parallel_projection"] is True
 
 
+@pytest.mark.slow
 def test_directions_that_are_drawn_twice_are_counted(made: Path, pvpython) -> None:
     pvpython(
         """

@@ -299,6 +299,7 @@ Delete(view)
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_following_begins_with_the_first_image(trained: Path, pvpython, tmp_path) -> None:
     pvpython(
         VOLUME

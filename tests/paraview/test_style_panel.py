@@ -173,6 +173,7 @@ said["offered"] = list(paint.GetProperty("Gallery").Available)
     assert said["offered"] == ["none", *GALLERY, *(DRAWN + kind for kind in INKS)]
 
 
+@pytest.mark.slow
 def test_regions_are_drawn_in_ink_without_a_picture(inside) -> None:
     said = inside("""
 paint = StyleRFStylize(Input=OpenDataFile(folder + "/cube.svv"), Gallery="ink:hatching", Preset="draft",

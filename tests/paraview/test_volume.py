@@ -188,6 +188,7 @@ picture(NAME, view)
     assert here.min() < 0.5 and np.abs(here - there).mean() < 0.003  # too faint by 0.1 without the unit distance
 
 
+@pytest.mark.slow
 def test_it_is_cut_open_by_the_shapes_of_clip(inside, tmp_path: Path) -> None:
     said = inside(
         VIEW

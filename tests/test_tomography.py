@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -30,7 +31,7 @@ from svv.train.beginning import begin
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
-from svv.train.tomography import opaque_part, pixels_a_cell, reduced, smaller
+from svv.train.tomography import Tomography, opaque_part, pixels_a_cell, reduced, smaller
 
 BOX = Box.of_bounds((-1, -1, -1), (1, 1, 1))
 SIZE = 64
@@ -241,6 +242,24 @@ def test_a_skin_of_one_per_cent_has_no_holes() -> None:
         faint = (truth > 0.004) & (truth < 0.1)
         assert faint.sum() > 500
         assert (scene.render(camera, "base").rgba[..., 3][faint] > 0.5 * truth[faint]).mean() > 0.99
+
+
+def test_opaque_views_take_fewer_steps_and_their_finest_lattice_is_interpolated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What opaque pixels say, the hull and a coarse lattice say, too."""
+    steps, step = list[int](), Tomography._step
+
+    def counted(work: Tomography, *arguments: Any) -> None:
+        steps.append(work.lattice.resolutions[0])
+        step(work, *arguments)
+
+    monkeypatch.setattr(Tomography, "_step", counted)
+    begun(views_of(orbit(24)), 64)
+    assert {r: steps.count(r) for r in steps} == {32: 9, 64: 9}
+    steps.clear()
+    density, _, _ = begun(views_of(orbit(24), lambda points: 80.0 * (np.linalg.norm(points, axis=-1) < 0.5)), 64)
+    assert density.resolutions == (64,) and {r: steps.count(r) for r in steps} == {32: 6}
 
 
 def test_opaque_pixels_are_counted_among_the_visible() -> None:

@@ -25,14 +25,11 @@ from svv.train.beginning import Beginning, largest_extinction, log_extinction
 from svv.train.config import ReconstructSettings
 from svv.train.gradients import sum_gradients
 from svv.train.loop import Loop, Running, falling, network_adam
-from svv.train.tomography import opaque_part
+from svv.train.tomography import mostly_opaque
 
 LEAST_GAIN = 0.1
 """Gain in dB over the last tenth of a schedule, before learning rates fall to nothing, from which a longer schedule is
 reported as worthwhile."""
-
-MOSTLY = 0.5
-"""Part of the visible pixels that must be opaque for a tomography to count as a guess."""
 
 DENSITY_COST = 0.25
 """Cost of a sample that only the density learns from, relative to a sample with a colour."""
@@ -58,7 +55,7 @@ class Reconstruction:
         self.prune_least = settings.prune_least
         if self.known and not beginning.measured:
             self.density_rate = settings.known_density_rate
-        elif self.known and opaque_part(views.images[..., 3]) > MOSTLY:
+        elif self.known and mostly_opaque(views):
             self.density_rate = settings.opaque_density_rate
         elif self.known:
             self.density_rate, self.prune_least = settings.translucent_density_rate, settings.faint_prune_least

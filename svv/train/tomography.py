@@ -45,6 +45,12 @@ COARSEST = 32
 ROUNDS = (3, 3, 2)
 """How often all views are used with the first, the second, and each finer lattice."""
 
+OPAQUE_ROUNDS = (2, 2, 1)
+"""The same for views of mostly opaque scenes, whose finest lattice is interpolated: training refines it in any case."""
+
+MOSTLY = 0.5
+"""Part of the visible pixels that must be opaque for a tomography to count as a guess."""
+
 VIEWS_A_STEP = 8
 """Number of views in one subset."""
 
@@ -161,6 +167,18 @@ class Tomography:
         return -10.0 * float(np.log10(max(error, 1e-12)))
 
 
+def planned(levels: int, opaque: bool) -> list[int]:
+    """Return how often all views are used with each of some lattices, from the coarsest to the finest."""
+    rounds = OPAQUE_ROUNDS if opaque else ROUNDS
+    plan = [rounds[min(k, len(rounds) - 1)] for k in range(levels)]
+    return [*plan[:-1], 0] if opaque and levels > 1 else plan
+
+
+def mostly_opaque(views: ViewSet) -> bool:
+    """Return whether so many visible pixels are opaque that a tomography is only a guess."""
+    return opaque_part(views.images[..., 3]) > MOSTLY
+
+
 def opaque_part(alpha: NDArray[np.uint8]) -> float:
     """Return which part of the visible pixels is opaque, from the alpha of views, 0 to 255. (N, height, width)"""
     return int(np.count_nonzero(alpha >= 255 * OPAQUE)) / max(int(np.count_nonzero(alpha)), 1)
@@ -194,7 +212,7 @@ def extinction_from(
     while levels[-1] < finest:
         levels.append(2 * levels[-1])
     work, end = Tomography(views, occupancy, seed), None if limit is None else time.monotonic() + limit
-    plan = [ROUNDS[min(k, len(ROUNDS) - 1)] for k in range(len(levels))]
+    plan = planned(len(levels), mostly_opaque(views))
     # A round costs about eight times as much with cells half as large; the last ones are nearly all of the time.
     shares = np.cumsum([0.0, *(count * 4.0**k for k, count in enumerate(plan))])
     for k, (resolution, count) in enumerate(zip(levels, plan, strict=True)):
@@ -209,7 +227,8 @@ def extinction_from(
             progress((first + (last - first) * done / steps) / shares[-1], "extinction from the views' alpha")
             return end is None or time.monotonic() < end
 
-        work.rounds(count, step_done)
+        if count:
+            work.rounds(count, step_done)
     agreement = work.agreement()
     last = pruned(work.lattice, work.occupancy, False)
     lattice = work.lattice.restricted(last.occupied, last.cells).requires_grad_(False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from svv.core.colour import hsb_array, hue_distance, rgb_array
@@ -74,7 +74,10 @@ def test_one_colour_for_each_range(colours: Colours, seed: int) -> None:
 def test_any_spread_of_hues(start: float, count: int, saturation: float, value: float, seed: int) -> None:
     hues = start + np.arange(count) / count
     colours = rgb_array(np.stack([hues, np.full(count, saturation), np.full(count, value)], 1))
-    assert_hues(extract_palette(*scene(colours.tolist(), 4000, seed=seed)), colours.tolist(), within=0.05)
+    pixels, alpha = scene(colours.tolist(), 4000, seed=seed)
+    grey = hsb_array(pixels)[:, 1] < PaletteSettings().grey_saturation
+    assume(alpha[grey].sum() < 0.9 * PaletteSettings().grey_share * alpha.sum())  # rarely, opposite hues mix to more
+    assert_hues(extract_palette(pixels, alpha), colours.tolist(), within=0.05)
 
 
 @pytest.mark.parametrize("count", [5, 6, 7, 8])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from svv.core.colour import hsb_array, hue_distance, rgb_array
@@ -69,15 +69,13 @@ def test_one_colour_for_each_range(colours: Colours, seed: int) -> None:
     np.testing.assert_allclose(palette.colours[order], expected, atol=0.12)
 
 
+@example(0.0, 2, 0.71875, 0.5, 44)  # opposite hues that mix to more grey than highlights give
 @settings(max_examples=10)
 @given(st.floats(0, 1), st.integers(1, 4), st.floats(0.7, 0.95), st.floats(0.4, 1.0), st.integers(0, 99))
 def test_any_spread_of_hues(start: float, count: int, saturation: float, value: float, seed: int) -> None:
     hues = start + np.arange(count) / count
     colours = rgb_array(np.stack([hues, np.full(count, saturation), np.full(count, value)], 1))
-    pixels, alpha = scene(colours.tolist(), 4000, seed=seed)
-    grey = hsb_array(pixels)[:, 1] < PaletteSettings().grey_saturation
-    assume(alpha[grey].sum() < 0.9 * PaletteSettings().grey_share * alpha.sum())  # rarely, opposite hues mix to more
-    assert_hues(extract_palette(pixels, alpha), colours.tolist(), within=0.05)
+    assert_hues(extract_palette(*scene(colours.tolist(), 4000, seed=seed)), colours.tolist(), within=0.05)
 
 
 @pytest.mark.parametrize("count", [5, 6, 7, 8])

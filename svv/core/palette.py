@@ -34,6 +34,10 @@ LEAST_CHROMA = 5.0 / CELLS_AN_EDGE
 """Saturation times brightness above which the colours of a cell have about the same hue."""
 
 
+HUES = 12
+"""Number of equal parts of the circle of hues, even: each has an opposite one."""
+
+
 @dataclass(frozen=True)
 class PaletteSettings:
     """Settings for extracting a palette from pixels."""
@@ -284,9 +288,17 @@ def _join_hues(colours: Array, mass: Array, edges: NDArray[np.int64], settings: 
 
 
 def _grey_range(colours: Array, mass: Array, settings: PaletteSettings) -> Array:
-    """Return the mean colour of grey pixels (1, 3), or (0, 3) if highlights and opposite hues explain them."""
-    grey = hsb_array(colours)[:, 1] < settings.grey_saturation
-    if mass[grey].sum() < settings.grey_share:
+    """Return the mean colour of grey pixels (1, 3), or (0, 3) if highlights and opposite hues explain them.
+
+    Mixtures of opposite hues spread evenly along the line between them, so as many are grey as have up to twice the
+    saturation of a grey, half of them with either hue.
+    """
+    hue, saturation, _ = hsb_array(colours).T
+    grey, limit = saturation < settings.grey_saturation, settings.grey_saturation
+    dull = (saturation >= limit) & (saturation < 2.0 * limit)
+    near = np.bincount((hue[dull] * HUES).astype(np.int64) % HUES, mass[dull], HUES)
+    mixed = np.minimum(near, np.roll(near, HUES // 2)).sum()
+    if mass[grey].sum() - mixed < settings.grey_share:
         return np.empty((0, 3))
     return np.average(colours[grey], 0, mass[grey])[None]
 

@@ -11,12 +11,12 @@ import torch
 from torch import Tensor, nn
 
 from svv.core.box import Box
+from svv.core.rounding import NETWORKS
 from svv.fields.networks import BaseField, FieldSettings, Layers, mlp
 from svv.fields.occupancy import Occupancy
 from svv.kernels import bfloat16
 from svv.kernels.bfloat16 import LEAST_SAMPLES, SAMPLES_MULTIPLE, HalfNetwork, cpu_has_bfloat16
 from svv.kernels.numba_networks import Network
-from tests.tolerances import NETWORKS
 
 HALF = pytest.mark.skipif(not cpu_has_bfloat16(), reason="this CPU multiplies no bfloat16 matrices")
 DIGITS = NETWORKS[torch.bfloat16]

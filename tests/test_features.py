@@ -14,12 +14,12 @@ from torch import nn
 
 from svv.bench.styles.judge_features import figures, judge
 from svv.core.nnfm import luminance
+from svv.core.rounding import sums_apart
 from svv.errors import BadInput
 from svv.io.output import write_png
 from svv.styles.features import PatchFeatures, VggFeatures, load_features, read_features
 from svv.styles.textures import style_picture
 from svv.train.style_loss import PATCH_LOSS, StyleTarget, resized, solid
-from tests.tolerances import sums_apart
 from tests.untrained import vgg16_state
 
 SMALL = replace(PATCH_LOSS, style_size=64)

@@ -13,10 +13,10 @@ from svv.core import palette_shading
 from svv.core.compositing import LEAST_ALPHA, composite_samples
 from svv.core.encodings import lattice_features
 from svv.core.light import blinn_phong, normals_of
+from svv.core.rounding import KERNELS
 from svv.fields.encodings import SparseLattice
 from svv.kernels import numba_kernels
 from svv.kernels.types import ImageKernels, Lattice, Samples, Surface
-from tests.tolerances import KERNELS
 
 pytestmark = pytest.mark.usefixtures("all_threads")
 

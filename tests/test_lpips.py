@@ -19,12 +19,12 @@ from svv.bench.styles.statistics import (
     style_activations,
     style_statistics,
 )
+from svv.core.rounding import sums_apart
 from svv.errors import BadInput
 from svv.styles.textures import style_picture
 from svv.styles.weight_files import State, content_sha256
 from svv.styles.weights import NETWORKS
 from svv.train.lpips import Lpips, lpips
-from tests.tolerances import sums_apart
 
 Published = Callable[[str], State]
 

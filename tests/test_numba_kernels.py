@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from svv.core.box import Box
 from svv.core.compositing import ray_weights
 from svv.core.encodings import hash_features, lattice_features, spherical_harmonics
+from svv.core.rounding import KERNELS
 from svv.errors import BadInput
 from svv.fields.encodings import HashGrid, LatticeAdam, SparseLattice
 from svv.fields.networks import BaseField, FieldSettings
@@ -25,7 +26,6 @@ from svv.fields.phong import gradient_of
 from svv.fields.rendering import Extinction, Marching, Rays, composite, march
 from svv.kernels import numba_kernels, numba_lattice, reference
 from svv.train.beginning import largest_extinction, log_extinction
-from tests.tolerances import KERNELS
 
 pytestmark = pytest.mark.usefixtures("all_threads")
 

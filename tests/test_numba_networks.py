@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from svv.core.networks import relu_layers
+from svv.core.rounding import sums_apart
 from svv.kernels.numba_networks import BLOCK, SUMS, Network
-from tests.tolerances import sums_apart
 
 WIDTHS = st.lists(st.integers(1, 40), min_size=2, max_size=4)
 """Inputs, hidden layers and outputs of networks of one to three layers."""

@@ -16,15 +16,14 @@ TYPES = {
     "*i32": "age ray",
     "*u8": "used distance known nearest",
     "fp32": "rate beta1 beta2 epsilon pull cells extent_x extent_y extent_z step ceiling least_weight keep stop fade "
-    "cuts",
-    "i32": "samples rows finer width height rays nx ny nz seed first_ray inputs outputs size stride length side",
+    "cuts merge",
+    "i32": "samples levels rows finer width height rays channels nx ny nz seed first_ray inputs outputs size stride "
+    "length side",
 }
 """Triton's names of types -> arguments of our kernels that have them."""
 TYPE_OF = {name: kind for kind, names in TYPES.items() for name in names.split()}
-TABLE = {"LEVELS": 4, "FEATURES": 3, "WIDE": 4, "BLOCK": 128}
-RAYS = {"CHANNELS": 6, "WIDE": 8, "BLOCK": 32}
-FULL = {"LEVELS": 2, "KEEPS": True, "MERGE": False, "JITTERS": True, "BLOCK": 32}
-IMAGE = {"LEVELS": 1, "KEEPS": False, "MERGE": True, "JITTERS": False, "BLOCK": 32}
+TABLE = {"FEATURES": 3, "WIDE": 4, "BLOCK": 128}
+RAYS = {"WIDE": 8, "BLOCK": 32}
 NETWORK = {"WIDE_IN": 64, "WIDE": 64, "WIDE_OUT": 64, "DEEP": True}
 PALETTE = {"WIDE_IN": 16, "WIDE": 64, "WIDE_OUT": 16, "DEEP": False}
 NETWORKS: list[tuple[str, dict[str, Any]]] = [
@@ -40,8 +39,8 @@ KERNELS: list[tuple[str, dict[str, Any]]] = [
     ("hash_backward", TABLE),
     ("adam", {"FEATURES": 3, "WIDE": 4, "BLOCK": 128}),
     ("pixel_rays", {"BLOCK": 128}),
-    ("march", {**FULL, "WRITES": False}),
-    ("march", {**IMAGE, "WRITES": True}),
+    ("march", {"LEVELS": 2, "WRITES": False, "BLOCK": 32}),
+    ("march", {"LEVELS": 1, "WRITES": True, "BLOCK": 32}),
     ("composite", RAYS),
     ("composite_backward", RAYS),
     ("cuts_of_rays", {"BLOCK": 32}),

@@ -18,6 +18,7 @@ from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.core.encodings import hash_features, lattice_features
 from svv.core.marching import uniform as reference_uniform
+from svv.core.rounding import KERNELS
 from svv.fields.encodings import HashGrid, SparseLattice
 from svv.fields.networks import FieldSettings
 from svv.fields.occupancy import Occupancy
@@ -35,7 +36,6 @@ from svv.train.loop import Running
 from svv.train.recolour import recolour
 from svv.train.reconstruct import Reconstruction
 from tests.interpreted import GPU, triton_kernels
-from tests.tolerances import KERNELS
 
 pytestmark = pytest.mark.usefixtures("all_threads")
 

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from svv.core.networks import relu_layers
+from svv.core.rounding import NETWORKS, ROUNDOFF
 from svv.fields.networks import mlp
 from svv.kernels.dispatch import CPU
 from tests.interpreted import GPU, triton_kernels, triton_networks
-from tests.tolerances import NETWORKS, ROUNDOFF
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
 FEW = settings(deadline=None, max_examples=12)
@@ -77,7 +77,7 @@ def off(mine: Tensor, theirs: Tensor) -> float:
 def lost_to_half_precision(x: Tensor, weights: list[Tensor]) -> Tensor:
     """Return how far outputs may be from exact ones: each product rounds both operands to float16, in each layer.
 
-    As in :func:`tests.tolerances.sums_apart`, it is a part of the sum of magnitudes: a sum that cancels keeps fewer
+    As in :func:`svv.core.rounding.sums_apart`, it is a part of the sum of magnitudes: a sum that cancels keeps fewer
     digits. Numbers below 2^-14 lose more of themselves, but no more than 2^-14 would.
     """
     size = x.double().abs().clamp(min=2.0**-14)

@@ -193,7 +193,9 @@ class PaletteChanges:
 @spread
 def palette(
     scene: SceneFile,
-    views: Annotated[Path, typer.Option(metavar="VIEWS", help="Folder of the views that the scene was trained on.")],
+    views: Annotated[
+        Path, typer.Option("--views", metavar="VIEWS", help="Folder of the views that the scene was trained on.")
+    ],
     out: Out,
     changes: PaletteChanges = PaletteChanges(),
     options: PaletteOptions = PaletteOptions(),

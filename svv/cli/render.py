@@ -49,7 +49,7 @@ def render(
     ] = None,
     frame: Annotated[int, typer.Option(min=0, help="Number of the view in a transforms file.")] = 0,
     time: Annotated[
-        float | None, typer.Option(metavar="TIME", help="Render this time of a scene that has time steps.")
+        float | None, typer.Option("--time", metavar="TIME", help="Render this time of a scene that has time steps.")
     ] = None,
     play: Annotated[
         bool, typer.Option("--play", help="Play all time steps: one view each, or along the path of --orbit.")

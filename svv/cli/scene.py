@@ -117,7 +117,9 @@ class Scoring:
 @spread
 def evaluate(
     scene: SceneFile,
-    views: Annotated[Path, typer.Option(metavar="VIEWS", help="Folder with views that were not trained on.")],
+    views: Annotated[
+        Path, typer.Option("--views", metavar="VIEWS", help="Folder with views that were not trained on.")
+    ],
     scoring: Scoring = Scoring(),
     json: Json = None,
 ) -> None:

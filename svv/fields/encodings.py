@@ -79,8 +79,8 @@ class Encoding(nn.Module):
         return self.look_up(x)
 
     def buffers_for_gradient(self) -> tuple[Tensor, Tensor]:
-        """Return the gradient (V, F) and the marks of used rows (V,) uint8, allocated when first needed."""
-        if self.gradient is None or self.used is None:
+        """Return the gradient (V, F) and the marks of used rows (V,) uint8, allocated when first needed on a device."""
+        if self.gradient is None or self.used is None or self.gradient.device != self.table.device:
             self.gradient = torch.zeros_like(self.table, requires_grad=False)
             self.used = self.table.new_zeros(len(self.table), dtype=torch.uint8)
         return self.gradient, self.used

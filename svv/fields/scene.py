@@ -135,16 +135,16 @@ class Scene(PaintedModel):
             if not in_order:
                 for image, part in zip(images, parts, strict=True):
                     image[own] = part
-        shape = camera.height, camera.width
+        shape, outlines = (camera.height, camera.width), network != "base" and any(r.outline for r in self.regions)
+        if background is not None and not outlines:
+            _blend(images[0], background)
         rgba, depth, region = (image.cpu().numpy().reshape(*shape, *image.shape[1:]) for image in images)
-        if network != "base" and any(r.outline for r in self.regions):
+        if outlines:
             pens = [Pen(r.outline, r.outline_width, r.outline_colour) for r in self.regions]
             size = self.occupancy.box.size
             rgba, depth, region = outlined(rgba, depth, region, pens, camera.pixel_at, size)
-        if background is not None:
-            alpha = rgba[..., 3:]
-            rgba = np.concatenate([rgba[..., :3] * alpha + np.asarray(background, np.float32) * (1 - alpha),
-                                   np.ones_like(alpha)], axis=2)  # fmt: skip
+            if background is not None:
+                _blend(torch.from_numpy(rgba).view(-1, 4), background)
         progress(1.0, "rendering")
         return Rendering(rgba, depth, region)
 
@@ -331,3 +331,10 @@ class Scene(PaintedModel):
         rows = [row for coefficients in every if coefficients is not None for row in coefficients.tolist()]
         reflects = [dict(zip(COEFFICIENTS, row, strict=True)) for row in rows]
         return {"lighting": self.settings.lighting, "light": self.lamp.said(), "reflects": reflects}
+
+
+def _blend(rgba: Tensor, background: Sequence[float]) -> None:
+    """Blend straight RGBA (N, 4) over a colour, in place and on its device; alpha becomes 1."""
+    alpha = rgba[:, 3:].clone()
+    rgba[:, :3].mul_(alpha).add_(rgba.new_tensor(list(background)) * (1.0 - alpha))
+    rgba[:, 3] = 1.0

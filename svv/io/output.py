@@ -12,9 +12,9 @@ import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
-import imageio_ffmpeg
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
@@ -262,9 +262,10 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
     first = next(rest, None)
     if first is None:
         raise BadInput("A movie needs at least one frame.")
+    encoder = _encoder()
     height, width = (size + size % 2 for size in first.shape[:2])
     with atomic_path(path) as temporary:
-        writer = imageio_ffmpeg.write_frames(
+        writer = encoder.write_frames(
             str(temporary),
             (width, height),
             fps=fps,
@@ -287,13 +288,29 @@ def write_mp4(path: str | Path, frames: Iterable[NDArray[np.uint8]], fps: float 
             raise BadInput(f"Cannot write {path}: the movie encoder stopped; is the disk full?") from error
         finally:
             writer.close()
-        if not _is_whole(temporary, count):  # imageio-ffmpeg does not say how the encoder ended
+        if not _is_whole(encoder, temporary, count):  # imageio-ffmpeg does not say how the encoder ended
             raise BadInput(f"Cannot write {path}: the movie encoder stopped at its end; is the disk full?")
 
 
-def _is_whole(movie: Path, frames: int) -> bool:
+def _encoder() -> Any:
+    """Return the package that encodes movies, which nothing else needs.
+
+    Raises:
+        BadInput: It is missing.
+    """
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise BadInput(
+            "Movies need the package imageio-ffmpeg, which is missing here: install it with "
+            "`pip install imageio-ffmpeg`, or write the frames as pictures."
+        ) from error
+    return imageio_ffmpeg
+
+
+def _is_whole(encoder: Any, movie: Path, frames: int) -> bool:
     """Return whether a movie can be read to its end and has this number of frames; they are not decoded."""
-    read = [imageio_ffmpeg.get_ffmpeg_exe(), "-nostdin", "-v", "error", "-i", str(movie)]
+    read = [encoder.get_ffmpeg_exe(), "-nostdin", "-v", "error", "-i", str(movie)]
     done = subprocess.run([*read, "-c", "copy", "-f", "framecrc", "-"], capture_output=True)
     found = sum(not line.startswith(b"#") for line in done.stdout.splitlines())
     return done.returncode == 0 and not done.stderr and found == frames

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from svv.errors import BadInput
+from svv.kernels import gpu
 from svv.kernels.types import Kernels
 
 CPU = torch.device("cpu")
@@ -35,10 +36,24 @@ def kernels_of(kind: str) -> Kernels:
     name = "reference" if wanted else "numba_kernels" if kind == "cpu" else "triton_kernels"
     try:
         kernels: Any = import_module(f"svv.kernels.{name}")
+        if name == "triton_kernels":
+            kernels.try_to_compile()
     except ImportError as error:
-        print(f"The GPU runs plain torch, which is slower, because Triton is missing ({error}).", file=sys.stderr)
-        kernels = import_module("svv.kernels.reference")
+        kernels = _plain_torch(f"Triton is missing ({error})")
+    except Exception as error:  # Triton raises whatever its compiler, linker or disk raises
+        if name != "triton_kernels":
+            raise
+        kernels = _plain_torch(f"Triton cannot compile here ({type(error).__name__}: {_first_line(error)})")
     return cast(Kernels, kernels)
+
+
+def _plain_torch(reason: str) -> Any:
+    print(f"The GPU runs plain torch, which is slower, because {reason}.", file=sys.stderr)
+    return import_module("svv.kernels.reference")
+
+
+def _first_line(error: BaseException) -> str:
+    return next((line for line in str(error).splitlines() if line.strip()), "no message")[:200]
 
 
 def kernels_for(tensor: Tensor) -> Kernels:
@@ -47,18 +62,25 @@ def kernels_for(tensor: Tensor) -> Kernels:
 
 
 def device_named(name: str) -> torch.device:
-    """Return the device for the option ``auto``, ``cpu`` or ``cuda``; ``auto`` is the GPU if there is one.
+    """Return the device for the option ``auto``, ``cpu`` or ``cuda``.
+
+    ``auto`` is the GPU if there is one whose kernels pass a check, which takes 20 seconds on its first use
+    (:mod:`svv.kernels.gpu`); one line says which device it is and why if there is a GPU. ``cuda`` is not checked.
 
     Raises:
-        BadInput: The name is unknown, or it is ``cuda`` and torch finds no GPU.
+        BadInput: The name is unknown, or it is ``cuda`` and torch cannot use a GPU.
     """
     if name not in ("auto", "cpu", "cuda"):
         raise BadInput(f"There is no device '{name}'; choose auto, cpu or cuda.")
-    there = torch.cuda.is_available()
-    if name == "cuda" and not there:
-        why = "this torch was built without CUDA" if torch.version.cuda is None else "torch finds no GPU"
-        raise BadInput(f"CUDA cannot be used here, because {why}; choose the device cpu or auto.")
-    return torch.device("cuda" if there and name != "cpu" else "cpu")
+    if name == "cpu":
+        return CPU
+    if name == "auto":
+        return gpu.chosen_device()
+    reason = gpu.why_no_gpu()
+    if reason is not None:
+        raise BadInput(f"CUDA cannot be used here, because {reason}; choose the device cpu or auto.")
+    with gpu.gpu_errors(torch.device("cuda")):
+        return gpu.current_gpu()
 
 
 def forget_gpu_peak(device: torch.device) -> None:

@@ -15,8 +15,21 @@ from svv.kernels.reference import marked_rows as marked_rows
 from svv.kernels.types import ImageKernels, Lattice, Limits, Samples
 
 NAME = "triton"
-RAYS = 1 << 18
-"""Rays of an image at a time: enough to fill the GPU; the features of their samples take a few hundred megabytes."""
+
+
+def rays_at_a_time() -> int:
+    """Return the number of rays of an image that are rendered together: a whole view of 1,000 x 1,000 pixels.
+
+    Launching kernels takes longer than running them, but the features of the samples take a kilobyte a ray, so a GPU of
+    little memory gets a quarter.
+    """
+    roomy = torch.cuda.is_available() and torch.cuda.get_device_properties(0).total_memory >= ROOMY
+    return 1 << 20 if roomy else 1 << 18
+
+
+ROOMY = 6 << 30
+"""Bytes of GPU memory from which images are rendered in large parts."""
+RAYS = rays_at_a_time()
 SAMPLES = 1 << 18
 """Samples at a time: enough to fill the GPU."""
 IMAGE: ImageKernels | None = None
@@ -25,6 +38,17 @@ TABLE_BLOCK = 128
 """Samples per program that reads or writes tables."""
 RAY_BLOCK = 32
 """Rays per program: one warp, which finishes with its longest ray."""
+
+
+def try_to_compile() -> None:
+    """Compile and run the smallest kernel.
+
+    Triton needs a C compiler, Python's headers and a folder that it may write to, and says so only at the first launch,
+    in an exception of any kind.
+    """
+    if torch.cuda.is_available():  # otherwise Triton's interpreter runs the kernels, which compiles nothing
+        directions = torch.ones(1, 3, device="cuda")
+        directions_of_samples(directions, torch.zeros(1, dtype=torch.int32, device="cuda"))
 
 
 def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
@@ -81,7 +105,7 @@ def adam(
 def pixel_rays(
     pixels: Tensor, cameras: tuple[Tensor, Tensor, Tensor], width: int, height: int
 ) -> tuple[Tensor, Tensor]:
-    origins, directions = torch.empty(2, len(pixels), 3, device=pixels.device)
+    origins, directions = (torch.empty(len(pixels), 3, device=pixels.device) for _ in range(2))
     if len(pixels):
         triton_rays.pixel_rays[(triton.cdiv(len(pixels), TABLE_BLOCK),)](
             pixels, *cameras, width, height, origins, directions, len(pixels), TABLE_BLOCK
@@ -114,7 +138,7 @@ def march(
             where.shapes, where.scales, where.bases, where.index, table.detach(), ceiling,
             limits.least_weight, limits.keep, limits.stop, limits.fade, rays,
             start, count, tail, position, skipped, sigma, ray,
-            len(where.scales), limits.keep > 0, limits.merge, seed > 0, writes, RAY_BLOCK,
+            float(limits.merge), len(where.scales), writes, RAY_BLOCK,
             num_warps=1,
         )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 Letters: R rays, S samples, C channels, L levels of the density lattice. ``WIDE`` is C rounded up to a power of two, and
 ``BLOCK`` is the number of rays of one program. :mod:`svv.kernels.numba_rays` and :mod:`svv.kernels.numba_marching`
-describe what each function computes.
+describe what each function computes. Arguments that are not specialized: see :mod:`svv.kernels.triton_tables`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import triton.language as tl
 from svv.kernels.triton_tables import row_of
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["pixels", "width", "height", "origins", "directions", "rays"])
 def pixel_rays(  # type: ignore[no-untyped-def]
     pixels, rotations, positions, lenses, width, height, origins, directions, rays, BLOCK: tl.constexpr
 ):
@@ -37,7 +37,7 @@ def pixel_rays(  # type: ignore[no-untyped-def]
         tl.store(origins + 3 * r + k, tl.load(positions + view * 3 + k, mask=there, other=0.0) + shift, mask=there)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["known", "nearest", "size", "stride", "length", "side"])
 def nearest_along(known, nearest, size, stride, length, side, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
     """Extend chessboard distances ``known`` for the previous axes along one more, ``length`` cells long.
 
@@ -54,7 +54,7 @@ def nearest_along(known, nearest, size, stride, length, side, BLOCK: tl.constexp
     tl.store(nearest + i, least.to(tl.uint8), mask=i < size)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["ray", "samples"])
 def harmonics(directions, ray, out, samples, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
     """Evaluate degree 4 harmonics of each sample's ray, as :func:`svv.core.encodings.spherical_harmonics`."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
@@ -142,15 +142,37 @@ def exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS: tl
     return total
 
 
-@triton.jit(do_not_specialize=["seed", "first_ray"])
+@triton.jit(
+    do_not_specialize=[
+        "origins",
+        "directions",
+        "nx",
+        "ny",
+        "nz",
+        "seed",
+        "first_ray",
+        "rays",
+        "start",
+        "count",
+        "tail",
+        "position",
+        "skipped",
+        "sigma",
+        "ray",
+        "merge",
+    ]
+)
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, nx, ny, nz, cells, extent_x, extent_y, extent_z, step, seed, first_ray,
     shapes, scales, bases, index, table, ceiling, least_weight, keep, stop, fade, rays,
-    start, count, tail, position, skipped, sigma, ray,
-    LEVELS: tl.constexpr, KEEPS: tl.constexpr, MERGE: tl.constexpr, JITTERS: tl.constexpr,
-    WRITES: tl.constexpr, BLOCK: tl.constexpr,
+    start, count, tail, position, skipped, sigma, ray, merge,
+    LEVELS: tl.constexpr, WRITES: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """March a block of rays, either to count their samples or, with ``WRITES``, to write them from ``start`` on."""
+    """March a block of rays, either to count their samples or, with ``WRITES``, to write them from ``start`` on.
+
+    Both passes are compiled apart, and a compiler may round one of them differently. The second one therefore writes
+    exactly ``count`` samples of each ray: those it has too many of are left out, missing ones have no extinction.
+    """
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     there = r < rays
     ox = tl.load(origins + 3 * r, mask=there, other=0.0)
@@ -165,7 +187,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     near, far, inverse_z = slab(oz, dz, extent_z, near, far)
     hit = there & (near < far)
     shift = tl.full((BLOCK,), 0.5, tl.float32)
-    if JITTERS:
+    if seed > 0:
         shift = uniform(seed, first_ray + r, tl.zeros_like(r))
     i = tl.ceil(tl.where(hit, near, 0.0) / step - shift).to(tl.int32)
     last = tl.floor(tl.where(hit, far, 0.0) / step - shift).to(tl.int32)
@@ -176,8 +198,10 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     # Optical depth left out since the last kept sample, and total since the start of the ray.
     left_out, tau = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
     n = tl.zeros((BLOCK,), tl.int64)
+    end = n
     if WRITES:
         n = tl.load(start + r, mask=there, other=0)
+        end = n + tl.load(count + r, mask=there, other=0)
     while tl.max(going.to(tl.int32), axis=0) > 0:
         t = (i.to(tl.float32) + shift) * step
         x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
@@ -198,16 +222,15 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         raw = exponent_at(x, y, z, inside, shapes, scales, bases, index, table, LEVELS)
         s = tl.exp(tl.minimum(raw, ceiling))
         thickness = tl.where(inside, s * step, 0.0)
-        before = tl.zeros_like(left_out)
-        if MERGE:
-            before = left_out
+        before = left_out * merge
         weight = 1.0 - tl.exp(-thickness - before)
         weight = tl.where(weight >= least_weight, weight * tl.exp(fade * (before - tau)), weight)
         kept = weight >= least_weight
-        if KEEPS:
+        if keep > 0.0:
             kept = kept | (uniform(seed, first_ray + r, i + 1) < keep)
         kept = kept & inside
         if WRITES:
+            kept = kept & (n < end)
             tl.store(position + 3 * n, x, mask=kept)
             tl.store(position + 3 * n + 1, y, mask=kept)
             tl.store(position + 3 * n + 2, z, mask=kept)
@@ -219,12 +242,20 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         tau += thickness
         i = tl.where(inside, i + 1, tl.maximum(i + 1, behind.to(tl.int32)))
         going = going & (i <= last) & (fade * tau <= stop)
-    if not WRITES:
+    if WRITES:
+        while tl.max((n < end).to(tl.int32), axis=0) > 0:
+            for k in tl.static_range(3):
+                tl.store(position + 3 * n + k, 0.0, mask=n < end)
+            tl.store(skipped + n, 0.0, mask=n < end)
+            tl.store(sigma + n, 0.0, mask=n < end)
+            tl.store(ray + n, r, mask=n < end)
+            n += 1
+    else:
         tl.store(count + r, n, mask=there)
         tl.store(tail + r, left_out, mask=there)
 
 
-@triton.jit(do_not_specialize=["cuts"])
+@triton.jit(do_not_specialize=["sigma", "skipped", "start", "count", "cuts", "shift", "begin", "end", "taken", "rays"])
 def cuts_of_rays(  # type: ignore[no-untyped-def]
     sigma, skipped, start, count, step, cuts, shift, begin, end, taken, rays, BLOCK: tl.constexpr
 ):
@@ -248,7 +279,7 @@ def cuts_of_rays(  # type: ignore[no-untyped-def]
     tl.store(taken + r, tl.where(length > 0, tl.maximum(number, 1), 0), mask=r < rays)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["begin", "end", "start", "count", "own", "chosen", "place", "passed", "rays"])
 def representatives(  # type: ignore[no-untyped-def]
     begin, end, start, count, own, chosen, place, passed, rays, BLOCK: tl.constexpr
 ):
@@ -288,10 +319,12 @@ def representatives(  # type: ignore[no-untyped-def]
         following = tl.where(taken, tl.floor(low) + 1.0, following)
 
 
-@triton.jit
+@triton.jit(
+    do_not_specialize=["sigma", "skipped", "start", "count", "tail", "transmittance", "weights", "rays", "channels"]
+)
 def composite(  # type: ignore[no-untyped-def]
-    sigma, skipped, values, start, count, tail, step, out, transmittance, weights, rays,
-    CHANNELS: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+    sigma, skipped, values, start, count, tail, step, out, transmittance, weights, rays, channels,
+    WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Composite ``values`` (S, C) of a block of rays front to back."""
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
@@ -309,27 +342,39 @@ def composite(  # type: ignore[no-untyped-def]
         e = tl.exp(-tl.load(sigma + at, mask=going, other=0.0) * step)
         w = t * (1.0 - e)
         tl.store(weights + at, w, mask=going)
-        both = going[:, None] & (c < CHANNELS)[None, :]
-        total += w[:, None] * tl.load(values + at[:, None] * CHANNELS + c[None, :], mask=both, other=0.0)
+        both = going[:, None] & (c < channels)[None, :]
+        total += w[:, None] * tl.load(values + at[:, None] * channels + c[None, :], mask=both, other=0.0)
         t *= e
         k += 1
-    ends = there[:, None] & (c < CHANNELS)[None, :]
-    tl.store(out + r.to(tl.int64)[:, None] * CHANNELS + c[None, :], total, mask=ends)
+    ends = there[:, None] & (c < channels)[None, :]
+    tl.store(out + r.to(tl.int64)[:, None] * channels + c[None, :], total, mask=ends)
     tl.store(transmittance + r, t * tl.exp(-tl.load(tail + r, mask=there, other=0.0)), mask=there)
 
 
-@triton.jit
+@triton.jit(
+    do_not_specialize=[
+        "sigma",
+        "skipped",
+        "start",
+        "count",
+        "transmittance",
+        "g_transmittance",
+        "g_sigma",
+        "rays",
+        "channels",
+    ]
+)
 def composite_backward(  # type: ignore[no-untyped-def]
     sigma, skipped, values, weights, start, count, step, out, transmittance, g_out, g_transmittance,
-    g_sigma, g_values, rays,
-    CHANNELS: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+    g_sigma, g_values, rays, channels,
+    WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Compute gradients of :func:`composite` for extinction (S,) and values (S, C) of a block of rays."""
     r = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     c = tl.arange(0, WIDE)
     there = r < rays
-    ends = there[:, None] & (c < CHANNELS)[None, :]
-    row = r.to(tl.int64)[:, None] * CHANNELS + c[None, :]
+    ends = there[:, None] & (c < channels)[None, :]
+    row = r.to(tl.int64)[:, None] * channels + c[None, :]
     first = tl.load(start + r, mask=there, other=0)
     number = tl.load(count + r, mask=there, other=0)
     g = tl.load(g_out + row, mask=ends, other=0.0)
@@ -340,8 +385,8 @@ def composite_backward(  # type: ignore[no-untyped-def]
     k = tl.zeros_like(longest)
     while k < longest:
         at, going = first + k, k < number
-        both = going[:, None] & (c < CHANNELS)[None, :]
-        sample = at[:, None] * CHANNELS + c[None, :]
+        both = going[:, None] & (c < channels)[None, :]
+        sample = at[:, None] * channels + c[None, :]
         t *= tl.exp(-tl.load(skipped + at, mask=going, other=0.0))
         e = tl.exp(-tl.load(sigma + at, mask=going, other=0.0) * step)
         w = tl.load(weights + at, mask=going, other=0.0)

@@ -3,6 +3,10 @@
 Letters: S samples, L levels, F features per level, V rows of a table. ``WIDE`` is F rounded up to a power of two, and
 ``BLOCK`` is the number of samples or rows of one program. :mod:`svv.kernels.numba_lattice` and
 :mod:`svv.kernels.numba_hashing` describe what each function computes.
+
+Triton compiles a kernel again for sizes that are divisible by 16 and for addresses that are, which takes seconds. Sizes
+change from step to step and gain nothing by it, so they are not specialized; neither are addresses that are read or
+written number by number. Tables and features are always aligned.
 """
 
 from __future__ import annotations
@@ -58,10 +62,10 @@ def lattice_cells(x, i, there, shapes, scales, bases, level):  # type: ignore[no
     return at, ny * words, words, iz, wx, wy, wz
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["x", "samples", "levels"])
 def lattice_encode(  # type: ignore[no-untyped-def]
-    x, shapes, scales, bases, index, table, out, samples,
-    LEVELS: tl.constexpr, FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+    x, shapes, scales, bases, index, table, out, samples, levels,
+    FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Compute one level for a block of samples: x (S, 3) -> out (S, L * F)."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
@@ -74,16 +78,16 @@ def lattice_encode(  # type: ignore[no-untyped-def]
     for corner in tl.static_range(8):
         # Vertices are numbered in raster order, so the neighbour in z always has the next number.
         word = tl.load(index + at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y, mask=there, other=0)
-        row = row_of(word, z, tl.load(bases + LEVELS)) + (corner & 1)
+        row = row_of(word, z, tl.load(bases + levels)) + (corner & 1)
         value = tl.load(table + row[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
         total += corner_weight(wx, wy, wz, corner)[:, None] * value
-    tl.store(out + (i * LEVELS + level)[:, None] * FEATURES + f[None, :], total, mask=both)
+    tl.store(out + (i * levels + level)[:, None] * FEATURES + f[None, :], total, mask=both)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["x", "used", "samples", "levels"])
 def lattice_backward(  # type: ignore[no-untyped-def]
-    x, g_out, shapes, scales, bases, index, gradient, used, samples,
-    LEVELS: tl.constexpr, FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+    x, g_out, shapes, scales, bases, index, gradient, used, samples, levels,
+    FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Add the gradient of one level for a block of samples to ``gradient`` (V, F); mark rows in ``used`` (V,)."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
@@ -92,11 +96,11 @@ def lattice_backward(  # type: ignore[no-untyped-def]
     there = i < samples
     both = there[:, None] & (f < FEATURES)[None, :]
     at, along_x, along_y, z, wx, wy, wz = lattice_cells(x, i, there, shapes, scales, bases, level)
-    g = tl.load(g_out + (i * LEVELS + level)[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
+    g = tl.load(g_out + (i * levels + level)[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
     one = tl.full((BLOCK,), 1, tl.uint8)
     for corner in tl.static_range(8):
         word = tl.load(index + at + (corner >> 2) * along_x + (corner >> 1 & 1) * along_y, mask=there, other=0)
-        row = row_of(word, z, tl.load(bases + LEVELS)) + (corner & 1)
+        row = row_of(word, z, tl.load(bases + levels)) + (corner & 1)
         share = corner_weight(wx, wy, wz, corner)[:, None] * g
         tl.atomic_add(gradient + row[:, None] * FEATURES + f[None, :], share, mask=both, sem="relaxed")
         tl.store(used + row, one, mask=there)
@@ -114,10 +118,10 @@ def hash_row(x, y, z, resolution, entries):  # type: ignore[no-untyped-def]
     return tl.where(side * side * side <= entries, direct, h.to(tl.int64) & (entries - 1))
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["x", "samples", "levels"])
 def hash_encode(  # type: ignore[no-untyped-def]
-    x, resolutions, offsets, table, out, samples,
-    LEVELS: tl.constexpr, FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+    x, resolutions, offsets, table, out, samples, levels,
+    FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Compute one level for a block of samples: x (S, 3) in [0, 1] -> out (S, L * F)."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
@@ -134,13 +138,13 @@ def hash_encode(  # type: ignore[no-untyped-def]
         row = first + hash_row(ix + (corner >> 2), iy + (corner >> 1 & 1), iz + (corner & 1), r, entries)
         value = tl.load(table + row[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
         total += corner_weight(wx, wy, wz, corner)[:, None] * value
-    tl.store(out + (i * LEVELS + level)[:, None] * FEATURES + f[None, :], total, mask=both)
+    tl.store(out + (i * levels + level)[:, None] * FEATURES + f[None, :], total, mask=both)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["x", "used", "samples", "levels"])
 def hash_backward(  # type: ignore[no-untyped-def]
-    x, g_out, resolutions, offsets, gradient, used, samples,
-    LEVELS: tl.constexpr, FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+    x, g_out, resolutions, offsets, gradient, used, samples, levels,
+    FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Add the gradient of one level for a block of samples to ``gradient`` (V, F); mark rows in ``used`` (V,)."""
     i = (tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)).to(tl.int64)
@@ -152,7 +156,7 @@ def hash_backward(  # type: ignore[no-untyped-def]
     first = tl.load(offsets + level)
     entries = tl.load(offsets + level + 1) - first
     ix, iy, iz, wx, wy, wz = position_in_cell(x, i, there, r, r, r, r - 1, r - 1, r - 1)
-    g = tl.load(g_out + (i * LEVELS + level)[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
+    g = tl.load(g_out + (i * levels + level)[:, None] * FEATURES + f[None, :], mask=both, other=0.0)
     one = tl.full((BLOCK,), 1, tl.uint8)
     for corner in tl.static_range(8):
         row = first + hash_row(ix + (corner >> 2), iy + (corner >> 1 & 1), iz + (corner & 1), r, entries)
@@ -161,7 +165,7 @@ def hash_backward(  # type: ignore[no-untyped-def]
         tl.store(used + row, one, mask=there)
 
 
-@triton.jit(do_not_specialize=["rate", "pull"])
+@triton.jit(do_not_specialize=["used", "first", "second", "age", "rate", "pull", "finer", "rows"])
 def adam(  # type: ignore[no-untyped-def]
     table, gradient, used, first, second, age, rate, beta1, beta2, epsilon, pull, finer, rows,
     FEATURES: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,

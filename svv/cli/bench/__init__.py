@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import typer
 
-from svv.cli.bench import blind, chart, judge, profile, sheets, stability, styles
+from svv.cli.bench import blind, chart, gpu, judge, profile, sheets, stability, styles
 from svv.cli.options import examples
 
 app = typer.Typer(name="bench", no_args_is_help=True)
@@ -15,6 +15,7 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "chart": (chart.chart, chart.CHART),
     "stability": (stability.stability, stability.STABILITY),
     "profile": (profile.profile, profile.PROFILE),
+    "gpu": (gpu.gpu, gpu.GPU),
     "consistency": (styles.consistency, styles.CONSISTENCY),
     "compare": (styles.compare, styles.COMPARE),
     "ablate": (styles.ablate, styles.ABLATE),

@@ -179,7 +179,9 @@ def ablate(
     ] = None,
     views: Annotated[
         Path | None,
-        typer.Option(metavar="VIEWS", help="Folder of the scene's views, for the ablations of the palette network."),
+        typer.Option(
+            "--views", metavar="VIEWS", help="Folder of the scene's views, for the ablations of the palette network."
+        ),
     ] = None,
     only: Annotated[
         str | None,

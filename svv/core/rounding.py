@@ -1,4 +1,4 @@
-"""Maximum differences between two computations of the same number that floating point allows on any CPU.
+"""Rounding: how far two computations of the same number may differ on any processor.
 
 CPUs add in different orders and lane widths, and may or may not round a product before adding it. None of them is
 wrong, so a test that compares two orders of arithmetic requires only what holds for all of them.

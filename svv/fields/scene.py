@@ -32,6 +32,7 @@ from svv.fields.stroke_opacity import fade_of, followed
 from svv.fields.variants import PaintedModel
 from svv.io.scene_file import parse_scene, read_scene_file, scene_bytes, write_scene_file
 from svv.kernels.dispatch import kernels_of
+from svv.kernels.gpu import gpu_errors
 from svv.kernels.types import Samples
 from svv.options.editing import SPLIT_LEVEL
 
@@ -114,18 +115,34 @@ class Scene(PaintedModel):
         network = network or self.networks[-1]
         if network not in self.networks:
             raise BadInput(f"The scene has no network '{network}', only {', '.join(self.networks)}.")
-        device = self.device
+        outlines, shape = network != "base" and any(r.outline for r in self.regions), (camera.height, camera.width)
+        with gpu_errors(self.device):
+            images = self._draw(camera, network, progress)
+            if background is not None and not outlines:
+                _blend(images[0], background)
+            rgba, depth, region = (image.cpu().numpy().reshape(*shape, *image.shape[1:]) for image in images)
+        if outlines:
+            pens = [Pen(r.outline, r.outline_width, r.outline_colour) for r in self.regions]
+            size = self.occupancy.box.size
+            rgba, depth, region = outlined(rgba, depth, region, pens, camera.pixel_at, size)
+            if background is not None:
+                _blend(torch.from_numpy(rgba).view(-1, 4), background)
+        progress(1.0, "rendering")
+        return Rendering(rgba, depth, region)
+
+    def _draw(self, camera: Camera, network: str, progress: Progress) -> tuple[Tensor, Tensor, Tensor]:
+        """Return straight RGBA (pixels, 4), depth and region (pixels,) of a view, on the scene's device."""
         together = Together(self, camera, network, Scene.shaded) if self.layers else None
         caster = self.caster([camera])
-        pixels, chunk = camera.width * camera.height, kernels_of(device.type).RAYS
-        images = empty_images(pixels, device)
+        pixels, chunk = camera.width * camera.height, kernels_of(self.device.type).RAYS
+        images = empty_images(pixels, self.device)
         in_sight = caster.in_sight(self.occupancy) if together is None else together.in_sight()
         in_order = len(in_sight) == pixels  # if so, a chunk is a slice of the images; otherwise it is scattered
         for first in range(0, len(in_sight), chunk):
             progress(first / len(in_sight), "rendering")
             own = in_sight[first : first + chunk]
             piece = [image[first : first + chunk] for image in images]
-            parts = piece if in_order else empty_images(len(own), device)
+            parts = piece if in_order else empty_images(len(own), self.device)
             if together is not None:
                 together.draw(own, *parts)
             else:
@@ -135,18 +152,7 @@ class Scene(PaintedModel):
             if not in_order:
                 for image, part in zip(images, parts, strict=True):
                     image[own] = part
-        shape, outlines = (camera.height, camera.width), network != "base" and any(r.outline for r in self.regions)
-        if background is not None and not outlines:
-            _blend(images[0], background)
-        rgba, depth, region = (image.cpu().numpy().reshape(*shape, *image.shape[1:]) for image in images)
-        if outlines:
-            pens = [Pen(r.outline, r.outline_width, r.outline_colour) for r in self.regions]
-            size = self.occupancy.box.size
-            rgba, depth, region = outlined(rgba, depth, region, pens, camera.pixel_at, size)
-            if background is not None:
-                _blend(torch.from_numpy(rgba).view(-1, 4), background)
-        progress(1.0, "rendering")
-        return Rendering(rgba, depth, region)
+        return images
 
     @torch.no_grad()
     def _render_rays(self, rays: Rays, beams: Beams, network: str, rgba: Tensor, depth: Tensor, region: Tensor) -> None:

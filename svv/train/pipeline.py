@@ -16,6 +16,7 @@ from svv.errors import BadInput, Progress, silent
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import device_named, forget_gpu_peak
+from svv.kernels.gpu import gpu_errors
 from svv.measure import measured
 from svv.options.making import PaintOptions, TrainOptions
 from svv.styles.features import load_features
@@ -77,7 +78,7 @@ def train_scene(
     if checkpoint is not None:
         saved = ranks.once(lambda: Checkpoint(checkpoint, key_of(views, chosen, time_limit, seed)))
     forget_gpu_peak(device)
-    with measured() as cost:
+    with gpu_errors(device), measured() as cost:
         training = Training(views, chosen, time_limit, seed, progress, saved, device)
         scene = training.run()
     seconds = {**training.seconds, "total": sum(training.seconds.values())}
@@ -176,7 +177,7 @@ def _stylize_alone(
         saved = Checkpoint(checkpoint, key)
     work = Painting(scene, order, chosen.stylize, weights, network, asked.seed, saved, preview)
     forget_gpu_peak(scene.device)
-    with measured() as cost:
+    with gpu_errors(scene.device), measured() as cost:
         field = work.run(progress)
     field.requires_grad_(False)
     styled = order.painted(scene, field)

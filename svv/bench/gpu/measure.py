@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import collections
+import cProfile
 import gzip
+import io
 import os
 import platform
+import pstats
 import re
 import shutil
 import time
@@ -211,7 +214,18 @@ def _trace(how: Context, name: str, step: Callable[[], object], count: int) -> N
             "launches": launches, "waits": _waits(how, step)})  # fmt: skip
     table = rows.table(sort_by="self_cpu_time_total", row_limit=40, max_name_column_width=60)
     with (how.out / "profile.txt").open("a", encoding="utf-8") as file:
-        file.write(f"\n===== {name} on {how.device}, 5 times\n{table}\n")
+        file.write(f"\n===== {name} on {how.device}, 5 times\n{table}\n{_python_time(step, how.scaled(20))}\n")
+
+
+def _python_time(step: Callable[[], object], repeats: int) -> str:
+    """Return in which functions Python spends the time of some steps."""
+    found, text = cProfile.Profile(), io.StringIO()
+    found.enable()
+    for _ in range(repeats):
+        step()
+    found.disable()
+    pstats.Stats(found, stream=text).sort_stats("tottime").print_stats(35)
+    return f"{repeats} times, with the profiler's own time:\n{text.getvalue()}"
 
 
 def _waits(how: Context, step: Callable[[], object]) -> dict[str, int]:

@@ -20,16 +20,18 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.rendering import Marching
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.kernels import dispatch
+from svv.kernels import dispatch, gpu
 from svv.kernels.dispatch import CPU, device_named, device_report, kernels_of
 from svv.train.pipeline import evaluate_scene, train_scene
+from tests.interpreted import triton_kernels
 
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
 
 
 @pytest.fixture
 def no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.version, "cuda", None)
+    gpu.chosen_device.cache_clear()
 
 
 @pytest.fixture
@@ -49,11 +51,9 @@ def small_scene() -> Scene:
     return Scene(settings, occupancy, Marching(1 / 8), base)
 
 
-def test_auto_takes_what_there_is(no_gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_gpu_auto_is_the_cpu_and_says_nothing(no_gpu: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert device_named("auto") == device_named("cpu") == CPU
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    assert device_named("auto").type == device_named("cuda").type == "cuda"
-    assert device_named("cpu") == CPU
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(("name", "words"), [("cuda", "CUDA cannot be used here"), ("tpu", "no device 'tpu'")])
@@ -102,6 +102,22 @@ def test_a_gpu_without_triton_says_so_once(
     assert [kernels_of("cuda").NAME, kernels_of("cuda").NAME] == ["reference", "reference"]
     assert capsys.readouterr().err.count("\n") == 1
     assert kernels_of("cpu").NAME == "numba"
+
+
+@pytest.mark.parametrize("error", [OSError(30, "Read-only file system"), RuntimeError("Failed to find C compiler.")])
+def test_a_gpu_where_triton_cannot_compile_runs_plain_torch(
+    error: Exception, fresh_choice: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Triton needs a compiler, Python's headers and a folder to write to, which it says at the first launch."""
+
+    def fails() -> None:
+        raise error
+
+    monkeypatch.setattr(triton_kernels, "try_to_compile", fails)
+    assert [kernels_of("cuda").NAME, kernels_of("cuda").NAME] == ["reference", "reference"]
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "Triton cannot compile here" in said and str(error) in said
 
 
 def test_the_reference_can_be_asked_for(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,11 +17,10 @@ from scipy.ndimage import binary_dilation
 
 from svv.core.box import Box
 from svv.core.cells import leaps, widened
-from svv.core.encodings import directions_of_samples
+from svv.fields import kernel_checks
 from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.kernels import numba_kernels, reference
-from svv.kernels.types import Samples
 from tests.interpreted import GPU, triton_kernels
 
 CPU = torch.device("cpu")
@@ -97,46 +96,10 @@ def test_pruning_keeps_what_is_visible(grow: bool) -> None:
 @settings(deadline=None, max_examples=5)
 @given(st.integers(1, 40), st.integers(0, 200), st.integers(0, 10**6))
 def test_directions_are_the_reference(kernels: Any, device: torch.device, rays: int, count: int, seed: int) -> None:
-    generator = torch.Generator().manual_seed(seed)
-    directions = torch.nn.functional.normalize(torch.randn(rays, 3, generator=generator), dim=1)
-    ray = torch.randint(rays, (count,), generator=generator, dtype=torch.int32)
-    expected = directions_of_samples(directions, ray)
-    got = kernels.directions_of_samples(directions.to(device), ray.to(device))
-    torch.testing.assert_close(got.cpu(), expected, atol=1e-6, rtol=1e-6)
-
-
-def samples_of(counts: list[int], seed: int) -> Samples:
-    """Rays of a few samples each, many of them faint and some behind optical depth that was left out."""
-    generator = torch.Generator().manual_seed(seed)
-    count, total = torch.tensor(counts), sum(counts)
-    sigma = 6.0 * torch.rand(total, generator=generator) ** 4
-    skipped = torch.rand(total, generator=generator) * (torch.rand(total, generator=generator) < 0.2)
-    ray = torch.arange(len(counts), dtype=torch.int32).repeat_interleave(count)
-    return Samples(
-        torch.zeros(total, 3), sigma, skipped, ray, count.cumsum(0) - count, count, torch.zeros(len(counts)), 0.1
-    )
+    kernel_checks.check_directions(kernels, device, seed, rays, count)
 
 
 @settings(deadline=None, max_examples=20)
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=40), st.integers(0, 10**6), st.sampled_from([1 / 16, 0.3, 1.0]))
 def test_representatives_are_the_reference(counts: list[int], seed: int, every: float) -> None:
-    samples = samples_of(counts, seed)
-    shift = torch.rand(len(counts), generator=torch.Generator().manual_seed(seed))
-    moved = Samples(**{n: t.to(DEVICE) if torch.is_tensor(t) else t for n, t in vars(samples).items()})
-    rows, place = triton_kernels.representatives(moved, every, shift.to(DEVICE))
-    assert rows.dtype == place.dtype == torch.int64
-    if sum(counts) == 0:
-        assert len(rows) == len(place) == 0
-        return
-    expected_rows, expected_place = reference.representatives(samples, every, shift)
-    # A cut within a rounding error of a sample's end may fall to its neighbour: then that ray differs.
-    mine = samples_by_ray(samples, rows.cpu(), place.cpu())
-    theirs = samples_by_ray(samples, expected_rows, expected_place)
-    assert sum(a != b for a, b in zip(mine, theirs, strict=True)) <= 1
-    assert torch.equal(rows, rows.sort()[0])
-
-
-def samples_by_ray(samples: Samples, rows: torch.Tensor, place: torch.Tensor) -> list[list[int]]:
-    """For every ray, the sample that stands for each of its own."""
-    stands = rows[place]
-    return [stands[s : s + c].tolist() for s, c in zip(samples.start.tolist(), samples.count.tolist(), strict=True)]
+    kernel_checks.check_representatives(triton_kernels, DEVICE, seed, counts, every)

@@ -15,63 +15,17 @@ from torch import Tensor, nn
 
 from svv.core.networks import relu_layers
 from svv.core.rounding import NETWORKS, ROUNDOFF
+from svv.fields.kernel_checks import NETWORK_SHAPES as SHAPES
+from svv.fields.kernel_checks import relative_error as off
+from svv.fields.kernel_checks import rounded_layers
+from svv.fields.kernel_checks import value_and_gradients as results
+from svv.fields.kernel_checks import weights_of as weights_for
 from svv.fields.networks import mlp
 from svv.kernels.dispatch import CPU
 from tests.interpreted import GPU, triton_kernels, triton_networks
 
 DEVICE = torch.device("cuda" if GPU else "cpu")
 FEW = settings(deadline=None, max_examples=12)
-
-SHAPES = [
-    (32, 64, 2, 3),
-    (31, 64, 2, 3),
-    (36, 32, 2, 2),
-    (20, 64, 1, 9),
-    (32, 64, 1, 16),
-    (8, 16, 1, 1),
-    (5, 24, 2, 60),
-]
-"""Inputs, width, hidden layers and outputs of colour, lighting, palette and density networks, and of odd ones."""
-
-
-def weights_for(shape: tuple[int, int, int, int], seed: int, scale: float = 1.0) -> list[Tensor]:
-    inputs, width, hidden, outputs = shape
-    sizes = [inputs, *[width] * hidden, outputs]
-    generator = torch.Generator().manual_seed(seed)
-    return [
-        scale * torch.randn(to, source, generator=generator) * (2.0 / source) ** 0.5 for source, to in pairwise(sizes)
-    ]
-
-
-class Rounded(torch.autograd.Function):
-    """float16 and back; the gradient passes."""
-
-    @staticmethod
-    def forward(ctx, x: Tensor) -> Tensor:
-        return x.half().float()
-
-    @staticmethod
-    def backward(ctx, g: Tensor) -> Tensor:
-        return g
-
-
-def rounded_layers(x: Tensor, weights: list[Tensor]) -> Tensor:
-    """:func:`relu_layers` with operands of the accuracy of float16; gradients are those of float32."""
-    for weight in weights[:-1]:
-        x = torch.relu(Rounded.apply(x) @ Rounded.apply(weight).T)
-    return Rounded.apply(x) @ Rounded.apply(weights[-1]).T
-
-
-def results(run, x: Tensor, weights: list[Tensor], g: Tensor, device: torch.device) -> list[Tensor]:
-    """Value and gradients with respect to inputs and weights."""
-    leaves = [t.detach().clone().to(device).requires_grad_() for t in (x, *weights)]
-    out = run(leaves[0], leaves[1:])
-    return [t.detach().cpu() for t in (out, *torch.autograd.grad(out, leaves, g.to(device)))]
-
-
-def off(mine: Tensor, theirs: Tensor) -> float:
-    """Root of the mean squared difference, as a part of that of ``theirs``."""
-    return float((mine - theirs).square().mean().sqrt() / theirs.square().mean().sqrt().clamp(min=1e-30))
 
 
 def lost_to_half_precision(x: Tensor, weights: list[Tensor]) -> Tensor:

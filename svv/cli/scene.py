@@ -110,8 +110,8 @@ class Scoring:
     """Split of the views in the folder: train, test or val."""
     network: NetworkName | None = None
     """Network to score, base or pcn; by default pcn."""
-    device: DeviceName = "cpu"
-    """Where to run; auto uses CUDA if PyTorch finds a GPU."""
+    device: DeviceName = "auto"
+    """Where to run; auto takes a GPU whose kernels pass a check, 20 s on its first use, otherwise the CPU."""
 
 
 @spread

@@ -29,5 +29,5 @@ class BakeOptions:
     network: Annotated[NetworkName | None, Setting(command=False, unset="last")] = None
     """Which network gives the colours: pcn (the palette, with its edits) or styled (the painting); by default the last
     that the scene has."""
-    device: Annotated[DeviceName, Setting(command=False, advanced=True, result=False)] = "cpu"
-    """Where to run; auto uses CUDA if PyTorch finds a GPU."""
+    device: Annotated[DeviceName, Setting(command=False, advanced=True, result=False)] = "auto"
+    """Where to run; auto takes a GPU whose kernels pass a check, 20 s on its first use, otherwise the CPU."""

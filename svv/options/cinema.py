@@ -48,5 +48,5 @@ class ExportOptions:
     """For .cdb: also write depth and an image of each region."""
     network: NetworkName | None = None
     """Which network gives the colours: base, pcn or styled; by default the last that the scene has."""
-    device: Annotated[DeviceName, Setting(result=False)] = "cpu"
-    """Where to run; auto uses CUDA if PyTorch finds a GPU."""
+    device: Annotated[DeviceName, Setting(result=False)] = "auto"
+    """Where to run; auto takes a GPU whose kernels pass a check, 20 s on its first use, otherwise the CPU."""

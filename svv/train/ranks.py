@@ -158,11 +158,14 @@ def _leave() -> None:
 
 def _connected(where: Place, device: str) -> Any:
     """Form the group of all ranks and return its store."""
+    import torch
     import torch.distributed as dist
 
     if not dist.is_available():
         raise BadInput("This build of torch has no torch.distributed; train in one process, without torchrun.")
     gpus = take_share(where, device)
+    if torch.version.cuda is None:
+        device = "cpu"
     from torch.distributed import distributed_c10d
     from torch.distributed.rendezvous import rendezvous
 

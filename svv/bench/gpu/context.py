@@ -27,6 +27,9 @@ BEGUN = "SVV_BENCH_BEGUN"
 
 SEED = 1
 
+DISTANCE = 3.2
+"""Distance of the cameras from the middle of the generated volume, whose torus has a radius of about 0.6."""
+
 
 @dataclass(frozen=True)
 class Context:
@@ -147,9 +150,9 @@ def draw_views(folder: Path, size: int, train: int = 92, test: int = 16, side: i
     ranges = np.array([[138.0, 162.0], [210.0, 255.0]])
     look = Look(0.0, 255.0, table, ranges, 2.0 / side, Shading(on=True))
     caster = BrickCaster(GeneratedSource(side), 0, look, 1 << 30, usable_cpus())
-    rig = CameraRig((0.0, 0.0, 0.0), 7.5, float(np.radians(30.0)))
+    rig = CameraRig((0.0, 0.0, 0.0), DISTANCE, float(np.radians(30.0)))
     for split, cameras in (
-        ("train", sphere_cameras(train, (0.0, 0.0, 0.0), 7.5, float(np.radians(30.0)), size)),
+        ("train", sphere_cameras(train, rig.centre, rig.radius, rig.fov_x, size)),
         ("test", rig.orbit(181, size, [int(k) for k in np.linspace(5, 175, test)])),
     ):
         images = np.stack([_straight(caster.render(camera, 1.0 / side)) for camera in cameras])

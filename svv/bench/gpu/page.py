@@ -170,7 +170,7 @@ def _compared(results: Results) -> Table:
         (r["name"], f"{r['value']['mean']:.1e}", f"{r['value']['largest']:.1e}", f"{r['value']['above_2_levels']:.1e}")
         for r in _of(results, "compare")
     ]  # fmt: skip
-    text = "Absolute difference of RGBA in [0, 1] between two drawings of one scene."
+    text = "Absolute difference of RGB in [0, 1] between two drawings of one scene on white."
     return Table("Pictures", text, ("", "mean", "largest", "share above 2/255"), rows)
 
 

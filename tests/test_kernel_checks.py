@@ -1,0 +1,93 @@
+"""The checks of kernels find what is wrong with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from svv.fields.gpu_check import run_checks
+from svv.fields.kernel_checks import CPU, checks
+from svv.kernels import numba_kernels, reference
+from svv.kernels.types import Kernels, Samples
+
+
+def scaled(result: Any, factor: float = 1.0001) -> Any:
+    """Return numbers that are off by one in ten thousand."""
+    return tuple(scaled(part, factor) for part in result) if isinstance(result, tuple) else result * factor
+
+
+def lost_row(x: Tensor, g: Tensor, where: Any, gradient: Tensor, used: Tensor) -> None:
+    reference.lattice_backward(x, g, where, gradient, used)
+    used[used.nonzero()[0]] = 0
+
+
+def lost_sum(x: Tensor, g: Tensor, *rest: Any) -> None:
+    """The gradient of one sample is lost, as where two threads race."""
+    g = g.clone()
+    g[0] = 0.0
+    reference.hash_backward(x, g, *rest)
+
+
+def one_sample_twice(*arguments: Any) -> tuple[Samples, int]:
+    samples, room = reference.march(*arguments)
+    place = samples.position.clone()
+    place[: len(place) // 2] = place[0]
+    return replace(samples, position=place), room
+
+
+def stops_early(*arguments: Any) -> tuple[Samples, int]:
+    samples, room = reference.march(*arguments)
+    return replace(samples, tail=samples.tail + 1e-3), room
+
+
+def unmarked_rows_move(table: Tensor, *rest: Any) -> None:
+    reference.adam(table, *rest)
+    table += 1e-4
+
+
+WRONG: dict[str, tuple[str, Any]] = {
+    "lattice, 4 features": ("lattice_encode", lambda *a: scaled(reference.lattice_encode(*a))),
+    "lattice, 1 features": ("lattice_backward", lost_row),
+    "hash grid": ("hash_backward", lost_sum),
+    "adam": ("adam", unmarked_rows_move),
+    "march, training": ("march", one_sample_twice),
+    "march, image": ("march", stops_early),
+    "composite, 3 channels": ("composite", lambda *a: scaled(reference.composite(*a))),
+    "composite, 8 channels": ("composite_backward", lambda *a: scaled(reference.composite_backward(*a), 1.001)),
+    "representatives": ("representatives", lambda s, e, shift: reference.representatives(s, 2.0 * e, shift)),
+    "leaps": ("leaps", lambda occupied: reference.leaps(occupied) + 1),
+    "directions": ("directions_of_samples", lambda *a: scaled(reference.directions_of_samples(*a))),
+    "network (32, 64, 2, 3)": ("network", lambda x, w, rough: reference.network(x, w, rough) * 1.001),
+    "network, full precision": ("network", lambda x, w, rough: reference.network(x, w, rough) * 1.001),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_slightly_wrong_is_found(name: str) -> None:
+    function, wrong = WRONG[name]
+    broken: Any = SimpleNamespace(**{**vars(reference), function: wrong})
+    checks()[name](reference, CPU, 0)
+    with pytest.raises(AssertionError):
+        checks()[name](broken, CPU, 0)
+
+
+@pytest.mark.parametrize("kernels", [reference, numba_kernels])
+def test_all_kernels_of_the_cpu_pass(kernels: Kernels) -> None:
+    found = list(run_checks(kernels, CPU, 2000, 2))
+    assert [wrong for _, _, wrong in found if wrong] == []
+    assert len(found) == len(checks())
+
+
+def test_a_fault_is_a_finding_and_not_the_end() -> None:
+    def faults(*arguments: Any) -> Tensor:
+        raise RuntimeError("CUDA error: an illegal memory access\nwas encountered")
+
+    broken: Any = SimpleNamespace(**{**vars(reference), "leaps": faults})
+    found = {name: wrong for name, _, wrong in run_checks(broken, torch.device("cpu"), 150, 1)}
+    assert found["leaps"] == "RuntimeError: CUDA error: an illegal memory access was encountered"
+    assert found["adam"] == ""

@@ -12,7 +12,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +51,7 @@ BASE = ReconstructSettings(
     density_rate=0.03, **SLOW,
 )  # fmt: skip
 FEW = replace(BASE, rays=127)
-"""For the hash grid, which has a sample at every step of a ray: the fewer make a sum, the less of it may be rounding."""
+"""For the hash grid, which has a sample at every step of a ray: the fewer make a sum, the less of it is rounding."""
 PALETTE = RecolourSettings(iterations=100, rays=1023, samples=8192, **SLOW)
 SMALL = Preset("small", LATTICE, BASE, PALETTE, StylizeSettings())
 COLOURS = ((0.8, 0.2, 0.2), (0.2, 0.3, 0.8), (0.3, 0.8, 0.2), (0.6, 0.6, 0.1))
@@ -189,7 +189,7 @@ def until_palette(act: object, rank: int = 1) -> Progress:
 
 def single_precision() -> None:
     """Multiply in float32 on every CPU: with half of the samples, a rank may otherwise choose another precision."""
-    bfloat16.cpu_has_bfloat16 = lambda: False
+    bfloat16.cpu_has_bfloat16 = cache(lambda: False)
 
 
 def stop() -> None:

@@ -153,6 +153,7 @@ def palette(scene: Scene, name: str, folder: Path, owners: Halves | None = None,
     unmixing = Unmixing(colours.numpy(), CPU) if given else None
     settings = PALETTE if scene.settings is LATTICE else replace(PALETTE, rays=FEW.rays)
     work = Recolouring(scene.base, network, scene.occupancy, scene.marching, pool, settings, owners, unmixing)
+    work.start -= 0.2  # the palette's own loss, which is no sum over rays, is more than rounding
     keep(work, STEPS["palette"], name, folder)
 
 

@@ -31,21 +31,22 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def together(arguments: Sequence[object], count: int = 2) -> list[tuple[int, str, str]]:
     """Run the same command in several processes, as torchrun does; returns exit codes, output and errors."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    shared = {
-        **os.environ, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": str(count),
-        "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
-    }  # fmt: skip
     command = [sys.executable, "-m", *map(str, arguments)]
-    started = [
-        subprocess.Popen(
-            command, env={**shared, "RANK": str(rank)}, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-        )
-        for rank in range(count)
-    ]
-    said = [process.communicate() for process in started]
+    with socket.socket() as free:
+        # Bound until the end, so that no other program is given this port; torch may still bind it to listen at it.
+        free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        free.bind(("127.0.0.1", 0))
+        shared = {
+            **os.environ, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(free.getsockname()[1]),
+            "WORLD_SIZE": str(count), "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
+        }  # fmt: skip
+        started = [
+            subprocess.Popen(
+                command, env={**shared, "RANK": str(rank)}, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            )
+            for rank in range(count)
+        ]
+        said = [process.communicate() for process in started]
     return [(process.returncode, *its) for process, its in zip(started, said, strict=True)]
 
 
@@ -83,7 +84,7 @@ def test_a_step_of_two_ranks_is_that_of_one(
         assert right.keys() == found.keys()
         off = {name: (found[name].double() - value.double()).abs() for name, value in right.items()}
         same = torch.zeros(())
-        assert [name for name in off if bool((off[name] > apart.get(name, same)).any())] == [], path.stem
+        assert [name for name in off if not bool((off[name] <= apart.get(name, same)).all())] == [], path.stem
         free = [name for name, bound in apart.items() if bound.isinf().double().mean() > 0.5]
         assert free == [], f"{path.stem}: nothing is required of most values"
 

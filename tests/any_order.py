@@ -25,7 +25,8 @@ U = ROUNDOFF[torch.float32]
 BETAS = 0.9, 0.99
 """Adam's constants, those of all stages."""
 OPERATIONS = 200
-"""Products and sums that make one sample's part of a gradient: up to a hundred forward, as many backward."""
+"""Products and sums that make one sample's part of a gradient, which a CPU may round in vectors other than alone: up to
+a hundred forward, as many backward."""
 
 
 class _Magnitudes(torch.autograd.Function):
@@ -72,7 +73,7 @@ def magnitudes(path: Path) -> tuple[ranked.Results, int]:
     sums = {name: value.double() for name, value in found.items() if name.endswith(".gradient")}
     if of_colours:  # and the palette's own loss, which is what the gradient has besides, so no more than both
         sums["colours.gradient"] = 2.0 * of_colours[0].double() + sums["colours.gradient"].abs()
-    return sums, max(counts) + OPERATIONS
+    return sums, max(counts) + ranked.BASE.rays + OPERATIONS  # a loss may be divided by a sum over the rays
 
 
 def bounds(right: ranked.Results, sums: ranked.Results, count: int) -> ranked.Results:

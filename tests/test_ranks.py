@@ -7,7 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,13 +50,19 @@ def together(arguments: Sequence[object], count: int = 2) -> list[tuple[int, str
     return [(process.returncode, *its) for process, its in zip(started, said, strict=True)]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _single_precision() -> Iterator[None]:
+    """As in the ranks, on every CPU."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bfloat16, "cpu_has_bfloat16", lambda: False)
+        yield
+
+
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[int, str, str]]]:
     """Folder of what two ranks have learned, and how they ended: the second one was killed at last."""
     folder = tmp_path_factory.mktemp("two")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bfloat16, "cpu_has_bfloat16", lambda: False)
-        ranked.alone(folder)
+    ranked.alone(folder)
     for name in ("stopped", "died"):
         (folder / name).mkdir()
     return folder, together(["tests.ranked", folder])
@@ -68,11 +74,8 @@ def results(folder: Path, rank: int) -> dict[str, Any]:
     return found
 
 
-def test_a_step_of_two_ranks_is_that_of_one(
-    two: tuple[Path, list[tuple[int, str, str]]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_of_two_ranks_is_that_of_one(two: tuple[Path, list[tuple[int, str, str]]]) -> None:
     """The loss, gradients, moments and ages of Adam, parameters, numbers of rays, and what pruning goes by."""
-    monkeypatch.setattr(bfloat16, "cpu_has_bfloat16", lambda: False)  # as in the ranks
     steps = sorted(two[0].glob("*.step"))
     assert len(steps) == 14
     for path in steps:

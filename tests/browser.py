@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -21,8 +22,8 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 """Options with which WebGL2 runs on the CPU, on any machine."""
 
-LIVE = "document.body.classList.contains('live')"
-"""JavaScript: whether the page has read its scene."""
+PATIENCE = 600.0
+"""Seconds after which something hangs; a busy machine draws in software, and playwright by itself waits for 30 s."""
 
 LARGEST = (
     "const gl = WebGL2RenderingContext.prototype, real = gl.getParameter; gl.getParameter = function (name) "
@@ -42,7 +43,7 @@ def browser() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as started:
-        running = started.chromium.launch(executable_path=program(), args=list(SOFTWARE))
+        running = started.chromium.launch(executable_path=program(), args=list(SOFTWARE), timeout=1000.0 * PATIENCE)
         yield running
         running.close()
 
@@ -62,6 +63,7 @@ class Opened:
         """Open a file in a new tab; ``script`` runs before those of the page."""
         opened = cls(context.new_page())
         page, wrong = opened.page, opened.wrong
+        page.set_default_timeout(1000.0 * PATIENCE)
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None)
         page.on("dialog", opened.refuse)
@@ -70,6 +72,21 @@ class Opened:
             page.add_init_script(script)
         page.goto(path.resolve().as_uri())
         return opened
+
+    def ready(self) -> None:
+        """Wait until the page has read its scene."""
+        self.page.locator("body.live").wait_for()
+
+    def until(self, true: str) -> None:
+        """Wait until a JavaScript expression is true.
+
+        Playwright's ``wait_for_function`` asks again by ``eval``, which a scene's page forbids: it works only where the
+        first answer is yes.
+        """
+        limit = time.monotonic() + PATIENCE
+        while not self.page.evaluate(true):
+            assert time.monotonic() < limit, f"{true} never was"
+            self.page.wait_for_timeout(50.0)
 
     def refuse(self, dialog: Any) -> None:
         """Close a dialog, which is always wrong."""

@@ -51,6 +51,13 @@ def all_threads() -> Iterator[None]:
     numba.set_num_threads(before)
 
 
+@pytest.fixture
+def every_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Training tells and saves every step, so that it can be stopped at any, however fast the machine is."""
+    for name in ("SHOW_EVERY", "SAVE_EVERY"):
+        monkeypatch.setattr(f"svv.train.loop.{name}", 0.0)
+
+
 @pytest.fixture(scope="session")
 def cube() -> Scene:
     """A translucent cube, in which three regions lie about at random."""

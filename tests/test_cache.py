@@ -137,7 +137,7 @@ def test_several_processes_keep_within_the_bound(tmp_path: Path) -> None:
     command = [sys.executable, "-c", script, str(tmp_path)]
     both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(3)]
     for process in both:
-        _, err = process.communicate(timeout=120)
+        _, err = process.communicate(timeout=600)
         assert process.returncode == 0, err
     cache = Cache(tmp_path, 500)
     write(cache, 100, 100)
@@ -176,7 +176,7 @@ def test_the_command_shows_and_clears(tmp_path: Path) -> None:
     def svv(*arguments: str, **environ: str) -> subprocess.CompletedProcess[str]:
         variables = {**os.environ, "SVV_CACHE": str(cache.folder), "SVV_PYRAMIDS": str(tmp_path / "coarse"), **environ}
         command = [sys.executable, "-m", "svv", "cache", *arguments]
-        return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=120)
+        return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=600)
 
     shown = svv("--json", str(tmp_path / "cache.json"))
     assert shown.returncode == 0 and name(0) in shown.stdout

@@ -235,7 +235,8 @@ def test_a_stopped_training_goes_on_to_the_same_scene(views: tuple[ViewSet, View
                 raise Cancelled
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(loop, "SAVE_EVERY", 0.0)
+            for name in ("SHOW_EVERY", "SAVE_EVERY"):
+                patch.setattr(loop, name, 0.0)
             with pytest.raises(Cancelled):
                 train_scene(train, short, progress=stop, checkpoint=file)
         again, _ = train_scene(train, short, checkpoint=file)

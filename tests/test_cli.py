@@ -29,7 +29,7 @@ COMMANDS = [
 
 def run(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "svv", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)
+    return subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, **options)
 
 
 def call(
@@ -62,7 +62,7 @@ def test_without_matplotlib_a_command_that_draws_says_so_before_it_begins(name: 
     without = "import sys; sys.modules['matplotlib'] = None; from svv.cli.app import main; main()"
     what = {"chart": str(tmp_path / "views"), "stability": "--case=easy"}[name]
     command = [sys.executable, "-c", without, "bench", name, what, "--out", str(tmp_path / "out")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 2
     assert done.stderr.strip().endswith("pip install 'svv[bench]'.") and "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()

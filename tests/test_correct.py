@@ -150,13 +150,10 @@ def test_a_colour_within_a_range_is_where_the_views_show_it() -> None:
 
 
 @pytest.mark.slow
-def test_a_stopped_correction_goes_on_to_the_same_scene(
-    nested: Drawn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stopped_correction_goes_on_to_the_same_scene(nested: Drawn, tmp_path: Path, every_step: None) -> None:
     scene, train = nested
     correction = Correction(merge=((0, 1),))
     expected, _ = correct_palette(scene, train, correction, SHORT)
-    monkeypatch.setattr("svv.train.loop.SAVE_EVERY", 0.0)
     path = tmp_path / "scene.svv.checkpoint"
 
     def stop(fraction: float, label: str) -> None:

@@ -191,7 +191,7 @@ def test_a_page_needs_nothing_beside_it(tmp_path: Path) -> None:
 
 SMALL = JobSettings(
     ViewOptions(n=12, test=2, size=64, mapper="cpu"),
-    TrainOptions("draft", time_limit=4.0),
+    TrainOptions("draft", change=("reconstruct.iterations=20", "recolour.iterations=10")),
     OrbitOptions(orbit=4, orbit_size=64),
     recolour=True,
 )

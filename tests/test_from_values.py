@@ -28,7 +28,6 @@ from svv.fields.of_values import Places, features_of
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
-from svv.train import loop
 from svv.train.config import PRESETS, Preset, ReconstructSettings, preset
 from svv.train.correct import correct_palette
 from svv.train.evaluate import evaluate_scene
@@ -140,10 +139,9 @@ def test_the_scene_is_better_than_one_that_learns_its_features(both: tuple[ViewS
 
 @pytest.mark.parametrize("part", [0.3, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_a_stopped_training_goes_on(
-    both: tuple[ViewSet, ViewSet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: float
+    both: tuple[ViewSet, ViewSet], tmp_path: Path, every_step: None, part: float
 ) -> None:
     """In stage 1, with its table of the extinction, and in stage 2."""
-    monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
     whole, _ = train_scene(both[0], SHORT)
 
     def stop(fraction: float, label: str) -> None:

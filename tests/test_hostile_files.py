@@ -394,6 +394,6 @@ assert os.waitpid(forked, 0)[1] == 0 and sides == (2, 2, 2)
     subprocess.run(
         [sys.executable, "-c", script, volume(tmp_path / "a.vti")],
         check=True,
-        timeout=120,
+        timeout=600,
         cwd=Path(__file__).resolve().parents[1],
     )

@@ -12,12 +12,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from svv.cli.app import app
 from svv.core.cameras import sphere_cameras
 from svv.core.metrics import Likeness
 from svv.errors import BadInput
 from svv.io.atomic import write_json
 from svv.io.viewset import ViewSet
+from svv.job.result import _scores
+from svv.styles import weights
 from svv.train.evaluate import Scores, evaluate_scene
+from svv.train.lpips import Lpips
 from tests.any_json import any_json
 from tests.cube import cube_scene
 
@@ -68,3 +72,28 @@ def test_a_scene_is_scored_by_what_it_shows() -> None:
     assert (scores.psnr, scores.psnr_foreground, scores.ssim) == (mean.psnr, mean.psnr_foreground, mean.ssim)
     assert (scores.views, scores.size, scores.network, scores.background) == (3, (24, 24), "base", "white")
     assert scores.seconds_per_view > 0 and told == sorted(told) and told[-1] == 1.0
+
+
+def test_without_weights_it_is_said_how_to_get_them_beside_the_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On standard error, and on a job's page; the table and the JSON stay as they are for those who read them."""
+    cube_scene().save(tmp_path / "cube.svv")
+    cameras = sphere_cameras(3, (0.0, 0.0, 0.0), 3.0, 0.5, 32)
+    truth = np.random.default_rng(0).integers(0, 256, (3, 32, 32, 4), dtype=np.uint8)
+    ViewSet(tuple(cameras), truth, ("a", "b", "c")).write(tmp_path / "views", "test")
+    command = ["evaluate", str(tmp_path / "cube.svv"), "--views", str(tmp_path / "views"), "--json"]
+
+    def evaluated() -> tuple[str, str, Scores]:
+        app([*command, str(tmp_path / "scores.json")], prog_name="svv", standalone_mode=False)
+        said = capsys.readouterr()
+        return said.out, said.err, Scores.from_json(json.loads((tmp_path / "scores.json").read_text()))
+
+    table, said, scores = evaluated()
+    assert scores.lpips is None and "lpips" in table and weights.NO_LPIPS not in table
+    assert said.splitlines().count(weights.NO_LPIPS) == 1 and "svv features --get alexnet " in weights.NO_LPIPS
+    assert _scores({"pcn": scores}).text.endswith(weights.NO_LPIPS)
+    monkeypatch.setattr("svv.train.evaluate.load_lpips", lambda: Lpips().eval())
+    _, said, scores = evaluated()
+    assert scores.lpips is not None and "LPIPS" not in said
+    assert weights.NO_LPIPS not in _scores({"pcn": scores}).text

@@ -26,7 +26,6 @@ from svv.fields.rendering import RayCaster
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.kernels.numba_tomography import back_project, optical_depths
-from svv.train import loop
 from svv.train.beginning import begin
 from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
@@ -205,7 +204,9 @@ def test_it_helps() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_that_is_killed_goes_on_from_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_is_killed_goes_on_from_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every_step: None
+) -> None:
     """The extinction is kept: a time limit would otherwise find another one, with another layout."""
     train, file = views_of(orbit(12)), tmp_path / "run"
     whole, _ = train_scene(train, SHORT)
@@ -214,7 +215,6 @@ def test_a_run_that_is_killed_goes_on_from_it(tmp_path: Path, monkeypatch: pytes
         if "base" in label and fraction > 0.3:
             raise Cancelled
 
-    monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
     with pytest.raises(Cancelled):
         train_scene(train, SHORT, progress=stop, checkpoint=file)
     monkeypatch.setattr("svv.train.training.begin", None)  # not called again

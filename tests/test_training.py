@@ -260,9 +260,8 @@ def test_same_seed_same_scene(views: ViewSet, tiny: None, trained: tuple[Scene, 
 @pytest.mark.parametrize("stop_at", [0.8, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.3, 0.6))])
 def test_a_stopped_training_goes_on_to_the_same_scene(
     views: ViewSet, tiny: None, trained: tuple[Scene, dict[str, object]], tmp_path: Path, stop_at: float,
-    monkeypatch: pytest.MonkeyPatch,
+    every_step: None,
 ) -> None:  # fmt: skip
-    monkeypatch.setattr("svv.train.loop.SAVE_EVERY", 0.0)
     path = tmp_path / "scene.svv.checkpoint"
 
     def stop(fraction: float, label: str) -> None:

@@ -26,7 +26,7 @@ from svv.fields.scene import Scene
 from svv.render.web.fields import HOLD, MATERIAL, MOST_EXTINCTION_STEP, SHARE_STEP, Grid, fields_of
 from svv.render.web.harmonics import geometry_at
 from svv.render.web.page import write_html
-from tests.browser import LARGEST, LIVE, Opened
+from tests.browser import LARGEST, Opened
 from tests.cube import cube_scene
 
 EVIL = '"><script>alert(1)</script>'
@@ -81,15 +81,11 @@ def front(scene: Scene, size: int = 96, frame: int = 90) -> Camera:
     return scene.rig.orbit(181, size, frames=[frame])[0]
 
 
-def ready(opened: Opened) -> None:
-    opened.page.wait_for_function(LIVE)
-
-
 def test_pictures_are_those_of_the_renderer_and_edits_act(open_page: Any, balls: Scene, tmp_path: Path) -> None:
     scene = balls
     write_html(tmp_path / "balls.html", scene, "balls")
     opened = open_page(tmp_path / "balls.html")
-    ready(opened)
+    opened.ready()
     page = opened.page
     cameras = [front(scene, frame=frame) for frame in (30, 90, 150)]
     assert min(opened.psnr(scene, camera) for camera in cameras) > CLOSE
@@ -115,7 +111,7 @@ def test_a_movable_light_is_that_of_the_renderer(open_page: Any, balls: Scene, t
     scene = lit(balls)
     write_html(tmp_path / "lit.html", scene, "lit")
     opened = open_page(tmp_path / "lit.html")
-    ready(opened)
+    opened.ready()
     assert opened.psnr(scene, front(scene)) > CLOSE
     opened.page.get_by_label("Light from the right of the camera, in degrees").fill("70")
     opened.page.get_by_label("Light from above the camera, in degrees").fill("-30")
@@ -136,7 +132,7 @@ def test_paintings_are_shown_in_turn_and_their_names_are_only_text(
     text = (tmp_path / "painted.html").read_text()
     assert text.count("<script") == 3 and EVIL not in text
     opened = open_page(tmp_path / "painted.html", size=(390, 780))
-    ready(opened)
+    opened.ready()
     page, camera = opened.page, front(painted)
     assert page.title() == f"a title {EVIL} & more"
     assert page.get_by_role("heading", level=1).inner_text() == f"a title {EVIL} & more"
@@ -165,7 +161,7 @@ def test_eight_regions_and_five_paintings(open_page: Callable[..., Opened], ball
         scene = scene.painted(paint(scene, number), {number: "a", 7: "b"}, {}, f"painting {number}")
     write_html(tmp_path / "many.html", scene, "many")
     opened = open_page(tmp_path / "many.html")
-    ready(opened)
+    opened.ready()
     for name in ("painting 1", "painting 4"):
         opened.page.get_by_label("Painting", exact=True).select_option(name)
         assert opened.psnr(scene.with_variant(name), front(scene)) > RANDOM
@@ -175,7 +171,7 @@ def test_eight_regions_and_five_paintings(open_page: Callable[..., Opened], ball
 
 def test_keys_turn_and_reset_the_view_and_a_picture_is_saved(open_page: Any, cube_page: Path) -> None:
     opened = open_page(cube_page)
-    ready(opened)
+    opened.ready()
     page = opened.page
 
     def camera() -> list[float]:
@@ -221,7 +217,7 @@ def test_a_browser_that_cannot_draw_it_says_why_and_shows_the_orbit(
     said.filter(has_text=reason).filter(has_text="The movie shows it from all around").wait_for()
     movie = opened.page.locator("video")
     assert movie.is_visible() and movie.evaluate("movie => movie.duration") == pytest.approx(4.0, abs=0.2)
-    opened.page.wait_for_function("document.querySelector('video').currentTime > 0")
+    opened.until("document.querySelector('video').currentTime > 0")
     assert not opened.page.get_by_role("img", name="cube, seen from the front").is_visible()
     assert not opened.page.get_by_role("button", name="Save picture").is_visible()
 
@@ -243,8 +239,8 @@ def test_graphics_that_hold_less_draw_a_coarser_scene_and_say_so(
     finest = max(field.resolution for field in fields_of(painted)[0]) + 1
     write_html(tmp_path / "painted.html", painted, "painted")
     whole, coarse = (open_page(tmp_path / "painted.html", script) for script in ("", LARGEST % (finest - 1)))
-    ready(whole)
-    ready(coarse)
+    whole.ready()
+    coarse.ready()
     assert whole.page.locator("#said").inner_text() == ""
     said = f"{finest - 1} points a side: the scene is drawn from {finest // 2 + 1} points a side instead of {finest}"
     assert said in coarse.page.get_by_role("status").inner_text()
@@ -255,7 +251,7 @@ def test_graphics_that_hold_less_draw_a_coarser_scene_and_say_so(
 def test_a_scene_of_which_nothing_is_visible_is_shown_empty(open_page: Any, balls: Scene, tmp_path: Path) -> None:
     write_html(tmp_path / "hidden.html", balls.hidden(0, 1), "hidden")
     opened = open_page(tmp_path / "hidden.html")
-    ready(opened)
+    opened.ready()
     assert (opened.picture(front(balls)) == 1.0).all()
     opened.page.get_by_role("button", name="Show all").click()
     assert opened.psnr(balls, front(balls)) > CLOSE

@@ -20,7 +20,7 @@ from svv.render.web.page import html_of, numbers_of, paintings_of, write_html
 from tests.browser import LARGEST, Opened
 from tests.cube import faint
 from tests.loose_balls import RIGHT, TOP, in_world, loose_balls
-from tests.test_web import CLOSE, COARSE, EVIL, front, lit, paint, ready
+from tests.test_web import CLOSE, COARSE, EVIL, front, lit, paint
 
 FRAMES = (30, 90, 150)
 
@@ -66,7 +66,7 @@ def page_of_both(both: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def shown(open_page: Any, path: Path, script: str = "") -> Opened:
     opened: Opened = open_page(path, script)
-    ready(opened)
+    opened.ready()
     return opened
 
 

@@ -81,7 +81,7 @@ def state(widget: SceneWidget) -> dict[str, Any]:
 
 def told(notebook: Opened, number: int, after: int) -> dict[str, Any]:
     """What a page tells Python, once it has done so ``after`` times."""
-    notebook.page.wait_for_function(f"models[{number}].saved >= {after}")
+    notebook.until(f"models[{number}].saved >= {after}")
     content = notebook.page.evaluate(f"JSON.stringify(models[{number}].state)")
     return {name: value for name, value in json.loads(content).items() if name in ("view", "_camera", "edits")}
 
@@ -97,9 +97,7 @@ def test_widgets_tell_python_what_is_set_and_leave_each_other_alone(
     first.get_by_label("Colour of Region 0").fill("#20a040")
     first.get_by_label("Opacity of Region 1").fill("0.3")
     first.get_by_role("application").press("ArrowLeft")
-    notebook.page.wait_for_function(
-        "models[0].state.edits.regions[1].opacity === 0.3 && models[0].state.view.axes[0] > 0"
-    )
+    notebook.until("models[0].state.edits.regions[1].opacity === 0.3 && models[0].state.view.axes[0] > 0")
     shown.set_state(told(notebook, 0, 2))
     wanted = balls.edited(0, (32 / 255, 160 / 255, 64 / 255)).edited(1, opacity=0.3)
     assert shown.scene.regions == wanted.regions

@@ -24,7 +24,7 @@ from svv.core.colour import over
 from svv.fields.scene import Scene
 from svv.io.output import to_bytes
 from svv.render.web.page import write_html
-from tests.browser import LARGEST, LIVE, Opened, browser
+from tests.browser import LARGEST, Opened, browser
 
 FRAMES = (30, 90, 150)
 """Cameras of the orbit of 181 views."""
@@ -102,7 +102,7 @@ def main() -> None:
         context = running.new_context(viewport={"width": given.size + 340, "height": given.size})
         opened = Opened.at(path, context, "" if given.points is None else LARGEST % given.points)
         start = time.perf_counter()
-        opened.page.wait_for_function(LIVE)
+        opened.ready()
         print(f"ready after {time.perf_counter() - start:.1f} s. {opened.page.locator('#said').inner_text()}")
         for name, act, edited in edits(opened.page, scene):
             opened.page.get_by_role("button", name="Reset all").click()

@@ -127,11 +127,13 @@ def evaluate(
 
     If the folder contains the classified volume, region_overlap measures how well regions match its ranges of values:
     the intersection over union of everything that the views show, for each region that knows its values; for regions
-    found in views alone, for each range and the region that matches it.
+    found in views alone, for each range and the region that matches it. LPIPS needs weights, which `svv features --get
+    alexnet` fetches once.
     """
     from svv.io.atomic import write_json
     from svv.io.cinema.views import read_views
     from svv.io.viewset import read_classified
+    from svv.styles.weights import NO_LPIPS
     from svv.train.pipeline import evaluate_scene
     from svv.train.ranges import region_overlaps
 
@@ -147,6 +149,8 @@ def evaluate(
     if json is not None:
         write_json(json, scores.to_json())
     print_table(scores.to_json())
+    if scores.lpips is None:
+        print(NO_LPIPS, file=sys.stderr)
 
 
 def info(scene: SceneFile, json: Json = None) -> None:

@@ -16,6 +16,7 @@ from svv.job.page import Page, Picture, Table, cost_table, write_page
 from svv.job.source import Drawn, ViewSource
 from svv.job.steps import Job
 from svv.progress import duration
+from svv.styles.weights import NO_LPIPS
 from svv.train.evaluate import Scores
 
 SCORES = {
@@ -110,7 +111,8 @@ def _scores(scores: dict[str, Scores]) -> Table:
     for key, values in scores.items():
         found = [(form, getattr(values, name)) for name, (_, form) in SCORES.items()]
         rows.append([names[key], *("-" if v is None or np.isnan(v) else form.format(v) for form, v in found)])
-    return Table("Scores", PROTOCOL, ["Network", *(name for name, _ in SCORES.values())], rows)
+    text = f"{PROTOCOL} {NO_LPIPS}" if any(values.lpips is None for values in scores.values()) else PROTOCOL
+    return Table("Scores", text, ["Network", *(name for name, _ in SCORES.values())], rows)
 
 
 def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, Any]) -> list[tuple[str, str]]:

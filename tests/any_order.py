@@ -1,7 +1,7 @@
 """How far two correct orders of sums can take one training step apart.
 
 A gradient is a sum over samples. Two orders of it differ by at most a part of the sum of the magnitudes of what is
-added (``tolerances.py``), so that sum is measured: by the same step, in which each parameter adds up magnitudes. What
+added (:mod:`svv.core.rounding`), so that sum is measured: by the same step, in which each parameter adds up magnitudes. What
 Adam makes of the difference follows from its formulas, with moments m and v, age n and rate r:
 
     m' = b1 m + (1 - b1) g,  v' = b2 v + (1 - b2) g^2,  p' = p - r / (1 - b1^n) m' / (sqrt(v' / (1 - b2^n)) + epsilon)
@@ -16,10 +16,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from svv.core.rounding import ROUNDOFF, sums_apart
 from svv.fields.encodings import HashGrid, SparseLattice
 from svv.fields.networks import Layers, PaletteColours
 from tests import ranked
-from tests.tolerances import ROUNDOFF, sums_apart
 
 U = ROUNDOFF[torch.float32]
 BETAS = 0.9, 0.99

@@ -17,6 +17,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from svv.core.rounding import KERNELS, sums_apart
 from svv.errors import BadInput, Cancelled, Elsewhere
 from svv.fields.scene import Scene
 from svv.kernels import bfloat16, numba_kernels, reference
@@ -24,7 +25,6 @@ from svv.train import ranks
 from tests import ranked
 from tests.any_order import bounds, magnitudes
 from tests.cube import cube_scene
-from tests.tolerances import KERNELS, sums_apart
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -1,8 +1,8 @@
 """How far two correct orders of sums can take one training step apart.
 
 A gradient is a sum over samples. Two orders of it differ by at most a part of the sum of the magnitudes of what is
-added (:mod:`svv.core.rounding`), so that sum is measured: by the same step, in which each parameter adds up magnitudes. What
-Adam makes of the difference follows from its formulas, with moments m and v, age n and rate r:
+added (:mod:`svv.core.rounding`), so that sum is measured: by the same step, in which each parameter adds up magnitudes.
+What Adam makes of the difference follows from its formulas, with moments m and v, age n and rate r:
 
     m' = b1 m + (1 - b1) g,  v' = b2 v + (1 - b2) g^2,  p' = p - r / (1 - b1^n) m' / (sqrt(v' / (1 - b2^n)) + epsilon)
 """

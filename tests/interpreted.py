@@ -15,6 +15,6 @@ GPU = torch.cuda.is_available()
 if not GPU:
     assert "triton" not in sys.modules, "triton was imported before it was told to interpret"
     os.environ["TRITON_INTERPRET"] = "1"
-from svv.kernels import triton_kernels, triton_networks  # noqa: E402
+from svv.kernels import triton_kernels, triton_networks, triton_rays, triton_tables  # noqa: E402
 
-__all__ = ["GPU", "triton_kernels", "triton_networks"]
+__all__ = ["GPU", "triton_kernels", "triton_networks", "triton_rays", "triton_tables"]

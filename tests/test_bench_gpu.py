@@ -13,8 +13,8 @@ import pytest
 from svv.bench.gpu import parts
 from svv.bench.gpu.context import Context, add_result, draw_views, read_results
 from svv.bench.gpu.page import as_markdown, tables, write_report, wrong_kernels
-from svv.bench.gpu.parts import Part, run_parts
-from svv.errors import Cancelled, silent
+from svv.bench.gpu.parts import Part, parts_named, run_parts
+from svv.errors import BadInput, Cancelled, silent
 from svv.io.viewset import ViewSet
 
 DOES = {
@@ -77,6 +77,13 @@ def test_stopping_ends_the_part_and_keeps_the_results(tmp_path: Path) -> None:
 def test_the_cpu_is_not_measured_twice(tmp_path: Path) -> None:
     run_parts(context(tmp_path, "cpu"), 600.0, silent, [Part("works", "", 60.0, "cpu")])
     assert ended(tmp_path) == {}
+
+
+def test_parts_are_chosen_by_name() -> None:
+    assert parts_named("all") == parts.PARTS
+    assert [part.name for part in parts_named("images, kernels")] == ["kernels", "images"]
+    with pytest.raises(BadInput, match="no part 'speed'; choose among versions, kernels"):
+        parts_named("speed")
 
 
 def test_the_generated_views_have_an_opaque_and_a_translucent_region(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from svv.bench.gpu.context import BEGUN, RESULTS, Context, add_result
-from svv.errors import Progress
+from svv.errors import BadInput, Progress
 from svv.kernels.gpu import SKIP_CHECK
 
 LEAST_SECONDS = 5.0
@@ -59,6 +59,20 @@ PARTS = (
 
 SLOWER = 3.0
 """Factor on the parts' times where a CPU is measured."""
+
+
+def parts_named(names: str) -> tuple[Part, ...]:
+    """Return the parts with these names, separated by commas, in their own order; ``all`` are all.
+
+    Raises:
+        BadInput: There is no part of a name.
+    """
+    known = list(dict.fromkeys(part.name for part in PARTS))
+    asked = known if names == "all" else [name.strip() for name in names.split(",")]
+    for name in asked:
+        if name not in known:
+            raise BadInput(f"There is no part '{name}'; choose among {', '.join(known)}.")
+    return tuple(part for part in PARTS if part.name in asked)
 
 
 def run_parts(how: Context, limit: float, progress: Progress, parts: Sequence[Part] = PARTS) -> None:

@@ -35,6 +35,9 @@ class Measuring:
     """Use every how many pixels of the views along each axis."""
     steps: Annotated[float, Setting(least=0.01, most=10)] = 1.0
     """Factor on the steps of all trainings."""
+    parts: Annotated[str, Setting(metavar="A,B")] = "all"
+    """Parts to measure, in their order here: versions, kernels, train, compare, images, paint, chart, profile, poison,
+    memory and two_cards."""
 
 
 @spread
@@ -70,7 +73,7 @@ def gpu(
         raise BadInput("Name a folder for the results with --out, or give --short.")
     from svv.bench.gpu.context import Context, draw_views, read_results
     from svv.bench.gpu.page import write_report, wrong_kernels
-    from svv.bench.gpu.parts import run_parts
+    from svv.bench.gpu.parts import parts_named, run_parts
     from svv.io.atomic import make_folder
     from svv.io.transforms import transforms_file
 
@@ -82,10 +85,11 @@ def gpu(
     for split in ("train", "test"):
         if transforms_file(folder, split) is None:
             raise BadInput(f"{folder} has no {split} views; `svv views` draws both splits.")
+    chosen = parts_named(how.parts)
     context = Context(out, folder, how.device, how.shrink, how.steps)
     try:
         with shown("Measuring") as progress:
-            run_parts(context, how.time_limit, progress)
+            run_parts(context, how.time_limit, progress, chosen)
     finally:
         page = write_report(out)
     wrong = wrong_kernels(read_results(out))

@@ -152,7 +152,7 @@ def _scores(results: Results) -> Table:
         for r in _of(results, "train") if r["name"].startswith("score")
     ]  # fmt: skip
     columns = ("", "PSNR", "foreground", "SSIM", "FLIP", "s a view")
-    return Table("Scores", "Unseen views on white (spec: mean of the images' PSNR).", columns, rows)
+    return Table("Scores", "Unseen views on white; the mean of the images' PSNR.", columns, rows)
 
 
 def _scored(v: Mapping[str, float]) -> tuple[str, ...]:

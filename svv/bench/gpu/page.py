@@ -93,7 +93,7 @@ def _numbers(results: Results) -> list[tuple[str, str]]:
     own = next((r["device"] for r in _of(results, "train")), "cpu")
     warm = _value(results, "train", "warm", own)
     if warm:
-        found.append((f"{warm['wall_s']:.1f} s", f"training, preset fast, on the {own}"))
+        found.append((f"{warm['wall_s']:.1f} s", f"training, preset fast, on the {'GPU' if own == 'cuda' else 'CPU'}"))
     scored = _value(results, "train", "score pcn", own)
     if scored:
         found.append((f"{scored['psnr']:.2f} dB", "palette network on unseen views"))
@@ -129,20 +129,14 @@ def _training(results: Results) -> Table:
     rows = []
     for r in _of(results, "train"):
         if r["name"] in ("cold", "warm"):
-            v = r["value"]
-            stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in v["seconds"].items() if name != "total")
-            rows.append(
-                (
-                    f"{r['device']}, {r['name']}",
-                    f"{v['wall_s']:.1f} s",
-                    stages,
-                    str(v["compiled"] or ""),
-                    _megabytes(v["peak_gpu_bytes"]),
-                    _megabytes(v["peak_rss_bytes"]),
-                )
-            )
-    text = "Preset fast. Cold: nothing is compiled yet. Stages in seconds."
-    columns = ("", "in all", "stages", "kernels compiled", "peak on the GPU", "peak in memory")
+            v, each = r["value"], r["value"]["seconds"]
+            begins = sum(each.get(name, 0.0) for name in ("hull", "extinction"))
+            stages = (f"{each.get(name, 0.0):.1f} s" for name in ("base", "palette", "pcn"))
+            peaks = _megabytes(v["peak_gpu_bytes"]), _megabytes(v["peak_rss_bytes"])
+            name = f"{r['device']}, {r['name']}"
+            rows.append((name, f"{v['wall_s']:.1f} s", f"{begins:.1f} s", *stages, str(v["compiled"] or ""), *peaks))
+    text = "Preset fast. Cold: nothing is compiled yet for the GPU; the last columns are peaks of memory."
+    columns = ("", "in all", "beginning", "stage 1", "palette", "stage 2", "compiled", "GPU", "memory")
     return Table("Training", text, columns, rows)
 
 

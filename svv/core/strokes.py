@@ -94,7 +94,7 @@ class Strokes:
 
     @cached_property
     def frames(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Unit tangents (K, 3), and arc lengths, curvatures in the surface and changes of the radius per length (K,)."""
+        """Unit tangents (K, 3), and arc length, curvature in the surface and change of radius per length, all (K,)."""
         first, last = self.start[:-1][self.stroke], self.start[1:][self.stroke] - 1
         index = np.arange(len(self.where))
         before, after = np.maximum(index - 1, first), np.minimum(index + 1, last)
@@ -143,13 +143,8 @@ class Strokes:
         """Invert :meth:`packed`, to within its rounding; raises ValueError if the arrays do not fit each other."""
         start = np.concatenate([[0], np.cumsum(arrays["count"].astype(np.int64))])
         points, count = len(arrays["where"]), len(start) - 1
-        shapes: dict[str, tuple[int, ...]] = {
-            "where": (points, 3),
-            "normal": (points, 3),
-            "across": (points, 3),
-            "colour": (count, 6),
-        }
-        shapes |= {"bristles": (count,), "seed": (count,), "scale": (1,)}
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("where", "normal", "across"), (points, 3))
+        shapes |= {"colour": (count, 6), "bristles": (count,), "seed": (count,), "scale": (1,)}
         if start[-1] != points or any(arrays[name].shape != shape for name, shape in shapes.items()):
             raise ValueError("the arrays of strokes do not fit each other")
         if count and arrays["count"].min() < 2:

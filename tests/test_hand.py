@@ -11,6 +11,7 @@ from svv.core.structure_tensor import structure_tensor
 from svv.errors import BadInput
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import PROFILE, TONES, Hand, measure_hand
+from svv.train.manner import manner_of
 
 
 @lru_cache
@@ -171,3 +172,20 @@ def test_the_structure_tensor_follows_stripes(angle: float) -> None:
     away = (tensor.angle[20:60, 20:60] - angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     assert np.abs(away).max() < 0.03
     assert tensor.coherence[20:60, 20:60].min() > 0.95
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        *dict.fromkeys(("impasto", "watercolour", "oil", "pastel", "charcoal"), "strokes").items(),
+        *dict.fromkeys(("mosaic", "woodcut", "screen-print", "cross-hatching", "stipple"), "pieces").items(),
+    ],
+)
+def test_paintings_are_painted_by_strokes_and_prints_and_mosaics_by_pieces(name: str, expected: str) -> None:
+    assert manner_of(measure_hand(gallery_picture(name)))[0] == expected
+
+
+@pytest.mark.parametrize("name", ["flat", "gradient", "black", "noise"])
+def test_pictures_without_a_hand_are_painted_by_pieces(name: str) -> None:
+    manner, reason = manner_of(measure_hand(PICTURES[name]))
+    assert manner == "pieces" and reason

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +43,12 @@ class StrokePaint:
         numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, none)
         self.entries = np.empty(int(self.start[-1]), np.int32)
         numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, self.entries)
+
+    def with_strokes(self, strokes: Strokes) -> StrokePaint:
+        """Return the paint of strokes that differ only in their colours."""
+        other = copy.copy(self)
+        other.strokes = strokes
+        return other
 
     @cached_property
     def _tree(self) -> cKDTree:

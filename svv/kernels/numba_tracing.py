@@ -72,65 +72,93 @@ def bend(side, slot, points, normals, right, upward, reach, out):  # type: ignor
 
 
 @njit(parallel=True, cache=True)
-def average(side, slot, points, normals, reach, values, out):  # type: ignore[no-untyped-def]
-    """Average values (S, F) over neighbours on the same side within ``reach``. ``out`` (S, F)"""
+def neighbours(side, slot, points, normals, reach, near, weight):  # type: ignore[no-untyped-def]
+    """List neighbours of each point on the same side within ``reach``, evenly thinned to M of them.
+
+    ``near`` (S, M) receives their numbers, -1 for none, and ``weight`` (S, M) their weights, which sum to 1; the point
+    itself is one of them.
+    """
     for s in prange(len(points)):
+        found, away_of = np.empty(4096, np.int32), np.empty(4096)
         i0, i1 = _range(points[s, 0], side, reach, slot.shape[0])
         j0, j1 = _range(points[s, 1], side, reach, slot.shape[1])
         k0, k1 = _range(points[s, 2], side, reach, slot.shape[2])
-        total = 1e-12
-        out[s] = 0.0
+        count = 0
         for i in range(i0, i1):
             for j in range(j0, j1):
                 for k in range(k0, k1):
                     o = slot[i, j, k]
-                    if o < 0:
+                    if o < 0 or o == s or count >= len(found):
                         continue
                     away, facing = 0.0, 0.0
                     for f in range(3):
                         away += (points[o, f] - points[s, f]) ** 2
                         facing += normals[o, f] * normals[s, f]
-                    if away > reach * reach or facing < SAME_SIDE:
-                        continue
-                    w = (1.0 - away / (reach * reach)) ** 2
-                    total += w
-                    for f in range(values.shape[1]):
-                        out[s, f] += w * values[o, f]
-        for f in range(values.shape[1]):
-            out[s, f] /= total
+                    if away <= reach * reach and facing >= SAME_SIDE:
+                        found[count] = o
+                        away_of[count] = away
+                        count += 1
+        most = near.shape[1]
+        near[s, :] = -1
+        near[s, 0], weight[s, 0] = s, 1.0
+        total, taken = 1.0, min(count, most - 1)
+        for m in range(taken):
+            e = m * count // taken
+            w = (1.0 - away_of[e] / (reach * reach)) ** 2
+            near[s, m + 1], weight[s, m + 1] = found[e], w
+            total += w
+        for m in range(most):
+            weight[s, m] = weight[s, m] / total if near[s, m] >= 0 else 0.0
+
+
+@njit(parallel=True, cache=True)
+def average(near, weight, values, out):  # type: ignore[no-untyped-def]
+    """Average values (S, F) over neighbours. ``out`` (S, F)"""
+    for s in prange(len(near)):
+        out[s] = 0.0
+        for m in range(near.shape[1]):
+            o = near[s, m]
+            if o < 0:
+                break
+            for f in range(values.shape[1]):
+                out[s, f] += weight[s, m] * values[o, f]
 
 
 @njit(parallel=True, cache=True)
 def thickness(side, slot, points, normals, reach, out):  # type: ignore[no-untyped-def]
     """Find how far below each point the surface's other side lies, at most ``reach``. ``out`` (S,)"""
+    steps = int(reach / side) + 1
     for s in prange(len(points)):
         best = reach
-        i0, i1 = _range(points[s, 0], side, reach, slot.shape[0])
-        j0, j1 = _range(points[s, 1], side, reach, slot.shape[1])
-        k0, k1 = _range(points[s, 2], side, reach, slot.shape[2])
-        for i in range(i0, i1):
-            for j in range(j0, j1):
-                for k in range(k0, k1):
-                    o = slot[i, j, k]
-                    if o < 0:
-                        continue
-                    away, facing, depth = 0.0, 0.0, 0.0
-                    for f in range(3):
-                        d = points[o, f] - points[s, f]
-                        away += d * d
-                        depth -= d * normals[s, f]
-                        facing += normals[o, f] * normals[s, f]
-                    if facing < -SAME_SIDE and away - depth * depth < side * side and 0.0 <= depth < best:
-                        best = depth
+        for m in range(steps + 1):
+            x = int((points[s, 0] - m * side * normals[s, 0]) / side)
+            y = int((points[s, 1] - m * side * normals[s, 1]) / side)
+            z = int((points[s, 2] - m * side * normals[s, 2]) / side)
+            for i in range(max(x - 1, 0), min(x + 2, slot.shape[0])):
+                for j in range(max(y - 1, 0), min(y + 2, slot.shape[1])):
+                    for k in range(max(z - 1, 0), min(z + 2, slot.shape[2])):
+                        o = slot[i, j, k]
+                        if o < 0:
+                            continue
+                        away, facing, depth = 0.0, 0.0, 0.0
+                        for f in range(3):
+                            d = points[o, f] - points[s, f]
+                            away += d * d
+                            depth -= d * normals[s, f]
+                            facing += normals[o, f] * normals[s, f]
+                        if facing < -SAME_SIDE and away - depth * depth < side * side and 0.0 <= depth < best:
+                            best = depth
+            if best < m * side:
+                break
         out[s] = best
 
 
 @njit(parallel=True, cache=True)
-def light(points, normals, directions, opacity, cells, away, step, steps, out):  # type: ignore[no-untyped-def]
-    """March from points to directions (D, 3) through the opacity of cells; ``out`` (S, D) receives what passes.
+def light(points, normals, directions, extinction, cells, away, step, steps, out):  # type: ignore[no-untyped-def]
+    """March from points to directions (D, 3) through the extinction of cells; ``out`` (S, D) receives what passes.
 
-    The march begins ``away`` from the point along its normal and takes ``steps`` steps of ``step`` box units; opacity
-    is that of one cell. It is 0 towards directions below the surface.
+    The march begins ``away`` from the point along its normal and takes ``steps`` steps of ``step`` box units; the
+    extinction is per box unit. Nothing passes from directions below the surface.
     """
     for s in prange(len(points)):
         for d in range(len(directions)):
@@ -140,19 +168,18 @@ def light(points, normals, directions, opacity, cells, away, step, steps, out): 
             if facing <= 0.0:
                 out[s, d] = 0.0
                 continue
-            through = 1.0
+            depth = 0.0
             for m in range(steps):
                 at = (m + 0.5) * step
                 x = int((points[s, 0] + away * normals[s, 0] + at * directions[d, 0]) * cells)
                 y = int((points[s, 1] + away * normals[s, 1] + at * directions[d, 1]) * cells)
                 z = int((points[s, 2] + away * normals[s, 2] + at * directions[d, 2]) * cells)
-                if not (0 <= x < opacity.shape[0] and 0 <= y < opacity.shape[1] and 0 <= z < opacity.shape[2]):
+                if not (0 <= x < extinction.shape[0] and 0 <= y < extinction.shape[1] and 0 <= z < extinction.shape[2]):
                     break
-                through *= (1.0 - opacity[x, y, z]) ** (step * cells)
-                if through < 0.01:
-                    through = 0.0
+                depth += step * extinction[x, y, z]
+                if depth > 4.0:
                     break
-            out[s, d] = through
+            out[s, d] = np.exp(-depth) if depth <= 4.0 else 0.0
 
 
 @njit(cache=True)

@@ -52,6 +52,13 @@ TONES = 10
 NEIGHBOURS = 24
 """Number of neighbouring strokes between which the scatter of tone is measured."""
 
+SMOOTH, WINDOW = 0.8, 2.0
+"""Deviation of lightness below which a neighbourhood is smooth, and the neighbourhood's own, in pixels at a long side
+of :data:`SIDE`."""
+
+BIN, COMMONEST = (8.0, 10.0, 10.0), 8
+"""Size of the bins of CIELAB in which colours are counted, and number of bins that count as the commonest."""
+
 LEAST_CONTRAST = 1.0
 """Contrast in units of lightness below which strokes cannot be seen: such a picture is called plain."""
 
@@ -81,6 +88,10 @@ class Hand:
     """Standard deviation of lightness within strokes: the marks of bristles."""
     scatter: float
     """Broken tone: standard deviation of the tone of neighbouring strokes, in ranks of the whole picture, in [0, 1]."""
+    smooth: float
+    """Fraction of the picture in which lightness hardly varies: flat ink, sky in a photograph, blank paper."""
+    common: float
+    """Fraction of the picture that its eight commonest colours make up."""
     palette: Floats
     """Mean colour of each range of tone, from dark to light, CIELAB. (TONES, 3)"""
     darkest: Floats
@@ -151,6 +162,7 @@ def measure_hand(picture: NDArray[np.floating], mask: NDArray[np.bool_] | None =
     return Hand(
         (height, width), stroke / factor, scale.elongation, _mean(coherences, weight), _mean(turn, weight),
         scale.contrast, profile, bristles, relief, float(tones[near].std(1).mean()),
+        *_uses(lab, inside),
         np.array(palette, np.float32), colours[tones <= 0.03].mean(0).astype(np.float32),
         *(np.asarray(values, np.float32) for values in (colours, places, tones, angles, coherences)),
     )  # fmt: skip
@@ -206,6 +218,16 @@ class _Scale:
         fine = lines - smooth
         count = self.width / max(4.0 * _half_lag(fine) * self.step, 1e-6)
         return profile.astype(np.float32), float(np.clip(count, 1.0, 8.0)), float(fine.std())
+
+
+def _uses(lab: Floats, inside: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the fraction of a picture that is smooth, and that of its commonest colours."""
+    window = max(WINDOW * max(inside.shape) / SIDE, 1.0)
+    mean, square = (gaussian_filter(values, window) for values in (lab[..., 0], np.square(lab[..., 0])))
+    smooth = float((np.maximum(square - mean * mean, 0.0) < SMOOTH**2)[inside].mean())
+    bins = np.floor(lab[inside] / np.array(BIN)).astype(np.int64) + 64
+    count = np.bincount(np.ravel_multi_index(tuple(bins.T), (128, 128, 128)))
+    return smooth, float(np.sort(count)[-COMMONEST:].sum() / len(bins))
 
 
 def _half_lag(lines: Floats) -> float:

@@ -23,7 +23,7 @@ from svv.train.visible_surface import BENT, Bends, VisibleSurface
 STEP = 0.7
 """Distance of a stroke's points, in widths."""
 
-LENGTHS = (3.5, 11.0)
+LENGTHS = (2.0, 11.0)
 """Bounds of the length of main strokes, in widths."""
 
 LONGER = 2.0
@@ -118,8 +118,8 @@ class Painter:
         self.size = self._sizes(bends)
         """Width of strokes relative to the usual one. (S,)"""
         self.inner, self.outer = self._depths(bends, cell)
-        smooth = surface.average(self.tone[:, None], 2.0 * width)[:, 0]
-        spread = surface.average(np.square(self.tone - smooth)[:, None], 2.0 * width)[:, 0]
+        smooth = surface.average(self.tone)
+        spread = surface.average(np.square(self.tone - smooth))
         edge = np.sqrt(spread) / 0.10
         self.accent = np.clip(np.maximum(2.2 * np.abs(self.tone - 0.5) - 0.3, edge), 0.0, 1.0)
         """How much each point calls for an accent. (S,)"""
@@ -150,7 +150,7 @@ class Painter:
         crumpled = np.clip((bends.left - low) / (high - low), 0.0, 1.0)
         thin = np.clip(ROUND / np.maximum(bends.strongest * self.width, 1e-6), NARROWEST, 1.0)
         size = thin * (1.0 - crumpled) + WIDEST * crumpled
-        return self.surface.average(size[:, None], 2.0 * self.width)[:, 0]
+        return self.surface.average(size)
 
     def _depths(self, bends: Bends, cell: float) -> tuple[Floats, Floats]:
         """Return how deep paint reaches below and above each point, both (S,)."""
@@ -158,7 +158,7 @@ class Painter:
         deep = np.maximum(DEEP * surface.depth, CELLS * cell)
         # On crumpled ground, points lie above and below the stroke.
         deep = deep + 0.5 * self.width * np.clip(bends.left / CRUMPLED[1], 0.0, 1.0)
-        half = 0.5 * surface.thickness(float(2.0 * deep.max()))
+        half = 0.5 * surface.thickness(min(float(2.0 * deep.max()), 4.0 * self.width))
         inner = np.minimum(deep, np.maximum(half, 0.8 * cell))
         return inner.astype(np.float32), deep.astype(np.float32)
 

@@ -33,9 +33,6 @@ BLENDED = 4
 ROUNDS, PULL = 10, 4.0
 """Rounds of smoothing directions, and weight of the neighbours against a point's own direction."""
 
-AROUND = 2.2
-"""Reach of each round, in widths of a stroke."""
-
 FORM, STRONG, CRUMPLED = 3.0, 0.25, 0.35
 """Weight of a form's direction where it is distinct; curvature times width from which it is; and deviation of normals,
 in radians, at which it no longer is."""
@@ -64,7 +61,7 @@ class PictureMap:
         points, normals = surface.points, surface.normals
         count = numba_tracing.seeds(order, points, normals, tangent, apart, apart, PATCH * width, kept)
         self.patches = kept[:count]
-        smooth = surface.average(tone[:, None], 3.0 * width)[:, 0]
+        smooth = surface.average(tone, 2)
         self.span = np.maximum(np.array(hand.size[::-1]) / max(hand.size), 1e-6)
         """The picture's width and height, in units of its long side. (2,)"""
         self.centre = np.empty((count, 2))
@@ -105,7 +102,7 @@ class PictureMap:
         own += (1.0 - distinct)[:, None] * self._of_picture()
         field = own.copy()
         for _ in range(ROUNDS):
-            field = (own + PULL * surface.average(field, AROUND * width)) / (1.0 + PULL)
+            field = (own + PULL * surface.average(field)) / (1.0 + PULL)
         right, upward = (axis.astype(np.float64) for axis in surface.frames)
         matrix = field.reshape(-1, 3, 3)
         a, b, d = (np.einsum("si,sij,sj->s", one, matrix, other)

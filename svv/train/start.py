@@ -20,7 +20,7 @@ from svv.train.contrast import stroke_scales
 from svv.train.distil import Distillation, paint_pixel
 from svv.train.ink import Style
 from svv.train.loop import Loop, Running
-from svv.train.painting import Start, painted_field, painted_start
+from svv.train.painting import Start, finest, painted_field, painted_start
 from svv.train.previews import Previews
 from svv.train.style_loss import StyleLossSettings, StyleTarget, enlarged
 from svv.train.stylize import Stylization
@@ -98,13 +98,13 @@ def started(
         return field
     pixel = paint_pixel(scene, settings)
     if saved is not None and "paint" in saved.finished:
-        field = painted_field(scene, pixel)
+        field = painted_field(scene, finest(scene, start, pixel))
         field.load_state_dict(_state(saved.arrays))
         seconds["paint"] = float(saved.finished["paint"]["seconds"])
         return field
     begin = time.monotonic()
     show = (lambda field: None) if previews is None else partial(previews.look, at_once=True)
-    field = painted_start(scene, start, pixel, running.seed, progress, show)
+    field = painted_start(scene, start, pixel, running.seed, progress, show, running.notes)
     seconds["paint"] = time.monotonic() - begin
     if saved is not None:
         saved.finish("paint", {"seconds": seconds["paint"]}, _arrays(field))

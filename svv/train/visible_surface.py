@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,16 +33,19 @@ LEAST_SEEN = 0.05
 BENT = 1.7
 """Distance over which bends are measured, in widths of a stroke: strokes do not follow finer relief."""
 
+AROUND, NEIGHBOURS = 2.2, 28
+"""Distance over which values are averaged, in widths of a stroke, and largest number of neighbours used."""
+
 THROUGH = 1.2
 """Distance of two opposite sides, in deviations of the visible depth, below which they are one sheet seen from both."""
 
-SKY = 48
+SKY = 32
 """Number of directions of which those above a point show how open it is."""
 
 SUN, OPEN, RAISED = 0.5, 0.7, 0.6
 """Weights of the light, of openness to the sky and of curvature in a point's tone, in their standard deviations."""
 
-MARCH, FAR = 0.012, 0.35
+MARCH, FAR = 0.016, 0.32
 """Step of shadows, and how far they reach, in box units."""
 
 
@@ -82,11 +86,21 @@ class VisibleSurface:
         right, upward = tangents(self.normals.astype(np.float64), self.up)
         return right.astype(np.float32), upward.astype(np.float32)
 
-    def average(self, values: NDArray[np.floating], reach: float) -> NDArray[np.float64]:
-        """Average values (S, F) over neighbours on the same side of the surface. (S, F)"""
-        out = np.empty(values.shape)
-        numba_tracing.average(*self.grid, reach, np.asarray(values, np.float64), out)
-        return out
+    @cached_property
+    def _neighbours(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        near = np.empty((len(self), NEIGHBOURS), np.int32)
+        weight = np.empty((len(self), NEIGHBOURS), np.float32)
+        numba_tracing.neighbours(*self.grid, AROUND / SIDE * self.side, near, weight)
+        return near, weight
+
+    def average(self, values: NDArray[np.floating], rounds: int = 1) -> NDArray[np.float64]:
+        """Average values (S,) or (S, F) over neighbours on the same side, within :data:`AROUND` widths of a stroke."""
+        found = np.asarray(values, np.float64).reshape(len(self), -1)
+        for _ in range(rounds):
+            out = np.empty_like(found)
+            numba_tracing.average(*self._neighbours, found, out)
+            found = out
+        return found.reshape(values.shape)
 
     def bends(self, reach: float) -> Bends:
         """Return how the surface bends over a distance."""
@@ -123,9 +137,8 @@ class VisibleSurface:
         out = np.empty((len(self), SKY + 1))
         directions = np.concatenate([sky, sun[None]])
         away, steps = max(1.5 * width, 3.0 / cells), int(FAR / MARCH)
-        numba_tracing.light(
-            self.points, self.normals, directions, opacity, cells, away, MARCH, steps, out
-        )  # fmt: skip
+        extinction = (-cells * np.log(np.maximum(1.0 - opacity, 1e-6))).astype(np.float32)
+        numba_tracing.light(self.points, self.normals, directions, extinction, cells, away, MARCH, steps, out)
         facing = (self.normals @ sky.T).clip(0.0) * (1.0 + 0.5 * sky @ self.up)
         opened = (out[:, :-1] * facing).sum(1) / np.maximum(facing.sum(1), 1e-6)
         lit = self.normals @ sun
@@ -133,7 +146,7 @@ class VisibleSurface:
         raised = (mean * width).clip(-1.0, 1.0)
         tone = sum(weight * _standard(v) for weight, v in ((SUN, lit), (OPEN, opened), (RAISED, raised)))
         fine = self.ranked(np.asarray(tone))
-        smooth = self.average(fine[:, None], 2.0 * width)[:, 0]
+        smooth = self.average(fine)
         return self.ranked(0.5 * fine + 0.5 * smooth)
 
     def ranked(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -200,7 +213,8 @@ def visible_surface(
 
 def _one_sided(surface: VisibleSurface) -> VisibleSurface:
     """Drop the less visible side of sheets that are seen from both sides at once: strokes span them."""
-    below = surface.thickness(max(THROUGH * float(surface.depth.max(initial=0.0)), surface.side))
+    most = min(THROUGH * float(surface.depth.max(initial=0.0)), 10.0 * surface.side)
+    below = surface.thickness(max(most, surface.side))
     thin = below < np.maximum(THROUGH * surface.depth, 0.5 * surface.side)
     if not thin.any() or thin.all():
         return surface
@@ -232,7 +246,7 @@ def larger_sheet(surface: VisibleSurface, depth: float) -> VisibleSurface:
 
 def _sheets(
     view: StyledView, region: int, gap: float, most: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]] | None:
     """Return middles (T, 3), points at their front (T, 3), depths (T,) and weights (T,) of a view's sheets."""
     own = (view.region == region).cpu().numpy()
     if not own.any():
@@ -243,7 +257,7 @@ def _sheets(
     first = np.diff(pixel, prepend=-1) != 0
     first |= step > gap
     sheet = np.cumsum(first) - 1
-    total = np.bincount(sheet, weight)
+    total: NDArray[Any] = np.bincount(sheet, weight)
     along = np.linalg.norm(where - where[first][sheet], axis=1)
     mean, square = (np.bincount(sheet, weight * along**power) / total for power in (1, 2))
     middle = np.stack([np.bincount(sheet, weight * where[:, f]) for f in range(3)], 1) / total[:, None]

@@ -25,8 +25,8 @@ def bend(side, slot, points, normals, right, upward, reach, out):  # type: ignor
     """Fit the shape operator at each point of the surface: how normals change around it.
 
     Least squares over neighbours on the same side within ``reach``, in the basis ``right``, ``upward`` (S, 3): normals
-    change by ``[[a, b], [b, c]]`` times the displacement, which is positive where the surface is convex. ``out`` (S, 4)
-    receives a, b, c and the root mean square of what the fit leaves, in radians.
+    change by ``[[a, b], [b, c]]`` times the displacement, which is positive where the surface is convex. ``out`` (S, 5)
+    receives a, b, c and the root mean squares of what the fit leaves: of normals, in radians, and of heights.
     """
     for s in prange(len(points)):
         xx, xy, yy, xr, xu, yr, yu, total, squares = 1e-12, 0.0, 1e-12, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -69,6 +69,27 @@ def bend(side, slot, points, normals, right, upward, reach, out):  # type: ignor
         out[s, 0], out[s, 1], out[s, 2] = found[0], found[1], found[2]
         left = squares - (found[0] * v[0] + found[1] * v[1] + found[2] * v[2])
         out[s, 3] = np.sqrt(max(left, 0.0) / max(total, 1e-9))
+        rough = 0.0
+        for i in range(i0, i1):
+            for j in range(j0, j1):
+                for k in range(k0, k1):
+                    o = slot[i, j, k]
+                    if o < 0 or o == s:
+                        continue
+                    away, facing, x, y, h = 0.0, 0.0, 0.0, 0.0, 0.0
+                    for f in range(3):
+                        d = points[o, f] - points[s, f]
+                        away += d * d
+                        facing += normals[o, f] * normals[s, f]
+                        x += d * right[s, f]
+                        y += d * upward[s, f]
+                        h += d * normals[s, f]
+                    if away > reach * reach or facing < SAME_SIDE:
+                        continue
+                    w = (1.0 - away / (reach * reach)) ** 2
+                    h += 0.5 * (found[0] * x * x + 2.0 * found[1] * x * y + found[2] * y * y)
+                    rough += w * h * h
+        out[s, 4] = np.sqrt(rough / max(total, 1e-9))
 
 
 @njit(parallel=True, cache=True)

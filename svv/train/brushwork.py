@@ -41,8 +41,12 @@ NARROWEST, WIDEST = 0.5, 1.8
 CRUMPLED = (0.22, 0.5)
 """Deviations of normals, in radians, from which strokes become wider, and at which they are widest."""
 
-DEEP, CELLS = 1.6, 2.5
-"""How deep paint reaches, in deviations of the visible depth, and at least, in cells of the paint."""
+ROUGH = (0.12, 0.35)
+"""Deviations of heights, in widths, from which they become wider, and at which they are widest."""
+
+DEEP, CELLS, GLAZE = 1.6, 2.5, 0.5
+"""How deep paint reaches: in deviations of the visible depth and of heights; at least, in cells of the paint; and on
+what is wholly transparent, in widths."""
 
 TONE, PLACE, CHANCE = 0.06, 0.15, 0.5
 """Difference in tone, in ranks, and distance in the picture, in its long side, that cost as much when a stroke's colour
@@ -145,9 +149,15 @@ class Painter:
             mixed=float(np.clip(0.08 * hand.relief, 0.1, 0.5)),
         )
 
+    def _crumpled(self, bends: Bends) -> NDArray[np.float64]:
+        """Return how crumpled the surface is at the scale of a stroke, in [0, 1]. (S,)"""
+        (low, high), (fine, coarse) = CRUMPLED, ROUGH
+        turned = (bends.left - low) / (high - low)
+        raised = (bends.rough / self.width - fine) / (coarse - fine)
+        return np.clip(np.maximum(turned, raised), 0.0, 1.0)
+
     def _sizes(self, bends: Bends) -> NDArray[np.float64]:
-        low, high = CRUMPLED
-        crumpled = np.clip((bends.left - low) / (high - low), 0.0, 1.0)
+        crumpled = self._crumpled(bends)
         thin = np.clip(ROUND / np.maximum(bends.strongest * self.width, 1e-6), NARROWEST, 1.0)
         size = thin * (1.0 - crumpled) + WIDEST * crumpled
         return self.surface.average(size)
@@ -155,9 +165,11 @@ class Painter:
     def _depths(self, bends: Bends, cell: float) -> tuple[Floats, Floats]:
         """Return how deep paint reaches below and above each point, both (S,)."""
         surface = self.surface
-        deep = np.maximum(DEEP * surface.depth, CELLS * cell)
-        # On crumpled ground, points lie above and below the stroke.
-        deep = deep + 0.5 * self.width * np.clip(bends.left / CRUMPLED[1], 0.0, 1.0)
+        # On crumpled ground, points lie above and below the stroke; and what is translucent is seen as a whole.
+        deep = np.maximum.reduce([
+            DEEP * surface.depth, np.full(len(surface), CELLS * cell), DEEP * bends.rough,
+            GLAZE * self.width * (1.0 - surface.alpha.clip(0.0, 1.0)),
+        ])  # fmt: skip
         half = 0.5 * surface.thickness(min(float(2.0 * deep.max()), 4.0 * self.width))
         inner = np.minimum(deep, np.maximum(half, 0.8 * cell))
         return inner.astype(np.float32), deep.astype(np.float32)

@@ -29,6 +29,10 @@ DEEPEST = 0.8
 LARGEST = 3.0
 """Largest factor by which they do: what is deeper still is fog."""
 
+OPAQUE, GLAZED = 0.6, 1.5
+"""Opacity of a sheet below which strokes become larger, and by how much per opacity: through several sheets one sees
+several strokes, and only large ones remain strokes."""
+
 SKY = 0.5
 """Fraction of the picture, from its top, whose light strokes give fog its colour."""
 
@@ -103,14 +107,16 @@ class Brushing:
         surface = visible_surface(self.views, region, self.form, self.width)
         if surface is None or len(surface) < 2:
             return None
-        deep = _median(surface) / (DEEPEST * self.width)
+        depth, alpha = (_median(surface, values) for values in (surface.depth, surface.alpha))
+        deep = depth / (DEEPEST * self.width)
         if deep > LARGEST:
             self.notes.append(
                 f"Region {region} is a fog without surfaces: it gets an even wash in the colour of the picture's sky."
             )
             return _washed(hand, surface)
-        width = self.width * max(deep, 1.0)
-        if deep > 1.0:
+        larger = max(deep, 1.0 + GLAZED * (OPAQUE - min(alpha, OPAQUE)), 1.0)
+        width = self.width * larger
+        if larger > 1.0:
             wider = visible_surface(self.views, region, self.form, width)
             surface = surface if wider is None or len(wider) < 2 else wider
         progress(0.2, "laying strokes")
@@ -124,11 +130,11 @@ class Brushing:
         return PaintedRegion(paint, surface.points, reach, None if shown is None else shown.mean, work)
 
 
-def _median(surface: VisibleSurface) -> float:
-    """Return the median depth of what is visible, weighted by how visible it is."""
-    order = np.argsort(surface.depth)
+def _median(surface: VisibleSurface, values: Floats) -> float:
+    """Return the median of values over what is visible, weighted by how visible it is."""
+    order = np.argsort(values)
     total = np.cumsum(surface.seen[order].astype(np.float64))
-    return float(surface.depth[order[int(np.searchsorted(total, 0.5 * total[-1]))]])
+    return float(values[order[int(np.searchsorted(total, 0.5 * total[-1]))]])
 
 
 def _washed(hand: Hand, surface: VisibleSurface) -> PaintedRegion:

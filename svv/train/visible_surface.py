@@ -8,7 +8,7 @@ stroke spans it. Letters: S points of the surface.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -42,8 +42,11 @@ THROUGH = 1.2
 SKY = 32
 """Number of directions of which those above a point show how open it is."""
 
-SUN, OPEN, RAISED = 0.5, 0.7, 0.6
+SUN, OPEN, RAISED = 0.6, 0.7, 0.5
 """Weights of the light, of openness to the sky and of curvature in a point's tone, in their standard deviations."""
+
+COUNTER = 0.45
+"""Strength of the light from the opposite side."""
 
 MARCH, FAR = 0.016, 0.32
 """Step of shadows, and how far they reach, in box units."""
@@ -62,6 +65,8 @@ class VisibleSurface:
     """Unit normals towards the viewers. (S, 3)"""
     depth: Floats
     """Deviation of what is visible along rays: how deep one sees into the sheet. (S,)"""
+    alpha: Floats
+    """Mean opacity of the sheet in the pixels that show it. (S,)"""
     seen: Floats
     """How many pixels of the views show the point, weighted by its opacity there. (S,)"""
     up: NDArray[np.float64]
@@ -104,15 +109,15 @@ class VisibleSurface:
 
     def bends(self, reach: float) -> Bends:
         """Return how the surface bends over a distance."""
-        out = np.zeros((len(self), 4))
+        out = np.zeros((len(self), 5))
         numba_tracing.bend(*self.grid, *self.frames, reach, out)
-        a, b, c, left = out.T
+        a, b, c, left, rough = out.T
         mean, span = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
         turn = 0.5 * np.arctan2(2.0 * b, a - c)  # towards the larger of mean + span and mean - span
         turn = np.where(mean < 0.0, turn, turn + 0.5 * np.pi)  # towards that of the smaller absolute value
         right, upward = self.frames
         weakest = np.cos(turn)[:, None] * right + np.sin(turn)[:, None] * upward
-        return Bends(mean, np.abs(mean) + span, np.abs(np.abs(mean) - span), weakest, left)
+        return Bends(mean, np.abs(mean) + span, np.abs(np.abs(mean) - span), weakest, left, rough)
 
     def thickness(self, reach: float) -> NDArray[np.float64]:
         """Return how far below each point the surface's other side lies, at most ``reach``. (S,)"""
@@ -123,8 +128,8 @@ class VisibleSurface:
     def tones(self, opacity: Floats, cells: int, width: float, mean: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how light each point is, ranked among all that is visible, from 0 (darkest) to 1. (S,)
 
-        Light from the upper left with its shadows, openness to the sky, and signed curvature (ridges are lighter than
-        hollows) in standard deviations.
+        Light from the upper left and a weaker one from the other side, with their shadows, openness to the
+        surroundings, and signed curvature (ridges are lighter than hollows) in standard deviations.
 
         Args:
             opacity: Opacity of the scene's cells along a side of theirs. (X, Y, Z)
@@ -134,15 +139,16 @@ class VisibleSurface:
         """
         sun = LIGHT / np.linalg.norm(LIGHT)
         sky = _directions(SKY)
-        out = np.empty((len(self), SKY + 1))
-        directions = np.concatenate([sky, sun[None]])
+        out = np.empty((len(self), SKY + 2))
+        directions = np.concatenate([sky, sun[None], -sun[None]])
         away, steps = max(1.5 * width, 3.0 / cells), int(FAR / MARCH)
         extinction = (-cells * np.log(np.maximum(1.0 - opacity, 1e-6))).astype(np.float32)
         numba_tracing.light(self.points, self.normals, directions, extinction, cells, away, MARCH, steps, out)
-        facing = (self.normals @ sky.T).clip(0.0) * (1.0 + 0.5 * sky @ self.up)
-        opened = (out[:, :-1] * facing).sum(1) / np.maximum(facing.sum(1), 1e-6)
-        lit = self.normals @ sun
-        lit = np.where(lit > 0.0, lit * (0.35 + 0.65 * out[:, -1]), 0.5 * lit)
+        facing = (self.normals @ sky.T).clip(0.0)
+        opened = (out[:, :-2] * facing).sum(1) / np.maximum(facing.sum(1), 1e-6)
+        # A volume is seen from below as well, so a weaker light from the other side keeps the dark side readable.
+        towards = self.normals @ sun
+        lit = np.where(towards > 0.0, towards, -COUNTER * towards) * (0.35 + 0.65 * (out[:, -2] + out[:, -1]))
         raised = (mean * width).clip(-1.0, 1.0)
         tone = sum(weight * _standard(v) for weight, v in ((SUN, lit), (OPEN, opened), (RAISED, raised)))
         fine = self.ranked(np.asarray(tone))
@@ -172,6 +178,8 @@ class Bends:
     """Direction of the weaker one, a unit vector of either sign. (S, 3)"""
     left: NDArray[np.float64]
     """How far normals deviate from this shape, in radians: large where the surface is crumpled."""
+    rough: NDArray[np.float64]
+    """How far points lie above or below it, in box units."""
 
 
 def visible_surface(
@@ -195,9 +203,9 @@ def visible_surface(
     side = max(SIDE * width, 1.0 / 400.0)
     kept, cube = _in_cubes(middle, side)
     count = np.bincount(cube, weight)
-    depth = (np.bincount(cube, weight * depth) / np.maximum(count, 1e-12)).astype(np.float32)
+    depth, alpha = (np.bincount(cube, weight * a) / np.maximum(count, 1e-12) for a in (depth, weight))
     points, normals = middle[kept].astype(np.float32), normals[kept]
-    surface = _placed(points, normals, depth, count.astype(np.float32), side, form.up)
+    surface = _placed(points, normals, depth, alpha, count, side, form.up)
     # Points at several depths move to their mean depth, and normals to their mean.
     out = np.empty((len(points), 10))
     tangent, none = surface.frames[0], np.zeros(len(points), np.float32)
@@ -206,8 +214,8 @@ def visible_surface(
     place, facing = out[:, :3].clip(0.0, 1.0).astype(np.float32), out[:, 3:6].astype(np.float32)
     again, cube = _in_cubes(place[fine], side)
     own = np.flatnonzero(fine)[again]
-    total = np.bincount(cube, surface.seen[fine]).astype(np.float32)
-    surface = _placed(place[own], facing[own], surface.depth[own], total, side, form.up)
+    total = np.bincount(cube, surface.seen[fine])
+    surface = _placed(place[own], facing[own], surface.depth[own], surface.alpha[own], total, side, form.up)
     return _one_sided(surface)
 
 
@@ -226,22 +234,20 @@ def _one_sided(surface: VisibleSurface) -> VisibleSurface:
     left = np.ones(len(surface), bool)
     left[inside[opposite > same]] = False
     s = surface
-    return _placed(s.points[left], s.normals[left], s.depth[left], s.seen[left], s.side, s.up)
+    return _placed(s.points[left], s.normals[left], s.depth[left], s.alpha[left], s.seen[left], s.side, s.up)
 
 
 def _placed(
-    points: Floats, normals: Floats, depth: Floats, seen: Floats, side: float, up: NDArray[np.float64]
-) -> VisibleSurface:
+    points: NDArray[Any], normals: NDArray[Any], depth: NDArray[Any], alpha: NDArray[Any], seen: NDArray[Any],
+    side: float, up: NDArray[np.float64],
+) -> VisibleSurface:  # fmt: skip
     cells = int(np.ceil(1.0 / side)) + 1
     slot = np.full((cells, cells, cells), -1, np.int32)
     slot[tuple(np.clip((points / side).astype(np.int64), 0, cells - 1).T)] = np.arange(len(points))
-    points, normals, depth, seen = (np.ascontiguousarray(a, np.float32) for a in (points, normals, depth, seen))
-    return VisibleSurface(side, slot, points, normals, depth, seen, up)
-
-
-def larger_sheet(surface: VisibleSurface, depth: float) -> VisibleSurface:
-    """Return the surface with sheets that are visible to at least a depth."""
-    return replace(surface, depth=np.maximum(surface.depth, np.float32(depth)))
+    points, normals, depth, alpha, seen = (
+        np.ascontiguousarray(a, np.float32) for a in (points, normals, depth, alpha, seen)
+    )
+    return VisibleSurface(side, slot, points, normals, depth, alpha, seen, up)
 
 
 def _sheets(

@@ -58,6 +58,15 @@ class Brush:
     light: tuple[float, float, float] = (-0.447, 0.744, 0.496)
     """Unit vector to the light on the relief."""
 
+    @classmethod
+    def from_json(cls, told: Mapping[str, Any]) -> Brush:
+        """Return the brush of plain values; raises KeyError, TypeError or ValueError if they are not numbers."""
+        relief, dry, mixed, rim = (float(told[name]) for name in ("relief", "dry", "mixed", "rim"))
+        x, y, z = (float(value) for value in told["light"])
+        if not np.isfinite([relief, dry, mixed, rim, x, y, z]).all():
+            raise ValueError("a brush is not finite")
+        return cls(relief, dry, mixed, rim, (x, y, z))
+
 
 @dataclass(frozen=True, eq=False)
 class Strokes:
@@ -119,46 +128,47 @@ class Strokes:
         return self.frames[1][self.start[1:] - 1]
 
     def packed(self) -> dict[str, NDArray[Any]]:
-        """Return arrays for a file: positions to a 65535th of the box, directions and colours to a 127th or 255th.
+        """Return tables of bytes for a file: positions to a 65535th of the box, directions and colours to a 127th.
 
         >>> strokes = straight_stroke((0.2, 0.5, 0.5), (0.8, 0.5, 0.5), 0.05)
         >>> bool(np.allclose(Strokes.unpacked(strokes.packed()).where, strokes.where, atol=1e-5))
         True
         """
-        scale = float(max(a.max(initial=1e-9) for a in (self.radius, self.inner, self.outer)))
-        across = np.stack([self.radius, self.inner, self.outer], 1) / scale
+        across = np.stack([self.radius, self.inner, self.outer], 1)
+        scale = float(across.max(initial=1e-9))
+        where = np.rint(self.where.clip(0.0, 1.0) * 65535.0).astype(np.int64)
+        points = [where >> 8, where & 255, np.rint(self.normal * 127.0) + 128.0]
+        points += [np.rint(np.sqrt(across / scale) * 255.0).clip(1, 255)]
+        colours = np.rint(np.concatenate([self.colour, self.second], 1) * 255.0)
+        marks = np.stack(
+            [np.diff(self.start), np.rint(self.bristles * 8.0).clip(1, 255), self.seed >> 8, self.seed & 255]
+        )
         return {
-            "where": np.rint(self.where.clip(0.0, 1.0) * 65535.0).astype(np.uint16),
-            "normal": np.rint(self.normal * 127.0).astype(np.int8),
-            "across": np.rint(np.sqrt(across) * 255.0).clip(1, 255).astype(np.uint8),
+            "points": np.concatenate(points, 1).astype(np.uint8),
+            "strokes": np.concatenate([colours, marks.T], 1).astype(np.uint8),
             "scale": np.array([scale], np.float32),
-            "count": np.diff(self.start).astype(np.uint8),
-            "colour": np.rint(np.concatenate([self.colour, self.second], 1) * 255.0).astype(np.uint8),
-            "bristles": np.rint(self.bristles * 8.0).clip(1, 255).astype(np.uint8),
-            "seed": self.seed.astype(np.uint16),
         }
 
     @classmethod
     def unpacked(cls, arrays: Mapping[str, NDArray[Any]]) -> Strokes:
-        """Invert :meth:`packed`, to within its rounding; raises ValueError if the arrays do not fit each other."""
-        start = np.concatenate([[0], np.cumsum(arrays["count"].astype(np.int64))])
-        points, count = len(arrays["where"]), len(start) - 1
-        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("where", "normal", "across"), (points, 3))
-        shapes |= {"colour": (count, 6), "bristles": (count,), "seed": (count,), "scale": (1,)}
-        if start[-1] != points or any(arrays[name].shape != shape for name, shape in shapes.items()):
-            raise ValueError("the arrays of strokes do not fit each other")
-        if count and arrays["count"].min() < 2:
-            raise ValueError("a stroke has fewer than two points")
-        normal = arrays["normal"].astype(np.float32)
+        """Invert :meth:`packed`, to within its rounding; raises KeyError or ValueError if the arrays do not fit."""
+        points, marks, scale = (np.asarray(arrays[name]).astype(np.float32) for name in ("points", "strokes", "scale"))
+        if points.ndim != 2 or points.shape[1] != 12 or marks.ndim != 2 or marks.shape[1] != 10 or scale.shape != (1,):
+            raise ValueError("the tables of strokes have other shapes")
+        count = marks[:, 6].astype(np.int64)
+        start = np.concatenate([[0], np.cumsum(count)])
+        if start[-1] != len(points) or count.min(initial=2) < 2 or not len(marks) or not scale[0] > 0.0:
+            raise ValueError("the tables of strokes do not fit each other")
+        normal = points[:, 6:9] - 128.0
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1.0)
-        across = np.square(arrays["across"].astype(np.float32) / 255.0) * float(arrays["scale"][0])
-        colour = arrays["colour"].astype(np.float32) / 255.0
-        radius, inner, outer = (np.ascontiguousarray(column) for column in across.T)
-        return cls(
-            arrays["where"].astype(np.float32) / np.float32(65535.0), normal, radius, inner, outer, start,
-            np.ascontiguousarray(colour[:, :3]), np.ascontiguousarray(colour[:, 3:]),
-            arrays["bristles"].astype(np.float32) / 8.0, arrays["seed"].astype(np.int64),
-        )  # fmt: skip
+        radius, inner, outer = (np.square(points[:, k] / 255.0) * scale[0] for k in (9, 10, 11))
+        if not (radius > 0.0).all():
+            raise ValueError("a stroke has no width")
+        colour, second = (np.ascontiguousarray(marks[:, k : k + 3] / 255.0) for k in (0, 3))
+        seed = marks[:, 8].astype(np.int64) * 256 + marks[:, 9].astype(np.int64)
+        where = (points[:, :3] * 256.0 + points[:, 3:6]) / np.float32(65535.0)
+        bristles = np.maximum(marks[:, 7] / 8.0, 0.125)
+        return cls(where, normal, radius, inner, outer, start, colour, second, bristles, seed)
 
 
 def joined(parts: list[Strokes]) -> Strokes:

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from svv.core.strokes import NOISE, Brush, Floats, Strokes
@@ -43,6 +44,20 @@ class StrokePaint:
         numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, none)
         self.entries = np.empty(int(self.start[-1]), np.int32)
         numba_strokes.sort_into_bins(*points, self.soft, self.side, self.size, self.start, self.entries)
+
+    @cached_property
+    def reach(self) -> float:
+        """How far from the strokes' points there is paint, in box units."""
+        strokes = self.strokes
+        return max(2.0 * float(np.median(strokes.radius)), float(np.quantile(strokes.outer, 0.9)))
+
+    def is_near(self, place: Floats) -> NDArray[np.bool_]:
+        """Return whether each of the places (V, 3) is within reach of the strokes. (V,)"""
+        cells = max(int(1.0 / self.reach), 1)
+        grid = np.zeros((cells + 2,) * 3, bool)
+        grid[tuple((self.strokes.where * cells).astype(np.int64).clip(0, cells).T)] = True
+        grid = binary_dilation(grid, np.ones((3, 3, 3), bool))
+        return grid[tuple((place * cells).astype(np.int64).clip(0, cells).T)]
 
     def with_strokes(self, strokes: Strokes) -> StrokePaint:
         """Return the paint of strokes that differ only in their colours."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 from svv.options.making import MannerName
 from svv.styles.hand import Hand
 
-SMOOTH = 0.09
-"""Fraction of smooth area from which a picture is a print or a photograph: oil paintings have up to 0.02, photographs
-0.15 and more; between them lie woodblock prints whose wood and paper show, such as Hokusai's (0.08)."""
+SMOOTH = 0.15
+"""Fraction of smooth area from which a picture is a print or a photograph: oil paintings have up to 0.02, watercolour
+0.08, woodblock prints whose wood and paper show 0.10, and prints of flat ink and photographs 0.17 or more."""
 
 SHORT = 1.25
 """Elongation below which marks are stones or dots."""

@@ -18,7 +18,9 @@ from scipy.ndimage import binary_dilation
 from torch import Tensor
 
 from svv.core import palette_shading
+from svv.core.strokes import Brush, Strokes
 from svv.errors import BadInput, Progress, part
+from svv.fields.brushed import NOBODY, Brushed
 from svv.fields.encodings import SparseLattice
 from svv.fields.model import for_colours, of_colour
 from svv.fields.networks import UnrestrictedField
@@ -28,7 +30,7 @@ from svv.styles.hand import Hand
 from svv.train.form import Form, form_of
 from svv.train.ink import SURFACE, Drawing, Ink
 from svv.train.quilt import RADIUS, Manner, Quilt
-from svv.train.stroke_painting import Brushing, PaintedRegion, stroke_width
+from svv.train.stroke_painting import Brushing, stroke_width
 from svv.train.style_loss import StyleTarget, resized
 from svv.train.stylize import UNSEEN, StyledView, visible_from
 
@@ -138,7 +140,12 @@ def painted_start(
     styled = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
     kept = [k for k in styled if k not in inks and k not in start.hands]
     painted = sorted([*inks, *start.hands, *(k for k, t in targets.items() if t.settings.seeded and k not in kept)])
-    region, colours = _flat(scene, start.transferred, place, painted, kept, before)
+    only_strokes = bool(painted) and not kept and set(painted) == set(start.hands)
+    if only_strokes and len(painted) == 1:  # all of the lattice is its
+        region = np.full(len(place), painted[0], np.int64)
+        colours = np.tile(start.transferred[painted[0]].cpu().numpy(), (len(place), 1))
+    else:
+        region, colours = _flat(scene, start.transferred, place, painted, kept, before)
     lattice.table.copy_(torch.from_numpy(colours))
     show(paint)
     views: list[StyledView] = []
@@ -147,21 +154,32 @@ def painted_start(
         form, progress = form_of(scene.base, occupancy, UP), part(progress, 0.15, 1.0)
         if not any(bool((view.region == k).any()) for view in views for k in painted):
             raise BadInput(UNSEEN)
-    strokes: dict[int, PaintedRegion] = {}
     if start.hands:
         brushing = Brushing(scene, views, start.size, cell, seed)
-        strokes = brushing.painted(start.hands, part(progress, 0.0, 0.5))
-        progress = part(progress, 0.5, 1.0)
+        found = brushing.painted(start.hands, part(progress, 0.0, 0.6))
+        flats = start.transferred.cpu().numpy().astype(np.float32)
+        for k, one in found.items():
+            flats[k] = flats[k] if one.flat is None else one.flat
+        owner = np.where(region < 0, NOBODY, region).astype(np.uint8)
+        works = {k: (one.work.strokes, one.work.brush) for k, one in found.items() if one.work is not None}
+        brushed = Brushed(works, owner, flats)
+        strokes = brushed.baked(place, cell, part(progress, 0.6, 0.9))
+        theirs = np.isin(region, list(start.hands))
+        colours[theirs] = strokes[theirs]
+        lattice.table.copy_(torch.from_numpy(colours))
+        show(paint)
+        progress = part(progress, 0.9, 1.0)
+        if not only_strokes:
+            brushed.owner = None
+            brushed.regions = {**brushed.regions, **_kept_strokes(before, kept)}
+        paint.brushed = brushed
         if notes is not None:
             notes += brushing.notes
+    elif kept:
+        paint.brushed = Brushed(_kept_strokes(before, kept))
     for number, k in enumerate(painted):
         told = part(progress, number / len(painted), (number + 1) / len(painted))
         if k in start.hands:
-            if k in strokes:
-                own = np.flatnonzero((region == k) & strokes[k].covers(place))
-                _fill(colours, own, place, strokes[k].paint, told)
-                lattice.table.copy_(torch.from_numpy(colours))
-                show(paint)
             continue
         larger = 1.0 if k in inks else targets[k].settings.larger
         spacing = SURFACE * max(pixel, cell) if k in inks else larger * RADIUS * pixel / POINTS_A_RADIUS
@@ -180,6 +198,13 @@ def painted_start(
         show(paint)
     progress(1.0, "painting")
     return paint
+
+
+def _kept_strokes(before: UnrestrictedField | None, kept: Sequence[int]) -> dict[int, tuple[Strokes, Brush]]:
+    """Return the strokes of regions that keep their paint."""
+    if before is None or before.brushed is None:
+        return {}
+    return {k: strokes for k, strokes in before.brushed.regions.items() if k in kept}
 
 
 def _fill(

@@ -20,7 +20,7 @@ from svv.train.contrast import stroke_scales
 from svv.train.distil import Distillation, paint_pixel
 from svv.train.ink import Style
 from svv.train.loop import Loop, Running
-from svv.train.painting import Start, finest, painted_field, painted_start
+from svv.train.painting import Start, painted_field, painted_start
 from svv.train.previews import Previews
 from svv.train.style_loss import StyleLossSettings, StyleTarget, enlarged
 from svv.train.stylize import Stylization
@@ -97,8 +97,9 @@ def started(
         seconds["distil"] = run_stage(loop, distillation, saved, "distil") if steps else 0.0
         return field
     pixel = paint_pixel(scene, settings)
-    if saved is not None and "paint" in saved.finished:
-        field = painted_field(scene, finest(scene, start, pixel))
+    # Strokes take less time than it would take to keep them: they are laid again, and are the same.
+    if saved is not None and "paint" in saved.finished and not start.hands:
+        field = painted_field(scene, pixel)
         field.load_state_dict(_state(saved.arrays))
         seconds["paint"] = float(saved.finished["paint"]["seconds"])
         return field

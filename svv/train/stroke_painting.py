@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
 
 from svv.core.colour import colour_differences
 from svv.errors import Progress, part
 from svv.fields.scene import Scene
-from svv.fields.stroke_paint import StrokePaint
 from svv.styles.hand import Hand
-from svv.train.brushwork import DEEP, Brushwork, Painter
+from svv.train.brushwork import Brushwork, Painter
 from svv.train.form import Floats, Form, form_of_opacity, grid_cells, opacity_grid
 from svv.train.stylize import StyledView
 from svv.train.toning import toned
@@ -44,24 +42,12 @@ APART = 10.0
 class PaintedRegion:
     """The paint of one region."""
 
-    paint: Callable[[Floats], Floats]
-    """Returns the colours at box coordinates (P, 3). (P, 3)"""
-    points: Floats
-    """Points of its visible surface. (S, 3)"""
-    reach: float
-    """How far from these points it is painted, in box units."""
-    mean: NDArray[np.float64] | None
-    """Mean colour that views show, CIELAB; None if hardly anything is visible. (3,)"""
     work: Brushwork | None
     """The strokes; None for an even wash."""
-
-    def covers(self, place: Floats) -> NDArray[np.bool_]:
-        """Return whether each of the places (V, 3) is within reach. (V,)"""
-        cells = max(int(1.0 / self.reach), 1)
-        grid = np.zeros((cells + 2,) * 3, bool)
-        grid[tuple((self.points * cells).astype(np.int64).clip(0, cells).T)] = True
-        grid = binary_dilation(grid, np.ones((3, 3, 3), bool))
-        return grid[tuple((place * cells).astype(np.int64).clip(0, cells).T)]
+    flat: Floats | None
+    """Colour of the wash, RGB. (3,)"""
+    mean: NDArray[np.float64] | None
+    """Mean colour that views show, CIELAB; None if hardly anything is visible. (3,)"""
 
 
 def stroke_width(scene: Scene, size: float) -> float:
@@ -113,7 +99,7 @@ class Brushing:
             self.notes.append(
                 f"Region {region} is a fog without surfaces: it gets an even wash in the colour of the picture's sky."
             )
-            return _washed(hand, surface)
+            return _washed(hand)
         larger = max(deep, 1.0 + GLAZED * (OPAQUE - min(alpha, OPAQUE)), 1.0)
         width = self.width * larger
         if larger > 1.0:
@@ -125,9 +111,7 @@ class Brushing:
         if work is None:
             return None
         work, shown = toned(work, hand, self.views, region, self.cell)
-        paint = StrokePaint(work.strokes, work.brush, self.cell)
-        reach = max(width, DEEP * float(np.quantile(surface.depth, 0.9)))
-        return PaintedRegion(paint, surface.points, reach, None if shown is None else shown.mean, work)
+        return PaintedRegion(work, None, None if shown is None else shown.mean)
 
 
 def _median(surface: VisibleSurface, values: Floats) -> float:
@@ -137,15 +121,13 @@ def _median(surface: VisibleSurface, values: Floats) -> float:
     return float(values[order[int(np.searchsorted(total, 0.5 * total[-1]))]])
 
 
-def _washed(hand: Hand, surface: VisibleSurface) -> PaintedRegion:
+def _washed(hand: Hand) -> PaintedRegion:
     """Return an even wash: the mean of the lighter strokes in the upper part of the picture."""
     from skimage.color import lab2rgb
 
     top = hand.places[:, 1] >= (1.0 - SKY) * float(hand.places[:, 1].max())
     light = hand.colours[top & (hand.tones >= np.median(hand.tones[top]))].mean(0)
-    colour = np.asarray(lab2rgb(light), np.float32)
-    wide = max(2.0 * DEEP * float(surface.depth.max()), surface.side)
-    return PaintedRegion(lambda place: np.tile(colour, (len(place), 1)), surface.points, min(wide, 0.5), light, None)
+    return PaintedRegion(None, np.asarray(lab2rgb(light), np.float32), light)
 
 
 def alike(means: Mapping[int, NDArray[np.float64]]) -> list[str]:

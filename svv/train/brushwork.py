@@ -32,10 +32,10 @@ LONGER = 2.0
 TURN = 0.8
 """Cosine of the turn from point to point at which a stroke ends."""
 
-ROUND = 1.3
+ROUND = 0.9
 """Largest width of a stroke, in radii of curvature: thin bodies have thin strokes."""
 
-NARROWEST, WIDEST = 0.5, 1.8
+NARROWEST, WIDEST = 0.5, 1.6
 """Bounds of the width of strokes relative to the usual one: on thin bodies, and where the surface is crumpled."""
 
 CRUMPLED = (0.22, 0.5)
@@ -55,8 +55,9 @@ is chosen; and the weight of chance."""
 NEAR, ANYWHERE = 80, 120
 """Number of colours from around a stroke's place in the picture, and from all of it, among which one is chosen."""
 
-MOST_SCATTER = 0.14
-"""Largest broken tone: with more, the form is lost."""
+BROKEN, MOST_SCATTER = 1.4, 0.18
+"""Broken tone of strokes relative to that of the picture, whose neighbouring samples may lie on one stroke; and its
+largest value: with more, the form is lost."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,9 @@ class Painter:
         (low, high), (fine, coarse) = CRUMPLED, ROUGH
         turned = (bends.left - low) / (high - low)
         raised = (bends.rough / self.width - fine) / (coarse - fine)
-        return np.clip(np.maximum(turned, raised), 0.0, 1.0)
+        # A rim or a thin tube bends as strongly, but in one direction only.
+        one_way = (bends.strongest - bends.weakest) / np.maximum(bends.strongest + bends.weakest, 1e-9)
+        return np.asarray(np.clip(np.maximum(turned, raised), 0.0, 1.0) * (1.0 - np.square(one_way)))
 
     def _sizes(self, bends: Bends) -> NDArray[np.float64]:
         crumpled = self._crumpled(bends)
@@ -206,7 +209,7 @@ class Painter:
             return None
         seed, out, first, number = seed[fine], out[fine], first[fine], number[fine]
         wanted = 0.5 + layer.tone[1] * (self.tone[seed] - 0.5) + layer.tone[0]
-        scatter = layer.scatter * min(self.hand.scatter, MOST_SCATTER)
+        scatter = layer.scatter * min(BROKEN * self.hand.scatter, MOST_SCATTER)
         wanted = np.clip(wanted + generator.normal(0.0, scatter, len(seed)), 0.01, 0.99)
         # Lights lie over darks: the topmost strokes are the last and the lightest.
         rank = np.argsort(generator.random(len(seed)) + 0.6 * wanted)

@@ -205,7 +205,7 @@ def visible_surface(
     count = np.bincount(cube, weight)
     depth, alpha = (np.bincount(cube, weight * a) / np.maximum(count, 1e-12) for a in (depth, weight))
     points, normals = middle[kept].astype(np.float32), normals[kept]
-    surface = _placed(points, normals, depth, alpha, count, side, form.up)
+    surface = surface_of(points, normals, depth, alpha, count, side, form.up)
     # Points at several depths move to their mean depth, and normals to their mean.
     out = np.empty((len(points), 10))
     tangent, none = surface.frames[0], np.zeros(len(points), np.float32)
@@ -215,7 +215,7 @@ def visible_surface(
     again, cube = _in_cubes(place[fine], side)
     own = np.flatnonzero(fine)[again]
     total = np.bincount(cube, surface.seen[fine])
-    surface = _placed(place[own], facing[own], surface.depth[own], surface.alpha[own], total, side, form.up)
+    surface = surface_of(place[own], facing[own], surface.depth[own], surface.alpha[own], total, side, form.up)
     return _one_sided(surface)
 
 
@@ -234,13 +234,20 @@ def _one_sided(surface: VisibleSurface) -> VisibleSurface:
     left = np.ones(len(surface), bool)
     left[inside[opposite > same]] = False
     s = surface
-    return _placed(s.points[left], s.normals[left], s.depth[left], s.alpha[left], s.seen[left], s.side, s.up)
+    return surface_of(s.points[left], s.normals[left], s.depth[left], s.alpha[left], s.seen[left], s.side, s.up)
 
 
-def _placed(
+def surface_of(
     points: NDArray[Any], normals: NDArray[Any], depth: NDArray[Any], alpha: NDArray[Any], seen: NDArray[Any],
     side: float, up: NDArray[np.float64],
 ) -> VisibleSurface:  # fmt: skip
+    """Return a surface through points (S, 3), at most one in each cube of side ``side``; see its fields.
+
+    >>> flat = np.array([[0.2, 0.5, 0.5], [0.3, 0.5, 0.5]])
+    >>> up = np.array([0.0, 1.0, 0.0])
+    >>> len(surface_of(flat, np.tile([0.0, 0.0, 1.0], (2, 1)), np.zeros(2), np.ones(2), np.ones(2), 0.05, up))
+    2
+    """
     cells = int(np.ceil(1.0 / side)) + 1
     slot = np.full((cells, cells, cells), -1, np.int32)
     slot[tuple(np.clip((points / side).astype(np.int64), 0, cells - 1).T)] = np.arange(len(points))

@@ -142,7 +142,8 @@ def check_sizes(header: Mapping[str, Any], tensors: Arrays, settings: FieldSetti
     known |= {
         f"variant{k}.encoding": _painted(v.get("resolutions") or every, v.get("direct")) for k, v in enumerate(variants)
     }
-    if any(f"variant{k}.encoding.table" not in tensors for k in range(len(variants))):
+    strokes = {name for name, told in header.get("brushed", {}).items() if told["complete"]}
+    if any(f"variant{k}.encoding.table" not in tensors and f"variant{k}" not in strokes for k in range(len(variants))):
         raise ValueError("a painted variant is not in the file")
     for name, resolutions in known.items():
         needed = name.split(".")[0] in ("base", *header["networks"]) or name.startswith("variant")

@@ -57,6 +57,10 @@ class Model:
     """Where regions that are parts of others are; None if no region was ever split."""
     unsplit: tuple[Region, ...] = ()
     """Regions whose splits were undone and may be redone."""
+    still: bool = True
+    """Whether an image may take longer to show strokes in full detail."""
+    resolved: float = 0.0
+    """Width in box units of the pixels in which strokes themselves are shown; 0 shows the lattice of their paint."""
 
     def check_alone(self, what: str) -> None:
         """Raise BadInput if the scene shows several transfer functions, which ``what`` does not support."""
@@ -163,9 +167,29 @@ class Model:
             colours[rows, root] = shift_colours(colours[rows, root, None], shown[None], target[None])[:, 0]
         return colours
 
-    def paint(self, position: Tensor, network: str) -> Tensor | None:
-        """Return the UCN's colours (S, 3) at positions (S, 3), also of unstyled regions; None for other networks."""
-        return None if network != "styled" or self.styled is None else self.styled(position)
+    def paint(self, position: Tensor, network: str, region: Tensor) -> Tensor | None:
+        """Return the UCN's colours (S, 3) at positions (S, 3), also of unstyled regions; None for other networks.
+
+        Where strokes are to be resolved, those of each sample's region (S,) lie over these colours.
+        """
+        if network != "styled" or self.styled is None:
+            return None
+        colours = self.styled(position)
+        if not self.resolved or self.styled.brushed is None:
+            return colours
+        return self.styled.brushed.over(colours, position, region, self.stroked, self.resolved)
+
+    @property
+    def stroked(self) -> dict[int, int]:
+        """Regions with strokes, each with the number of the region whose strokes it has: itself, or its whole."""
+        found: dict[int, int] = {}
+        strokes = () if self.styled is None or self.styled.brushed is None else self.styled.brushed.regions
+        for number, region in enumerate(self.regions):
+            if number in strokes:
+                found[number] = number
+            elif region.part_of in found:
+                found[number] = found[region.part_of]
+        return found
 
     def with_style(self, diffuse: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
         """Return diffuse colour (S, 3), replaced by the paint's (S, 3) where the sample's region (S,) is styled."""

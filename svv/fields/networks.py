@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from svv.core import palette_shading
 from svv.core.extinction import MOST_LOG_EXTINCTION
+from svv.fields.brushed import Brushed
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.phong import Beams, PhongLight
@@ -289,6 +290,8 @@ class UnrestrictedField(nn.Module):
         super().__init__()
         self.resolutions = tuple(resolutions or settings.resolutions + settings.finer)
         self.colour_mlp: nn.Sequential | None = None
+        self.brushed: Brushed | None = None
+        """Strokes of which the lattice is made; None if it was painted otherwise."""
         if direct:
             self.resolutions = self.resolutions[-1:]
             self.encoding: Encoding = SparseLattice(occupancy.occupied, occupancy.cells, self.resolutions, 3)

@@ -40,6 +40,9 @@ MOVING_JOINED = 1.0 / 16.0
 """Weight in a pixel up to which a moving scene's samples are joined, unless its own is larger. More, or longer steps,
 lose what a smaller picture would not (docs/measurements/limits.md)."""
 
+FINER = 0.8
+"""Width of pixels, in cells of the paint, below which a still image shows the strokes themselves."""
+
 
 @dataclass(frozen=True)
 class Rendering:
@@ -92,7 +95,18 @@ class Scene(PaintedModel):
     def while_moving(self) -> Scene:
         """Return the scene as it is drawn while a camera moves, with fewer colours along each ray."""
         layers = tuple(cast(Scene, layer).while_moving() for layer in self.layers)
-        return replace(self, joined=max(self.joined, MOVING_JOINED), layers=layers)
+        return replace(self, joined=max(self.joined, MOVING_JOINED), layers=layers, still=False)
+
+    def _resolving(self, camera: Camera) -> Scene:
+        """Return the scene as a still image shows it: with its strokes if the lattice is too coarse for them."""
+        if self.layers or self.styled is None or self.styled.brushed is None or self.device.type != "cpu":
+            return replace(self, still=False)
+        box = self.occupancy.box
+        middle = np.asarray(box.bounds, np.float64).reshape(3, 2).mean(1)
+        distance = max(float(np.linalg.norm(camera.position - middle)) - 0.25 * box.size, 0.1 * box.size)
+        pixel = float(camera.pixel_at(distance)) / box.size
+        cell = 1.0 / self.styled.resolutions[-1]
+        return replace(self, still=False, resolved=pixel if pixel < FINER * cell else 0.0)
 
     def render(
         self,
@@ -115,6 +129,8 @@ class Scene(PaintedModel):
         network = network or self.networks[-1]
         if network not in self.networks:
             raise BadInput(f"The scene has no network '{network}', only {', '.join(self.networks)}.")
+        if network == "styled" and self.still:
+            return self._resolving(camera).render(camera, network, background, progress)
         outlines, shape = network != "base" and any(r.outline for r in self.regions), (camera.height, camera.width)
         with gpu_errors(self.device):
             images = self._draw(camera, network, progress)
@@ -233,7 +249,8 @@ class Scene(PaintedModel):
         here, coefficients = self.regions_at(samples.position), self.coefficients()
         coefficients = None if coefficients is None else for_colours(coefficients, here)
         parts = self.palette_network(samples.position, geometry, directions, at, coefficients)
-        region, paint = of_colour(here, parts.region), self.paint(samples.position, network)
+        region = of_colour(here, parts.region)
+        paint = self.paint(samples.position, network, region)
         sigma = followed(self, sigma, region, paint)
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]

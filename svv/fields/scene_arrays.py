@@ -13,8 +13,9 @@ from torch import nn
 from svv.core.cameras import CameraRig
 from svv.core.json_values import object_in, text_in
 from svv.core.light import Lamp
+from svv.fields.brushed import Brushed
 from svv.fields.checked import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
-from svv.fields.encodings import Encoding
+from svv.fields.encodings import Encoding, SparseLattice
 from svv.fields.model import NETWORKS, Model
 from svv.fields.networks import BaseField, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
@@ -80,6 +81,13 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
                 if key in given:
                     continue
                 tensors |= {key + suffix: array for suffix, array in encoding.packed().items()}
+    for name, network in named:
+        if isinstance(network, UnrestrictedField) and network.brushed is not None:
+            told, arrays = network.brushed.to_file(name)
+            header.setdefault("brushed", {})[name] = told
+            tensors |= arrays
+            if network.brushed.complete and not whole:  # its lattice follows from the strokes
+                given = (*given, f"{name}.encoding.table", f"{name}.encoding.table.ends")
     if scene.steps is not None:
         header["steps"] = scene.steps.to_json()
         tensors |= scene.steps.to_arrays()
@@ -145,13 +153,17 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     left_out = {name for name in TABLES if name not in tensors} if steps is not None else set()
     told = header.get("variants", [])
     others = [UnrestrictedField(settings, occupancy, v.get("resolutions"), bool(v.get("direct", False))) for v in told]
-    named = [*zip(NETWORKS, (base, palette, styled), strict=True)]
+    named: list[tuple[str, nn.Module | None]] = [*zip(NETWORKS, (base, palette, styled), strict=True)]
     named += [(f"variant{number}", network) for number, network in enumerate(others)]
     for name, network in named:
         if network is not None:
             arrays = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
             state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items()}
             for key, encoding in _encodings(name, network):
+                if isinstance(network, UnrestrictedField) and name in header.get("brushed", {}):
+                    _add_strokes(name, network, header["brushed"][name], tensors, occupancy)
+                    if network.brushed is not None and network.brushed.complete and key not in tensors:
+                        left_out.add(key)
                 packed = {k.removeprefix(key): v for k, v in arrays.items() if k.startswith(key)}
                 state = {k: v for k, v in state.items() if not k.startswith(key)}
                 state[key] = encoding.table.detach() if key in left_out else encoding.unpacked(packed)
@@ -177,6 +189,20 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
         "painting": painting, "others": tuple(variants), "lamp": Lamp(**values_of(Lamp, header.get("lamp", {}))),
         **images, "parts": parts, "unsplit": unsplit, "values": values, "steps": steps,
     }  # fmt: skip
+
+
+def _add_strokes(
+    name: str, network: UnrestrictedField, told: dict[str, Any], tensors: Arrays, occupancy: Occupancy
+) -> None:
+    """Give a network its strokes, and the lattice of paint that follows from them if the file leaves it out."""
+    lattice = network.encoding
+    if not isinstance(lattice, SparseLattice) or not network.direct:
+        raise ValueError("strokes need paint on a lattice")
+    network.brushed = Brushed.from_file(name, told, tensors, len(lattice.table))
+    if network.brushed.complete and f"{name}.encoding.table" not in tensors:
+        place = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
+        with torch.no_grad():
+            lattice.table.copy_(torch.from_numpy(network.brushed.baked(place, 1.0 / lattice.resolutions[0])))
 
 
 def _fill(

@@ -29,6 +29,9 @@ WITH_PARTS = 4
 WITH_STEPS = 5
 """Format of scenes that keep their volume's values instead of tables, or several transfer functions."""
 
+WITH_STROKES = 6
+"""Format of scenes that keep brush strokes instead of the paint that follows from them."""
+
 READABLE = (1, 2)
 """Older formats that can also be read: without variants and a history of edits; the tables of format 1 are half floats
 instead of bytes."""
@@ -83,6 +86,7 @@ def scene_bytes(header: dict[str, Any], tensors: dict[str, np.ndarray], deflate:
     arrays |= {name: _deflated(arrays[name]) for name in tables}
     version = WITH_PARTS if "parts" in header else FORMAT_VERSION
     version = WITH_STEPS if "steps" in header or "layers" in header else version
+    version = WITH_STROKES if "brushed" in header else version
     text = to_json({"version": version, "header": header, "deflated": tables})
     return save(arrays, metadata={_KEY: text})
 
@@ -167,7 +171,7 @@ def _checked_header(file: str, outer: bytes) -> tuple[dict[str, Any], dict[str, 
         version, header, tables = content["version"], content["header"], content.get("deflated", {})
     except (ValueError, TypeError, KeyError) as error:
         raise BadInput(f"The header of the scene file {file} is damaged; {_REMEDY}.") from error
-    if version not in (FORMAT_VERSION, WITH_PARTS, WITH_STEPS, *READABLE):
+    if version not in (FORMAT_VERSION, WITH_PARTS, WITH_STEPS, WITH_STROKES, *READABLE):
         raise BadInput(
             f"{file} is a scene file of format {version}, but this program reads format {FORMAT_VERSION}; "
             "use the version of svv that made it, or train the scene again."

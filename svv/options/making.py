@@ -17,6 +17,7 @@ EncodingName = Literal["lattice", "hash", "values"]
 LightingName = Literal["network", "phong", "auto"]
 DeviceName = Literal["cpu", "cuda", "auto"]
 MapperName = Literal["auto", "gpu", "cpu", "bricks"]
+MannerName = Literal["auto", "strokes", "pieces"]
 NetworkName = Literal["base", "pcn", "styled"]
 PictureName = Literal["rgba", "depth", "region"]
 
@@ -143,7 +144,10 @@ class PaintOptions:
     keep: Annotated[tuple[int, ...], Setting(metavar="K", panel="")] = ()
     """A region to leave unpainted."""
     stroke_size: Annotated[float, Setting(metavar="F", slider=(0.25, 4.0))] = 1.0
-    """Scale of the strokes, from 0.25 to 4: 2 makes them twice as large."""
+    """Scale of the strokes, from 0.25 to 4: 1 makes them 10 pixels wide in a picture of 800, 2 twice as large."""
+    manner: MannerName = "auto"
+    """How to paint: by brush strokes, or by pieces of the picture; auto paints the hand of a painter by strokes, and
+    mosaics, prints, textures and photographs by pieces."""
     strength: Annotated[float, Setting(metavar="F", panel="")] = 1.0
     """How strongly the style shows, above 0 and up to 1; can be edited afterwards."""
     go_on: Annotated[bool, Setting("--continue", panel="")] = False

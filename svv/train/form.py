@@ -128,10 +128,16 @@ def opacity_grid(base: BaseField, occupancy: Occupancy, cells: int) -> Floats:
 
 def form_of(base: BaseField, occupancy: Occupancy, up: NDArray[np.float64] | tuple[float, float, float]) -> Form:
     """Return the form of a scene's extinction; ``up`` is the world's up direction (box and world share their axes)."""
+    cells = grid_cells(occupancy)
+    return form_of_opacity(opacity_grid(base, occupancy, cells), cells, up)
+
+
+def grid_cells(occupancy: Occupancy) -> int:
+    """Return the number of cells per box unit of the form's grid: at most :data:`CELLS` if possible."""
     cells = occupancy.cells
     while cells > CELLS and cells % 2 == 0:
         cells //= 2
-    return form_of_opacity(opacity_grid(base, occupancy, cells), cells, up)
+    return cells
 
 
 def form_of_opacity(opacity: Floats, cells: int, up: NDArray[np.float64] | tuple[float, float, float]) -> Form:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -15,22 +15,27 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.measure import give_memory_back
-from svv.options.making import PaintOptions
+from svv.options.making import MannerName, PaintOptions
 from svv.styles.features import FeatureNetwork, PatchFeatures
+from svv.styles.hand import Hand, measure_hand
 from svv.train.checkpoint import Checkpoint
 from svv.train.config import StylizeSettings
 from svv.train.contrast import match_contrast
 from svv.train.ink import PAPER, Ink, Style, StyleInput
 from svv.train.loop import Loop, Running
-from svv.train.painting import Start
+from svv.train.manner import manner_of
+from svv.train.painting import VIEWS, Start
 from svv.train.previews import Previews, Show
 from svv.train.start import is_laid, run_stage, started, targets_of
-from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
+from svv.train.style_choice import checked_masks, leftovers, mean_colour, pairs_by_colour, style_pairs
 from svv.train.style_loss import StyleLossSettings, StyleTarget
 from svv.train.stylize import Stylization
 
 LEAST_STROKE, MOST_STROKE = 0.25, 4.0
 """Range of the stroke size: within it, a stroke is larger than a pixel of the render and smaller than most regions."""
+
+LEAST_VIEWS = 12
+"""Least number of views that determine where strokes are visible."""
 
 Mask = NDArray[np.bool_]
 
@@ -49,6 +54,8 @@ class Order:
     """Number of the style of each region that gets one."""
     inks: Mapping[int, Ink]
     """Ink of each region that is drawn in ink."""
+    size: float
+    """Scale of the strokes."""
     regions: tuple[Region, ...]
     """The scene's regions with the strength of their styles."""
     named: Mapping[int, str]
@@ -59,6 +66,8 @@ class Order:
     """Whether to start from the scene's own paint."""
     notes: Sequence[str]
     """Remarks about the choice for the user."""
+    hands: Mapping[int, Hand] = field(default_factory=dict)
+    """Hand of the picture of each region that is painted by strokes."""
 
     def painted(self, scene: Scene, colours: UnrestrictedField) -> Scene:
         """Return the scene with these colours as the variant."""
@@ -89,10 +98,36 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
         for k, r in enumerate(scene.regions)
     )
     inks = {k: replace(s, size=stroke_size) for k, v in pairs.items() if isinstance(s := styles[v], Ink)}
-    return Order(
-        styles, labels, masks, pairs, inks, regions, {**own, **{k: labels[v] for k, v in pairs.items()}}, name, go_on,
-        [*notes, *leftovers(pairs, labels)],
-    )  # fmt: skip
+    named = {**own, **{k: labels[v] for k, v in pairs.items()}}
+    notes = [*notes, *leftovers(pairs, labels)]
+    return Order(styles, labels, masks, pairs, inks, stroke_size, regions, named, name, go_on, notes)
+
+
+def with_hands(order: Order, manner: MannerName, laid: bool) -> Order:
+    """Return the order with the hand of each region that is to be painted by strokes, and notes about the choice.
+
+    Args:
+        order: Styles of the regions.
+        manner: How to paint; ``auto`` decides by :func:`svv.train.manner.manner_of`.
+        laid: Whether paint can be laid at all (:func:`svv.train.start.is_laid`).
+
+    Raises:
+        BadInput: Strokes are asked for where paint cannot be laid.
+    """
+    if not laid and manner == "strokes":
+        raise BadInput("Strokes need paint on a lattice: train and stylize the scene with a preset other than 'paper'.")
+    if not laid or manner == "pieces":
+        return order
+    found: dict[int, Hand] = {}
+    notes = list(order.notes)
+    for number in sorted({style for region, style in order.pairs.items() if region not in order.inks}):
+        hand = measure_hand(np.asarray(order.styles[number], np.float32), order.masks[number])
+        chosen, reason = manner_of(hand)
+        if manner == "auto":
+            notes.append(f"{order.labels[number]} is painted by {chosen}: {reason}. --manner chooses otherwise.")
+        if "strokes" in (manner, chosen):
+            found |= {region: hand for region, style in order.pairs.items() if style == number}
+    return replace(order, hands=found, notes=notes)
 
 
 class Painting:
@@ -116,7 +151,7 @@ class Painting:
             order: Styles of the regions.
             settings: Settings of stage 3.
             weights: Weights and sizes of the style loss.
-            network: Network whose features are matched; None if every style is an ink.
+            network: Network whose features are matched; None if nothing is painted by pieces.
             seed: Seed of all random choices.
             saved: Checkpoint to resume from and to save to.
             preview: Called with the painting while it is made.
@@ -138,8 +173,11 @@ class Painting:
         as_colours = is_laid(scene, settings) and self.weights.seeded
         # Patches know no shapes: they would turn the strokes already laid into specks (docs/measurements/painting.md).
         plain = as_colours and not self.refined and isinstance(self.network, PatchFeatures)
-        laid, end = plain or not targets, 0.9 if as_colours and self.weights.contrast else 1.0
-        start = Start(self._transferred(targets), targets, order.inks, scene.styled if order.go_on else None)
+        laid, end = plain or not targets, 0.9 if as_colours and targets and self.weights.contrast else 1.0
+        start = Start(
+            self._transferred(targets), targets, order.inks, self.order.hands, order.size,
+            max(LEAST_VIEWS, min(VIEWS, settings.style_views // 2)), scene.styled if order.go_on else None,
+        )  # fmt: skip
         running = Running(self.seed, None, part(progress, 0.0, end if laid else 0.3), self.saved, self.notes)
         field = started(scene, start, settings, running, self.seconds, self.previews)
         if not laid:
@@ -150,11 +188,11 @@ class Painting:
         return field
 
     def _targets(self) -> dict[int, StyleTarget]:
-        """Return the style target of each region that is not drawn in ink."""
+        """Return the style target of each region that is painted by pieces."""
         if self.network is None:
             return {}
         order = self.order
-        pictures = {k: order.styles[v] for k, v in order.pairs.items() if k not in order.inks}
+        pictures = {k: order.styles[v] for k, v in order.pairs.items() if k not in order.inks and k not in order.hands}
         masks = {k: order.masks[order.pairs[k]] for k in pictures}
         network = self.network.to(self.scene.device)
         return targets_of(self.scene, network, pictures, masks, self.weights, self.settings, self.seed)
@@ -167,6 +205,9 @@ class Painting:
             colours[region] = target.statistics[0]
         for region in self.order.inks:
             colours[region] = colours.new_tensor(PAPER)
+        for region in self.order.hands:  # where no stroke reaches: the mean of the picture
+            style = self.order.pairs[region]
+            colours[region] = colours.new_tensor(mean_colour(self.order.styles[style], self.order.masks[style]))
         return colours
 
     def _match(self, field: UnrestrictedField, targets: dict[int, StyleTarget], progress: Progress) -> None:

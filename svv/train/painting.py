@@ -18,15 +18,19 @@ from scipy.ndimage import binary_dilation
 from torch import Tensor
 
 from svv.core import palette_shading
+from svv.core.strokes import Brush, Strokes
 from svv.errors import BadInput, Progress, part
+from svv.fields.brushed import NOBODY, Brushed
 from svv.fields.encodings import SparseLattice
 from svv.fields.model import for_colours, of_colour
 from svv.fields.networks import UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
+from svv.styles.hand import Hand
 from svv.train.form import Form, form_of
 from svv.train.ink import SURFACE, Drawing, Ink
 from svv.train.quilt import RADIUS, Manner, Quilt
+from svv.train.stroke_painting import Brushing, stroke_width
 from svv.train.style_loss import StyleTarget, resized
 from svv.train.stylize import UNSEEN, StyledView, visible_from
 
@@ -45,6 +49,9 @@ VIEWS, VIEW_SIZE = 20, 256
 
 LEAST_SEEN = 0.02
 """Weight in a pixel above which a point can be painted."""
+
+CELLS_A_STROKE = 6.0
+"""Number of cells of the paint across a stroke, if the limits allow."""
 
 POINTS_A_VIEW = 20_000
 """Maximum number of points used of each view."""
@@ -82,8 +89,19 @@ class Start:
     """Style of each region that gets one."""
     inks: Mapping[int, Ink] = field(default_factory=dict)
     """Ink of each region that is drawn instead; it is drawn again even if the region is already painted."""
+    hands: Mapping[int, Hand] = field(default_factory=dict)
+    """Hand of the picture of each region that is painted by strokes; it is painted anew even if it already is."""
+    size: float = 1.0
+    """Scale of the strokes."""
+    views: int = VIEWS
+    """Number of views that determine where paint is visible."""
     before: UnrestrictedField | None = None
     """Earlier paint: regions that the scene marks as painted keep it, and only those new in ``targets`` are painted."""
+
+
+def finest(scene: Scene, start: Start, pixel: float) -> float:
+    """Return the side of a pixel that the paint resolves: ``pixel``, or finer where strokes need it."""
+    return min(pixel, stroke_width(scene, start.size) / CELLS_A_STROKE) if start.hands else pixel
 
 
 @torch.no_grad()
@@ -94,6 +112,7 @@ def painted_start(
     seed: int,
     progress: Progress,
     show: Callable[[UnrestrictedField], None] = lambda field: None,
+    notes: list[str] | None = None,
 ) -> UnrestrictedField:
     """Paint the regions.
 
@@ -104,6 +123,7 @@ def painted_start(
         seed: Seed of the layout.
         progress: Called several times a second.
         show: Called with the field when every region has one colour, and again after each painted region.
+        notes: Receives what there is to say about regions painted by strokes.
 
     Returns:
         A direct colour field.
@@ -113,24 +133,54 @@ def painted_start(
     """
     assert scene.palette_network is not None
     occupancy, targets, inks, before = scene.occupancy, start.targets, start.inks, start.before
-    paint = painted_field(scene, pixel)
+    paint = painted_field(scene, finest(scene, start, pixel))
     lattice = paint.encoding
     assert isinstance(lattice, SparseLattice)
     place, cell = lattice.places_of_level(0, occupancy.occupied, occupancy.cells), 1.0 / lattice.resolutions[0]
     styled = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
-    kept = [k for k in styled if k not in inks]
-    painted = sorted([*inks, *(k for k, t in targets.items() if t.settings.seeded and k not in kept)])
-    region, colours = _flat(scene, start.transferred, place, painted, kept, before)
+    kept = [k for k in styled if k not in inks and k not in start.hands]
+    painted = sorted([*inks, *start.hands, *(k for k, t in targets.items() if t.settings.seeded and k not in kept)])
+    only_strokes = bool(painted) and not kept and set(painted) == set(start.hands)
+    if only_strokes and len(painted) == 1:  # all of the lattice is its
+        region = np.full(len(place), painted[0], np.int64)
+        colours = np.tile(start.transferred[painted[0]].cpu().numpy(), (len(place), 1))
+    else:
+        region, colours = _flat(scene, start.transferred, place, painted, kept, before)
     lattice.table.copy_(torch.from_numpy(colours))
     show(paint)
     views: list[StyledView] = []
     if painted:
-        views = visible_from(scene, scene.rig.sphere(VIEWS, VIEW_SIZE), part(progress, 0.0, 0.1))
+        views = visible_from(scene, scene.rig.sphere(start.views, VIEW_SIZE), part(progress, 0.0, 0.1))
         form, progress = form_of(scene.base, occupancy, UP), part(progress, 0.15, 1.0)
         if not any(bool((view.region == k).any()) for view in views for k in painted):
             raise BadInput(UNSEEN)
+    if start.hands:
+        brushing = Brushing(scene, views, start.size, cell, seed)
+        found = brushing.painted(start.hands, part(progress, 0.0, 0.6))
+        flats = start.transferred.cpu().numpy().astype(np.float32)
+        for k, one in found.items():
+            flats[k] = flats[k] if one.flat is None else one.flat
+        owner = np.where(region < 0, NOBODY, region).astype(np.uint8)
+        works = {k: (one.work.strokes, one.work.brush) for k, one in found.items() if one.work is not None}
+        brushed = Brushed(works, owner, flats)
+        strokes = brushed.baked(place, cell, part(progress, 0.6, 0.9))
+        theirs = np.isin(region, list(start.hands))
+        colours[theirs] = strokes[theirs]
+        lattice.table.copy_(torch.from_numpy(colours))
+        show(paint)
+        progress = part(progress, 0.9, 1.0)
+        if not only_strokes:
+            brushed.owner = None
+            brushed.regions = {**brushed.regions, **_kept_strokes(before, kept)}
+        paint.brushed = brushed
+        if notes is not None:
+            notes += brushing.notes
+    elif kept:
+        paint.brushed = Brushed(_kept_strokes(before, kept))
     for number, k in enumerate(painted):
         told = part(progress, number / len(painted), (number + 1) / len(painted))
+        if k in start.hands:
+            continue
         larger = 1.0 if k in inks else targets[k].settings.larger
         spacing = SURFACE * max(pixel, cell) if k in inks else larger * RADIUS * pixel / POINTS_A_RADIUS
         points = _surface(views, k, spacing, np.random.default_rng(seed + k))
@@ -143,14 +193,29 @@ def painted_start(
         else:
             laid = _quilt(targets[k], form, points, pixel, seed + k, part(told, 0.0, 0.6))
         own = np.flatnonzero((region == k) & _near_what_is_seen(views, k, occupancy, place))
-        for first in range(0, len(own), 1 << 17):
-            part(told, 0.6, 1.0)(first / len(own), "painting")
-            piece = own[first : first + (1 << 17)]
-            colours[piece] = laid(place[piece]).clip(0.0, 1.0)
+        _fill(colours, own, place, laid, part(told, 0.6, 1.0))
         lattice.table.copy_(torch.from_numpy(colours))
         show(paint)
     progress(1.0, "painting")
     return paint
+
+
+def _kept_strokes(before: UnrestrictedField | None, kept: Sequence[int]) -> dict[int, tuple[Strokes, Brush]]:
+    """Return the strokes of regions that keep their paint."""
+    if before is None or before.brushed is None:
+        return {}
+    return {k: strokes for k, strokes in before.brushed.regions.items() if k in kept}
+
+
+def _fill(
+    colours: NDArray[np.float32], own: NDArray[np.int64], place: NDArray[np.float32],
+    paint: Callable[[NDArray[np.float32]], NDArray[np.float32]], progress: Progress,
+) -> None:  # fmt: skip
+    """Write paint at the places ``own`` into the colours of all places (V, 3)."""
+    for first in range(0, len(own), 1 << 17):
+        progress(first / len(own), "painting")
+        piece = own[first : first + (1 << 17)]
+        colours[piece] = paint(place[piece]).clip(0.0, 1.0)
 
 
 def _quilt(

@@ -26,7 +26,7 @@ from svv.train.config import VALUES, Preset, given
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.ink import Ink, Style, StyleInput
 from svv.train.layers import stylize_layers
-from svv.train.order import Painting, ordered
+from svv.train.order import Painting, ordered, with_hands
 from svv.train.previews import Show
 from svv.train.report import report_on
 from svv.train.start import is_laid
@@ -139,7 +139,8 @@ def stylize_scene(
     Raises:
         BadInput: There is no palette network or no style, a region or style does not exist, no region is left to style,
             a mask is empty or differs in size from its picture, a stroke size or strength is out of range, there is no
-            styled network to continue with, the variant already exists, or ink is used where paint is not a lattice.
+            styled network to continue with, the variant already exists, or ink or strokes are asked for where paint is
+            not a lattice.
     """
     asked, chosen = given(PaintOptions, options, changes)
     inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]
@@ -163,8 +164,11 @@ def _stylize_alone(
     order = ordered(scene, inputs, asked)
     if order.inks and not is_laid(scene, chosen.stylize):
         raise BadInput("Ink needs paint on a lattice: train and stylize the scene with a preset other than 'paper'.")
-    network = None  # ink is not matched
-    if len(order.inks) < len(order.pairs):
+    # A loss is for matching, so whoever passes one wants pieces unless strokes are asked for.
+    manner = "pieces" if loss is not None and asked.manner == "auto" else asked.manner
+    order = with_hands(order, manner, is_laid(scene, chosen.stylize))
+    network = None  # neither ink nor strokes are matched
+    if len(order.inks) + len(order.hands) < len(order.pairs):
         network = load_features(asked.features, lambda _, label: progress(0.0, label))
     weights = loss or (PAPER_LOSS if chosen.name == "paper" else loss_for(network) if network else StyleLossSettings())
     weights = replace(weights, style_size=round(weights.style_size * asked.stroke_size))
@@ -173,6 +177,7 @@ def _stylize_alone(
         key = {"scene": scene.made, "styles": [s.name if isinstance(s, Ink) else np.asarray(s) for s in order.styles],
                "masks": order.masks, "pairs": sorted(order.pairs.items()), "go_on": asked.go_on,
                "settings": asdict(chosen.stylize), "loss": asdict(weights), "seed": asked.seed,
+               "strokes": [sorted(order.hands), asked.stroke_size],
                "features": network and network.title}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
     work = Painting(scene, order, chosen.stylize, weights, network, asked.seed, saved, preview)
@@ -188,6 +193,7 @@ def _stylize_alone(
         features="none" if network is None else f"{network.title}, {network.channels} channels",
         styles={str(k): order.labels[v] for k, v in order.pairs.items()},
         masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
+        manner={str(k): "ink" if k in order.inks else "strokes" if k in order.hands else "pieces" for k in order.pairs},
         stroke_size=asked.stroke_size, strength=asked.strength, continued=work.refined,
         previews=[] if work.previews is None else work.previews.seconds,
         notes=[*order.notes, *work.notes, *([network.note] if network and network.note else [])],

@@ -97,14 +97,15 @@ def started(
         seconds["distil"] = run_stage(loop, distillation, saved, "distil") if steps else 0.0
         return field
     pixel = paint_pixel(scene, settings)
-    if saved is not None and "paint" in saved.finished:
+    # Strokes take less time than it would take to keep them: they are laid again, and are the same.
+    if saved is not None and "paint" in saved.finished and not start.hands:
         field = painted_field(scene, pixel)
         field.load_state_dict(_state(saved.arrays))
         seconds["paint"] = float(saved.finished["paint"]["seconds"])
         return field
     begin = time.monotonic()
     show = (lambda field: None) if previews is None else partial(previews.look, at_once=True)
-    field = painted_start(scene, start, pixel, running.seed, progress, show)
+    field = painted_start(scene, start, pixel, running.seed, progress, show, running.notes)
     seconds["paint"] = time.monotonic() - begin
     if saved is not None:
         saved.finish("paint", {"seconds": seconds["paint"]}, _arrays(field))

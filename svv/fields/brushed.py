@@ -1,0 +1,118 @@
+"""Strokes that a scene keeps: its lattice of paint follows from them, and large images show them at any size.
+
+Letters: V vertices of the paint's lattice, S samples, R regions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from svv.core.strokes import Brush, Floats, Strokes
+from svv.errors import Progress, silent
+from svv.fields.stroke_paint import StrokePaint
+
+NOBODY = 255
+"""Owner of vertices that no painted region has."""
+
+AT_A_TIME = 1 << 17
+"""Vertices that are painted between two reports of progress."""
+
+
+@dataclass(eq=False)
+class Brushed:
+    """What is known about a painting by strokes."""
+
+    regions: Mapping[int, tuple[Strokes, Brush]]
+    """Strokes of regions."""
+    owner: NDArray[np.uint8] | None = None
+    """Region of each vertex, :data:`NOBODY` for none; None if the lattice also has other paint. (V,)"""
+    flats: Floats = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    """Colour of each region where no stroke reaches, RGB. (R, 3)"""
+    _paints: dict[int, StrokePaint] = field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the lattice follows from the strokes."""
+        return self.owner is not None
+
+    def paint(self, region: int, soft: float) -> StrokePaint:
+        """Return the paint of a region for cells or pixels of a size, in box units; the last one is remembered."""
+        known = self._paints.get(region)
+        if known is None or abs(known.soft - soft) > 1e-3 * soft:
+            self._paints[region] = known = StrokePaint(*self.regions[region], soft)
+        return known
+
+    def baked(self, place: Floats, cell: float, progress: Progress = silent) -> Floats:
+        """Return the colours of vertices at box coordinates (V, 3) of a lattice with cells of side ``cell``. (V, 3)"""
+        assert self.owner is not None
+        grey = np.full((NOBODY + 1 - len(self.flats), 3), 0.5, np.float32)
+        colours = np.concatenate([self.flats, grey])[self.owner]
+        for number, region in enumerate(self.regions):
+            paint = self.paint(region, cell)
+            own = np.flatnonzero((self.owner == region) & paint.is_near(place))
+            for first in range(0, len(own), AT_A_TIME):
+                progress((number + first / len(own)) / len(self.regions), "painting")
+                piece = own[first : first + AT_A_TIME]
+                colours[piece] = paint(place[piece]).clip(0.0, 1.0)
+        return np.asarray(colours, np.float32)
+
+    def over(self, colours: Tensor, position: Tensor, region: Tensor, roots: Mapping[int, int], pixel: float) -> Tensor:
+        """Return colours (S, 3) of samples with the strokes over them.
+
+        Args:
+            colours: Colours of the lattice: the ground, where no stroke reaches.
+            position: Box coordinates. (S, 3)
+            region: Region of each sample. (S,)
+            roots: Region with strokes -> region whose strokes it has: parts that were split off have the whole's.
+            pixel: Width of a pixel in box units.
+        """
+        out = colours.clone()
+        for own, root in roots.items():
+            rows = (region == own).nonzero()[:, 0]
+            if len(rows):
+                found = torch.from_numpy(self.paint(root, pixel).coverage(position[rows].numpy()))
+                out[rows] = found[:, :3] + (1.0 - found[:, 3:]) * out[rows]
+        return out
+
+    def to_file(self, name: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return plain values and arrays of a file, for a network of this name."""
+        told = {
+            "regions": {str(k): vars(brush) for k, (_, brush) in self.regions.items()},
+            "flats": self.flats.tolist(),
+            "complete": self.complete,
+        }
+        arrays = {
+            f"brushed.{name}.{k}.{key}": array
+            for k, (strokes, _) in self.regions.items()
+            for key, array in strokes.packed().items()
+        }
+        if self.owner is not None:
+            arrays[f"brushed.{name}.owner"] = self.owner[:, None]
+        return told, arrays
+
+    @classmethod
+    def from_file(
+        cls, name: str, told: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], vertices: int
+    ) -> Brushed:
+        """Invert :meth:`to_file`; raises KeyError, TypeError or ValueError if the content does not fit."""
+        regions = {}
+        for key, brush in told["regions"].items():
+            start = f"brushed.{name}.{int(key)}."
+            own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
+            regions[int(key)] = Strokes.unpacked(own), Brush.from_json(brush)
+        flats = np.asarray(told["flats"], np.float32).reshape(-1, 3)
+        owner = None
+        if told["complete"]:
+            owner = tensors[f"brushed.{name}.owner"].reshape(-1)
+            if owner.dtype != np.uint8 or len(owner) != vertices:
+                raise ValueError("the owners of paint do not fit the lattice")
+        if not all(0 <= k < NOBODY for k in regions) or len(flats) > NOBODY:
+            raise ValueError("strokes belong to regions that cannot be")
+        return cls(regions, owner, flats)

@@ -1,0 +1,256 @@
+"""The strokes of a painting on a region's surface, layer by layer, as a painter works: ground, main strokes, accents.
+
+Seeds are Poisson-disc samples with ellipses along the strokes, traced both ways along the directions on the surface
+(Hertzmann 1998, in the plane; Meier 1996, on surfaces). Every stroke has one broken colour of the picture: that of the
+wanted tone which is nearest to its place in the picture. Letters: S points of the surface, N strokes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.strokes import Brush, Strokes, joined
+from svv.errors import Progress
+from svv.kernels import numba_tracing
+from svv.styles.hand import Hand
+from svv.train.form import Floats
+from svv.train.picture_map import PictureMap
+from svv.train.visible_surface import BENT, Bends, VisibleSurface
+
+STEP = 0.7
+"""Distance of a stroke's points, in widths."""
+
+LENGTHS = (2.0, 11.0)
+"""Bounds of the length of main strokes, in widths."""
+
+LONGER = 2.0
+"""Length of main strokes relative to the measured elongation: autocorrelation sees only the uncovered part."""
+
+TURN = 0.8
+"""Cosine of the turn from point to point at which a stroke ends."""
+
+ROUND = 0.9
+"""Largest width of a stroke, in radii of curvature: thin bodies have thin strokes."""
+
+NARROWEST, WIDEST = 0.5, 1.6
+"""Bounds of the width of strokes relative to the usual one: on thin bodies, and where the surface is crumpled."""
+
+CRUMPLED = (0.22, 0.5)
+"""Deviations of normals, in radians, from which strokes become wider, and at which they are widest."""
+
+ROUGH = (0.12, 0.35)
+"""Deviations of heights, in widths, from which they become wider, and at which they are widest."""
+
+DEEP, CELLS, GLAZE = 1.6, 2.5, 0.5
+"""How deep paint reaches: in deviations of the visible depth and of heights; at least, in cells of the paint; and on
+what is wholly transparent, in widths."""
+
+TONE, PLACE, CHANCE = 0.06, 0.15, 0.5
+"""Difference in tone, in ranks, and distance in the picture, in its long side, that cost as much when a stroke's colour
+is chosen; and the weight of chance."""
+
+NEAR, ANYWHERE = 80, 120
+"""Number of colours from around a stroke's place in the picture, and from all of it, among which one is chosen."""
+
+BROKEN, MOST_SCATTER = 1.4, 0.18
+"""Broken tone of strokes relative to that of the picture, whose neighbouring samples may lie on one stroke; and its
+largest value: with more, the form is lost."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One layer of strokes; sizes are in widths of a main stroke."""
+
+    width: float
+    length: float | None
+    """None for that of the picture's strokes."""
+    apart: tuple[float, float]
+    """Semi-axes of the ellipse that is free of other seeds: along, in lengths, and across, in widths."""
+    tone: tuple[float, float]
+    """Wanted tone: what is added to the surface's tone, and the factor on its distance from the middle."""
+    scatter: float
+    """Fraction of the picture's broken tone."""
+    most: float
+    """Difference in tone at which a stroke ends."""
+    accent: bool = False
+    """Whether strokes are only where tone is extreme or changes."""
+
+
+LAYERS = (
+    Layer(2.2, 9.0, (0.30, 0.62), (-0.10, 0.85), 0.3, 0.5),
+    Layer(1.0, None, (0.40, 0.74), (0.0, 1.0), 1.0, 0.3),
+    Layer(0.6, None, (0.45, 1.3), (0.0, 1.25), 1.0, 0.25, True),
+)
+"""The layers, from the lowest: ground, main strokes and accents."""
+
+
+@dataclass(frozen=True, eq=False)
+class Brushwork:
+    """Strokes on a region."""
+
+    strokes: Strokes
+    brush: Brush
+    seen: NDArray[np.float64]
+    """How visible each stroke's middle is. (N,)"""
+
+
+class Painter:
+    """Lays strokes on one surface.
+
+    Args:
+        hand: The picture's hand.
+        surface: The visible surface of the region.
+        opacity: Opacity of the scene's cells along a side of theirs. (X, Y, Z)
+        cells: Cells of ``opacity`` per box unit.
+        width: Width of main strokes in box units.
+        cell: Side of a cell of the paint in box units.
+        seed: Seed of all random choices.
+    """
+
+    def __init__(
+        self, hand: Hand, surface: VisibleSurface, opacity: Floats, cells: int, width: float, cell: float, seed: int
+    ) -> None:
+        self.hand, self.surface, self.width = hand, surface, width
+        self.generator = np.random.default_rng(seed)
+        bends = surface.bends(BENT * width)
+        self.tone = surface.tones(opacity, cells, width, bends.mean)
+        """Tone of each point, from dark to light, evenly distributed over what is visible. (S,)"""
+        self.map = PictureMap(hand, surface, self.tone, width, self.generator)
+        self.tangent = self.map.flow(bends)
+        self.size = self._sizes(bends)
+        """Width of strokes relative to the usual one. (S,)"""
+        self.inner, self.outer = self._depths(bends, cell)
+        smooth = surface.average(self.tone)
+        spread = surface.average(np.square(self.tone - smooth))
+        edge = np.sqrt(spread) / 0.10
+        self.accent = np.clip(np.maximum(2.2 * np.abs(self.tone - 0.5) - 0.3, edge), 0.0, 1.0)
+        """How much each point calls for an accent. (S,)"""
+
+    def painted(self, progress: Progress) -> Brushwork | None:
+        """Return the strokes; None if the surface is too small for any."""
+        parts, seen = [], []
+        for number, layer in enumerate(LAYERS):
+            progress(number / len(LAYERS), "laying strokes")
+            laid = self._laid(layer)
+            if laid is not None:
+                parts.append(laid[0])
+                seen.append(laid[1])
+        progress(1.0, "laying strokes")
+        return Brushwork(joined(parts), self._brush(), np.concatenate(seen)) if parts else None
+
+    def _brush(self) -> Brush:
+        """Return how paint looks: thick where the picture's bristle marks are strong."""
+        hand = self.hand
+        return Brush(
+            relief=float(np.clip(hand.relief / 9.0, 0.08, 0.55)),
+            dry=float(np.clip(0.02 * hand.relief, 0.02, 0.15)),
+            mixed=float(np.clip(0.08 * hand.relief, 0.1, 0.5)),
+        )
+
+    def _crumpled(self, bends: Bends) -> NDArray[np.float64]:
+        """Return how crumpled the surface is at the scale of a stroke, in [0, 1]. (S,)"""
+        (low, high), (fine, coarse) = CRUMPLED, ROUGH
+        turned = (bends.left - low) / (high - low)
+        raised = (bends.rough / self.width - fine) / (coarse - fine)
+        # A rim or a thin tube bends as strongly, but in one direction only.
+        one_way = (bends.strongest - bends.weakest) / np.maximum(bends.strongest + bends.weakest, 1e-9)
+        return np.asarray(np.clip(np.maximum(turned, raised), 0.0, 1.0) * (1.0 - np.square(one_way)))
+
+    def _sizes(self, bends: Bends) -> NDArray[np.float64]:
+        crumpled = self._crumpled(bends)
+        thin = np.clip(ROUND / np.maximum(bends.strongest * self.width, 1e-6), NARROWEST, 1.0)
+        size = thin * (1.0 - crumpled) + WIDEST * crumpled
+        return self.surface.average(size)
+
+    def _depths(self, bends: Bends, cell: float) -> tuple[Floats, Floats]:
+        """Return how deep paint reaches below and above each point, both (S,)."""
+        surface = self.surface
+        # On crumpled ground, points lie above and below the stroke; and what is translucent is seen as a whole.
+        deep = np.maximum.reduce([
+            DEEP * surface.depth, np.full(len(surface), CELLS * cell), DEEP * bends.rough,
+            GLAZE * self.width * (1.0 - surface.alpha.clip(0.0, 1.0)),
+        ])  # fmt: skip
+        half = 0.5 * surface.thickness(min(float(2.0 * deep.max()), 4.0 * self.width))
+        inner = np.minimum(deep, np.maximum(half, 0.8 * cell))
+        return inner.astype(np.float32), deep.astype(np.float32)
+
+    def _laid(self, layer: Layer) -> tuple[Strokes, NDArray[np.float64]] | None:
+        """Return the strokes of a layer, and how visible they are (N,); None if there is no room for any."""
+        surface, generator = self.surface, self.generator
+        ratio = layer.length or float(np.clip(LONGER * self.hand.elongation, *LENGTHS))
+        wide = layer.width * self.width * self.size
+        long = ratio * self.width * np.sqrt(self.size)
+        along, across = layer.apart[0] * long, np.maximum(layer.apart[1] * wide, 0.7 * surface.side)
+        along = np.maximum(along, across)
+        order = generator.permutation(len(surface))
+        if layer.accent:
+            order = order[generator.random(len(order)) < self.accent[order]]
+        kept = np.empty(len(surface), np.int64)
+        points, normals = surface.points, surface.normals
+        count = numba_tracing.seeds(order, points, normals, self.tangent, along, across, float(along.max()), kept)
+        seed = kept[:count]
+        step = STEP * wide[seed]
+        share = generator.uniform(0.4, 0.6, count)
+        length = long[seed] * generator.lognormal(0.0, 0.25, count)
+        steps = np.rint(np.stack([share, 1.0 - share], 1) * (length / step)[:, None]).clip(1, 60).astype(np.int64)
+        most = int(steps.sum(1).max(initial=0)) + 1
+        out = np.zeros((count, most, 6))
+        first, number = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        tone = self.tone.astype(np.float32)
+        numba_tracing.trace(
+            seed, steps, step, TURN, surface.side, surface.slot, points, normals, self.tangent, tone, layer.most,
+            out, first, number,
+        )  # fmt: skip
+        fine = number >= 2
+        if not fine.any():
+            return None
+        seed, out, first, number = seed[fine], out[fine], first[fine], number[fine]
+        wanted = 0.5 + layer.tone[1] * (self.tone[seed] - 0.5) + layer.tone[0]
+        scatter = layer.scatter * min(BROKEN * self.hand.scatter, MOST_SCATTER)
+        wanted = np.clip(wanted + generator.normal(0.0, scatter, len(seed)), 0.01, 0.99)
+        # Lights lie over darks: the topmost strokes are the last and the lightest.
+        rank = np.argsort(generator.random(len(seed)) + 0.6 * wanted)
+        strokes = self._record(layer, seed[rank], out[rank], first[rank], number[rank], wanted[rank])
+        return strokes, surface.seen[seed[rank]].astype(np.float64)
+
+    def _record(
+        self, layer: Layer, seed: NDArray[np.int64], out: NDArray[np.float64], first: NDArray[np.int64],
+        number: NDArray[np.int64], wanted: NDArray[np.float64],
+    ) -> Strokes:  # fmt: skip
+        """Return traced lines as strokes."""
+        generator = self.generator
+        row = np.repeat(np.arange(len(seed)), number)
+        start = np.concatenate([[0], np.cumsum(number)])
+        index = np.arange(len(row)) - start[row]
+        backwards = generator.random(len(seed)) < 0.5
+        column = first[row] + np.where(backwards[row], number[row] - 1 - index, index)
+        where, normal = out[row, column, :3], out[row, column, 3:]
+        nearest = self.surface.tree.query(where)[1]
+        each = generator.uniform(0.85, 1.15, len(seed))
+        radius = 0.5 * layer.width * self.width * self.size[nearest] * each[row]
+        colour, second = self._colours(seed, wanted)
+        count = float(np.clip(1.0 + 1.2 * self.hand.bristles, 2.0, 6.0)) * min(layer.width, 1.6)
+        return Strokes(
+            where.astype(np.float32), np.ascontiguousarray(normal, np.float32), radius.astype(np.float32),
+            self.inner[nearest], self.outer[nearest], start, colour, second,
+            np.full(len(seed), max(count, 1.5), np.float32), generator.integers(0, 1024, len(seed)),
+        )  # fmt: skip
+
+    def _colours(self, seed: NDArray[np.int64], wanted: NDArray[np.float64]) -> tuple[Floats, Floats]:
+        """Return two colours of the picture for each stroke, RGB, both (N, 3)."""
+        from skimage.color import lab2rgb
+
+        hand, generator, surface = self.hand, self.generator, self.surface
+        around = surface.points[seed] + generator.normal(0.0, self.width, (len(seed), 3))
+        patch = self.map.tree.query(around)[1]
+        place = self.map.places(surface.points[seed], patch)
+        near = self.map.picture_tree.query(place, min(2 * NEAR, len(hand.places)))[1]
+        among = np.concatenate([near[:, ::2], generator.integers(0, len(hand.places), (len(seed), ANYWHERE))], 1)
+        away = np.linalg.norm(hand.places[among] - place[:, None], axis=2)
+        cost = np.square((hand.tones[among] - wanted[:, None]) / TONE) + np.square(away / PLACE)
+        each = np.arange(len(seed))
+        chosen = [among[each, (cost + CHANCE * generator.random(cost.shape)).argmin(1)] for _ in range(2)]
+        return tuple(np.asarray(lab2rgb(hand.colours[c]), np.float32).clip(0.0, 1.0) for c in chosen)  # type: ignore[return-value]

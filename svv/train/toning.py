@@ -1,0 +1,119 @@
+"""Tone of painted regions in closed loop: what the views show gets the lightness, contrast and chroma of the picture.
+
+A pixel mixes the strokes along its ray, so a painting looks flatter and greyer than its strokes. Here the strokes'
+colours are changed, in CIELAB, until the visible colours have the picture's mean lightness, its deviation and its mean
+chroma; positions, tones' order and hues stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.strokes import Strokes
+from svv.fields.stroke_paint import StrokePaint
+from svv.styles.hand import Hand
+from svv.train.brushwork import Brushwork
+from svv.train.form import Floats
+from svv.train.stylize import StyledView
+
+ROUNDS = 3
+"""Number of corrections, needed because colours are clipped."""
+
+VIEWS, MOST = 6, 40_000
+"""Number of views in which a region is looked at, and maximum number of samples of each."""
+
+CONTRAST, CHROMA, SHIFT = (0.9, 1.7), (0.9, 1.2), 25.0
+"""Bounds of the factors on contrast and chroma, and largest change of lightness."""
+
+COVERED = 0.1
+"""Alpha above which a pixel counts."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What views show of a region, in CIELAB."""
+
+    mean: NDArray[np.float64]
+    """Mean colour. (3,)"""
+    contrast: float
+    """Standard deviation of lightness."""
+    chroma: float
+    """Mean chroma."""
+
+
+class Looked:
+    """Samples of a region in several views, and the pixels that they make up."""
+
+    def __init__(self, views: Sequence[StyledView], region: int) -> None:
+        where, weight, pixel, first = [], [], [], 0
+        for view in views[:: max(len(views) // VIEWS, 1)]:
+            own = (view.region == region).cpu().numpy()
+            number = view.pixel.cpu().numpy()[own]
+            # Whole pixels are left out, not samples: the others stay as they are.
+            thin = number % max(int(own.sum()) // MOST, 1) == 0
+            where.append(view.position.cpu().numpy()[own][thin])
+            weight.append(view.weight.cpu().numpy()[own][thin])
+            pixel.append(number[thin].astype(np.int64) + first)
+            first += view.height * view.width
+        self.where = np.ascontiguousarray(np.concatenate(where), np.float32)
+        self.weight = np.concatenate(weight).astype(np.float64)
+        _, self.pixel = np.unique(np.concatenate(pixel), return_inverse=True)
+        self.pixel = self.pixel.reshape(-1)
+        self.alpha = np.bincount(self.pixel, self.weight)
+
+    def shown(self, colours: Floats) -> Shown | None:
+        """Return what pixels show of colours (S, 3) of the samples; None if too little is visible."""
+        from skimage.color import rgb2lab
+
+        counts = self.alpha > COVERED
+        if counts.sum() < 16:
+            return None
+        mean = [np.bincount(self.pixel, self.weight * column) / self.alpha for column in colours.T]
+        lab = rgb2lab(np.stack(mean, 1)[counts].clip(0.0, 1.0))
+        return Shown(lab.mean(0), float(lab[:, 0].std()), float(np.hypot(lab[:, 1], lab[:, 2]).mean()))
+
+
+def toned(
+    work: Brushwork, hand: Hand, views: Sequence[StyledView], region: int, soft: float
+) -> tuple[Brushwork, Shown | None]:
+    """Return strokes with the tone of their picture as views show them, and what the views then show.
+
+    Args:
+        work: The strokes.
+        hand: The picture's hand.
+        views: Views from all around.
+        region: Number of the region.
+        soft: Width of soft edges in box units.
+    """
+    looked = Looked(views, region)
+    paint = StrokePaint(work.strokes, work.brush, soft)
+    light = hand.colours[:, 0]
+    wanted = Shown(hand.colours.mean(0), float(light.std()), float(np.hypot(*hand.colours[:, 1:].T).mean()))
+    contrast, chroma, shift, found = 1.0, 1.0, 0.0, None
+    for _ in range(ROUNDS):
+        found = looked.shown(paint(looked.where))
+        if found is None:
+            break
+        contrast = float(np.clip(contrast * wanted.contrast / max(found.contrast, 1e-3), *CONTRAST))
+        chroma = float(np.clip(chroma * wanted.chroma / max(found.chroma, 1e-3), *CHROMA))
+        shift = float(np.clip(shift + wanted.mean[0] - found.mean[0], -SHIFT, SHIFT))
+        paint = paint.with_strokes(retoned(work.strokes, contrast, chroma, shift))
+    return replace(work, strokes=paint.strokes), looked.shown(paint(looked.where))
+
+
+def retoned(strokes: Strokes, contrast: float, chroma: float, shift: float) -> Strokes:
+    """Return strokes with factors on the contrast of lightness and on chroma, and with another mean lightness."""
+    from skimage.color import lab2rgb, rgb2lab
+
+    both = [rgb2lab(colours) for colours in (strokes.colour, strokes.second)]
+    middle = float(both[0][:, 0].mean())
+    out = []
+    for lab in both:
+        lab[:, 0] = (middle + contrast * (lab[:, 0] - middle) + shift).clip(0.0, 100.0)
+        lab[:, 1:] *= chroma
+        out.append(np.asarray(lab2rgb(lab), np.float32).clip(0.0, 1.0))
+    return replace(strokes, colour=out[0], second=out[1])

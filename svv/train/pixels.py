@@ -88,7 +88,9 @@ def contrast(image: NDArray[np.uint8]) -> NDArray[np.float32]:
         highest = _of_neighbours(np.maximum, highest, axis)
         lowest = _of_neighbours(np.minimum, lowest, axis)
     spread = (highest - lowest).astype(np.float32)
-    return np.sqrt(np.sqrt(np.square(spread, out=spread) @ np.full(4, 510.0**-2, np.float32)))
+    # Whole numbers, of which float32 makes no error: their sum is the same in any order, so on any CPU.
+    total = np.square(spread, out=spread) @ np.ones(4, np.float32)
+    return np.sqrt(np.sqrt(total) / np.float32(510.0))
 
 
 def _ends(filled: NDArray[np.bool_]) -> tuple[int, int]:

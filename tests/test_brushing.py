@@ -334,9 +334,11 @@ def test_going_on_keeps_the_strokes_of_other_regions(balls: Scene) -> None:
 
 def test_twice_the_stroke_size_is_twice_the_width(balls: Scene) -> None:
     assert stroke_width(balls, 2.0) == pytest.approx(2.0 * stroke_width(balls, 1.0))
-    small, large = (painted(balls, stroke_size=size)[0] for size in (1.0, 2.0))
-    assert small.styled is not None and large.styled is not None
-    widths = [np.median(s.styled.brushed.regions[0][0].radius) for s in (small, large)]
+    widths = []
+    for size in (1.0, 2.0):
+        styled = painted(balls, stroke_size=size)[0].styled
+        assert styled is not None and styled.brushed is not None
+        widths.append(float(np.median(styled.brushed.regions[0][0].radius)))
     assert 1.4 < widths[1] / widths[0] < 2.3
 
 

@@ -27,12 +27,12 @@ def curved(seed: int, count: int = 12) -> Strokes:
         turn = np.linspace(0.0, generator.uniform(0.2, 1.5), points)[:, None]
         where = generator.uniform(0.35, 0.65, 3) + 0.15 * (np.cos(turn) * right + np.sin(turn) * up)
         radius = generator.uniform(0.02, 0.05, points).astype(np.float32)
+        colour, second = generator.uniform(0.0, 1.0, (2, 1, 3)).astype(np.float32)
         parts.append(
             Strokes(
                 where.astype(np.float32), np.tile(normal.astype(np.float32), (points, 1)), radius,
                 0.8 * radius, 0.6 * radius, np.array([0, points]),
-                *generator.uniform(0.0, 1.0, (2, 1, 3)).astype(np.float32),
-                generator.uniform(1.0, 4.0, 1).astype(np.float32), generator.integers(0, 1024, 1),
+                colour, second, generator.uniform(1.0, 4.0, 1).astype(np.float32), generator.integers(0, 1024, 1),
             )
         )  # fmt: skip
     return joined(parts)

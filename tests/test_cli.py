@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -115,6 +116,17 @@ def test_every_command_shows_examples(command: str) -> None:
     done = run(*command.split(), "--help", env={**os.environ, "COLUMNS": "200"})
     assert done.returncode == 0
     assert f"svv {command}" in done.stdout.split("Examples")[1]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_option_whose_value_is_called_as_itself_is_named(command: str) -> None:
+    """Otherwise typer 0.27 names it after the value: ``--VIEWS``."""
+    group, _, name = command.rpartition(" ")
+    function = bench.COMMANDS[name][0] if group else bench.bench if name == "bench" else cli.command_of(name)[0]
+    for parameter in inspect.signature(function, eval_str=True).parameters.values():
+        for note in get_args(parameter.annotation):
+            if getattr(note, "metavar", None) and "prompt" in vars(note):
+                assert note.param_decls or note.metavar.lower() != parameter.name, parameter.name
 
 
 def test_the_command_alone_shows_its_help_and_its_version() -> None:

@@ -27,6 +27,7 @@ BELOW["io"] = BOTTOM | {"core"}
 BELOW["bricks"] = BOTTOM | {"core", "io"}
 BELOW["dvr"] = BOTTOM | {"core", "io", "bricks", "measure"}
 BELOW["progress"] = BELOW["measure"] = BELOW["ending"] = BOTTOM
+BELOW["kernels"] |= {"io"}  # the result of the check of a GPU is a file
 BELOW["fields"] |= {"io"}
 BELOW["styles"] |= {"io"}
 BELOW["train"] |= {"io", "measure"}

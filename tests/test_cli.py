@@ -126,7 +126,8 @@ def test_an_option_whose_value_is_called_as_itself_is_named(command: str) -> Non
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         for note in get_args(parameter.annotation):
             if getattr(note, "metavar", None) and "prompt" in vars(note):
-                assert note.param_decls or note.metavar.lower() != parameter.name, parameter.name
+                names = [n for n in (note.default, *(note.param_decls or ())) if str(n).startswith("-")]
+                assert names or note.metavar.lower() != parameter.name, parameter.name
 
 
 def test_the_command_alone_shows_its_help_and_its_version() -> None:

@@ -43,6 +43,9 @@ lose what a smaller picture would not (docs/measurements/limits.md)."""
 FINER = 0.8
 """Width of pixels, in cells of the paint, below which a still image shows the strokes themselves."""
 
+SOFT = 1.5
+"""Width of the soft edges of strokes in pixels: sharper ones are restless from frame to frame."""
+
 
 @dataclass(frozen=True)
 class Rendering:
@@ -106,7 +109,7 @@ class Scene(PaintedModel):
         distance = max(float(np.linalg.norm(camera.position - middle)) - 0.25 * box.size, 0.1 * box.size)
         pixel = float(camera.pixel_at(distance)) / box.size
         cell = 1.0 / self.styled.resolutions[-1]
-        return replace(self, still=False, resolved=pixel if pixel < FINER * cell else 0.0)
+        return replace(self, still=False, resolved=SOFT * pixel if pixel < FINER * cell else 0.0)
 
     def render(
         self,

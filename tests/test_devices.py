@@ -145,6 +145,15 @@ def test_a_scene_stays_where_it_is_and_moves_as_a_copy() -> None:
     assert all(b.device.type == "meta" for b in elsewhere.base.buffers())
 
 
+def test_buffers_of_gradients_follow_their_table() -> None:
+    """A scene that goes on learning on another device would otherwise add its gradients to those of the first one."""
+    encoding = small_scene().base.encoding
+    here = encoding.buffers_for_gradient()
+    assert encoding.buffers_for_gradient() is not None and encoding.buffers_for_gradient()[0] is here[0]
+    there = encoding.to(torch.device("meta")).buffers_for_gradient()
+    assert [t.device.type for t in there] == ["meta", "meta"]
+
+
 @pytest.mark.gpu
 @needs_gpu
 def test_a_gpu_renders_what_the_processor_does() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -141,3 +142,15 @@ def test_a_cancelled_movie_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(Cancelled):
         write_mp4(tmp_path / "m.mp4", frames())
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_movie_without_its_encoder_is_refused_and_everything_else_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)  # an import of it fails from here on
+    frames = [np.zeros((4, 4, 3), np.uint8)]
+    with pytest.raises(BadInput, match="pip install imageio-ffmpeg"):
+        write_mp4(tmp_path / "a.mp4", frames)
+    assert list(tmp_path.iterdir()) == []
+    write_png(tmp_path / "a.png", frames[0])
+    assert (tmp_path / "a.png").exists()

@@ -7,6 +7,7 @@ each operation there takes about a millisecond.
 from __future__ import annotations
 
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ from svv.train.config import RecolourSettings, ReconstructSettings
 from svv.train.loop import Running
 from svv.train.recolour import recolour
 from svv.train.reconstruct import Reconstruction
-from tests.interpreted import GPU, triton_kernels
+from tests.interpreted import GPU, triton_kernels, triton_rays
 
 pytestmark = pytest.mark.usefixtures("all_threads")
 
@@ -127,6 +128,39 @@ def test_plain_march_of_any_scene(seed: int, jitter: int, how: tuple[Limits, int
     same = got.count == expected.count
     assert int((~same).sum()) <= 2
     torch.testing.assert_close(got.tail[same], expected.tail[same], atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.skipif(GPU, reason="a GPU's launches are asynchronous, and their results cannot be changed in between")
+def test_a_second_march_that_disagrees_writes_what_was_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both passes are compiled apart: too many samples are left out, missing ones have no extinction."""
+    how, jitter = kernel_checks.MARCHES["training"]
+    expected = march_rays(triton_kernels, CPU, how, jitter, 5, 12)
+    long, short = (int(k) for k in expected.count.argsort()[-2:])
+    march = triton_rays.march
+
+    class Disagrees:
+        def __getitem__(self, grid: Any) -> Any:
+            def launch(*arguments: Any, **options: Any) -> None:
+                march[grid](*arguments, **options)
+                count = arguments[list(march.arg_names).index("count")]
+                if not arguments[list(march.arg_names).index("WRITES")]:
+                    count[long] += 2
+                    count[short] -= 1
+
+            return launch
+
+    monkeypatch.setattr(triton_rays, "march", Disagrees())
+    got = march_rays(triton_kernels, CPU, how, jitter, 5, 12)
+    assert len(got) == len(expected) + 1
+    assert torch.equal(got.ray.long(), torch.arange(12).repeat_interleave(got.count))
+    for ray in range(12):
+        mine, theirs = (
+            tuple(v[s.start[ray] : s.start[ray] + s.count[ray]] for v in (s.position, s.sigma, s.skipped))
+            for s in (got, expected)
+        )
+        same = min(len(mine[1]), len(theirs[1]))
+        assert all(torch.equal(a[:same], b[:same]) for a, b in zip(mine, theirs, strict=True))
+        assert not any(a[same:].any() for a in mine)
 
 
 @pytest.mark.parametrize("kernels", OTHERS)

@@ -151,9 +151,10 @@ def painted_start(
     views: list[StyledView] = []
     if painted:
         views = visible_from(scene, scene.rig.sphere(start.views, VIEW_SIZE), part(progress, 0.0, 0.1))
-        form, progress = form_of(scene.base, occupancy, UP), part(progress, 0.15, 1.0)
+        progress = part(progress, 0.15, 1.0)
         if not any(bool((view.region == k).any()) for view in views for k in painted):
             raise BadInput(UNSEEN)
+    left = _kept_strokes(before, [k for k in kept if k not in targets])  # matching changes the paint of the others
     if start.hands:
         brushing = Brushing(scene, views, start.size, cell, seed)
         found = brushing.painted(start.hands, part(progress, 0.0, 0.6))
@@ -171,12 +172,15 @@ def painted_start(
         progress = part(progress, 0.9, 1.0)
         if not only_strokes:
             brushed.owner = None
-            brushed.regions = {**brushed.regions, **_kept_strokes(before, kept)}
+            brushed.regions = {**brushed.regions, **left}
         paint.brushed = brushed
         if notes is not None:
             notes += brushing.notes
-    elif kept:
-        paint.brushed = Brushed(_kept_strokes(before, kept))
+        form = brushing.form
+    elif painted:
+        form = form_of(scene.base, occupancy, UP)
+    if not start.hands and kept:
+        paint.brushed = Brushed(left)
     for number, k in enumerate(painted):
         told = part(progress, number / len(painted), (number + 1) / len(painted))
         if k in start.hands:

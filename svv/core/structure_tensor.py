@@ -37,8 +37,8 @@ def structure_tensor(picture: NDArray[np.floating], inner: float, outer: float) 
 
     >>> stripes = np.tile(np.sin(np.arange(64.0)), (64, 1))  # vertical stripes
     >>> tensor = structure_tensor(stripes, 1.0, 4.0)
-    >>> float(tensor.angle[32, 32].round(2)), float(tensor.coherence[32, 32].round(2))
-    (1.57, 1.0)
+    >>> [round(float(values[32, 32]), 2) for values in (tensor.angle, tensor.coherence)]
+    [1.57, 1.0]
     """
     values = np.asarray(picture, np.float32)
     values = values[..., None] if values.ndim == 2 else values

@@ -134,7 +134,7 @@ class HalfDark(torch.nn.Module):
 
     def __init__(self, network: torch.nn.Module) -> None:
         super().__init__()
-        self.resolutions, self.direct = network.resolutions, False
+        self.resolutions, self.direct, self.brushed = network.resolutions, False, None
 
     def forward(self, position: torch.Tensor) -> torch.Tensor:
         return (position[:, :1] > 0.5).to(position).expand(-1, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -81,19 +82,28 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
                 if key in given:
                     continue
                 tensors |= {key + suffix: array for suffix, array in encoding.packed().items()}
-    for name, network in named:
-        if isinstance(network, UnrestrictedField) and network.brushed is not None:
-            told, arrays = network.brushed.to_file(name)
-            header.setdefault("brushed", {})[name] = told
-            tensors |= arrays
-            if network.brushed.complete and not whole:  # its lattice follows from the strokes
-                given = (*given, f"{name}.encoding.table", f"{name}.encoding.table.ends")
+    given = (*given, *_add_brushed(named, header, tensors, whole))
     if scene.steps is not None:
         header["steps"] = scene.steps.to_json()
         tensors |= scene.steps.to_arrays()
     tensors = {name: array for name, array in tensors.items() if name not in given}
     _add_layers(scene, header, tensors, packed, whole)
     return header, tensors
+
+
+def _add_brushed(
+    named: Sequence[tuple[str, nn.Module | None]], header: dict[str, Any], tensors: Arrays, whole: bool
+) -> list[str]:
+    """Add the strokes of paintings; returns the arrays that a file need not have, because they follow from strokes."""
+    follow: list[str] = []
+    for name, network in named:
+        if isinstance(network, UnrestrictedField) and network.brushed is not None:
+            told, arrays = network.brushed.to_file(name)
+            header.setdefault("brushed", {})[name] = told
+            tensors |= arrays
+            if network.brushed.complete and not whole:
+                follow += [f"{name}.encoding.table", f"{name}.encoding.table.ends"]
+    return follow
 
 
 def _networks(scene: PaintedModel) -> list[tuple[str, nn.Module | None]]:
@@ -160,10 +170,8 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
             arrays = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
             state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items()}
             for key, encoding in _encodings(name, network):
-                if isinstance(network, UnrestrictedField) and name in header.get("brushed", {}):
-                    _add_strokes(name, network, header["brushed"][name], tensors, occupancy)
-                    if network.brushed is not None and network.brushed.complete and key not in tensors:
-                        left_out.add(key)
+                if name in header.get("brushed", {}) and _add_strokes(name, network, header, tensors, occupancy):
+                    left_out.add(key)
                 packed = {k.removeprefix(key): v for k, v in arrays.items() if k.startswith(key)}
                 state = {k: v for k, v in state.items() if not k.startswith(key)}
                 state[key] = encoding.table.detach() if key in left_out else encoding.unpacked(packed)
@@ -191,18 +199,21 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _add_strokes(
-    name: str, network: UnrestrictedField, told: dict[str, Any], tensors: Arrays, occupancy: Occupancy
-) -> None:
-    """Give a network its strokes, and the lattice of paint that follows from them if the file leaves it out."""
+def _add_strokes(name: str, network: nn.Module, header: dict[str, Any], tensors: Arrays, occupancy: Occupancy) -> bool:
+    """Give a network its strokes, and the lattice of paint that follows from them if the file leaves that out.
+
+    Returns whether it does.
+    """
     lattice = network.encoding
-    if not isinstance(lattice, SparseLattice) or not network.direct:
+    if not isinstance(network, UnrestrictedField) or not isinstance(lattice, SparseLattice) or not network.direct:
         raise ValueError("strokes need paint on a lattice")
-    network.brushed = Brushed.from_file(name, told, tensors, len(lattice.table))
-    if network.brushed.complete and f"{name}.encoding.table" not in tensors:
-        place = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
-        with torch.no_grad():
-            lattice.table.copy_(torch.from_numpy(network.brushed.baked(place, 1.0 / lattice.resolutions[0])))
+    network.brushed = Brushed.from_file(name, header["brushed"][name], tensors, len(lattice.table))
+    if not network.brushed.complete or f"{name}.encoding.table" in tensors:
+        return False
+    place = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
+    with torch.no_grad():
+        lattice.table.copy_(torch.from_numpy(network.brushed.baked(place, 1.0 / lattice.resolutions[0])))
+    return True
 
 
 def _fill(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from svv.core.fast_math import FAST_MATH
 from svv.core.strokes import FINER, NOISE, OPAQUE, RAGGED, TAPER, USES, WAVE, WAVY
 
 SIDES, END, PHASE, COARSE, FINE, MIXED = (USES[name] for name in ("sides", "end", "phase", "coarse", "fine", "mixed"))
@@ -60,7 +61,7 @@ def sort_into_bins(where, normal, tangent, radius, inner, outer, soft, side, siz
         start[0] = 0
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST_MATH)
 def _noise(table, x, first):  # type: ignore[no-untyped-def]
     low = np.floor(x)
     part = x - low
@@ -70,7 +71,7 @@ def _noise(table, x, first):  # type: ignore[no-untyped-def]
     return left + (right - left) * part
 
 
-@njit(parallel=True, cache=True, fastmath=True)
+@njit(parallel=True, cache=True, fastmath=FAST_MATH)
 def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would be a dozen parameters
     place, side, size, start, entries, table, where, normal, tangent, arc, bend, widen, radius, inner, outer, stroke,
     length, colour, second, bristles, seed, relief, dry, mixed, rim, light, soft, out,

@@ -141,50 +141,30 @@ def painted_start(
     kept = [k for k in styled if k not in inks and k not in start.hands]
     painted = sorted([*inks, *start.hands, *(k for k, t in targets.items() if t.settings.seeded and k not in kept)])
     only_strokes = bool(painted) and not kept and set(painted) == set(start.hands)
-    if only_strokes and len(painted) == 1:  # all of the lattice is its
-        region = np.full(len(place), painted[0], np.int64)
-        colours = np.tile(start.transferred[painted[0]].cpu().numpy(), (len(place), 1))
-    else:
-        region, colours = _flat(scene, start.transferred, place, painted, kept, before)
+    region, colours = _owners(scene, start, place, painted, kept)
     lattice.table.copy_(torch.from_numpy(colours))
     show(paint)
-    views: list[StyledView] = []
-    if painted:
-        views = visible_from(scene, scene.rig.sphere(start.views, VIEW_SIZE), part(progress, 0.0, 0.1))
-        progress = part(progress, 0.15, 1.0)
-        if not any(bool((view.region == k).any()) for view in views for k in painted):
-            raise BadInput(UNSEEN)
+    views = _views_of(scene, start.views, painted, part(progress, 0.0, 0.1))
+    progress = part(progress, 0.15, 1.0)
     left = _kept_strokes(before, [k for k in kept if k not in targets])  # matching changes the paint of the others
     if start.hands:
         brushing = Brushing(scene, views, start.size, cell, seed)
-        found = brushing.painted(start.hands, part(progress, 0.0, 0.6))
-        flats = start.transferred.cpu().numpy().astype(np.float32)
-        for k, one in found.items():
-            flats[k] = flats[k] if one.flat is None else one.flat
-        owner = np.where(region < 0, NOBODY, region).astype(np.uint8)
-        works = {k: (one.work.strokes, one.work.brush) for k, one in found.items() if one.work is not None}
-        brushed = Brushed(works, owner, flats)
-        strokes = brushed.baked(place, cell, part(progress, 0.6, 0.9))
-        theirs = np.isin(region, list(start.hands))
-        colours[theirs] = strokes[theirs]
+        paint.brushed = _brush(
+            brushing, start, region, place, colours, None if only_strokes else left, part(progress, 0.0, 0.9)
+        )
         lattice.table.copy_(torch.from_numpy(colours))
         show(paint)
         progress = part(progress, 0.9, 1.0)
-        if not only_strokes:
-            brushed.owner = None
-            brushed.regions = {**brushed.regions, **left}
-        paint.brushed = brushed
-        if notes is not None:
-            notes += brushing.notes
+        (notes if notes is not None else []).extend(brushing.notes)
         form = brushing.form
     elif painted:
         form = form_of(scene.base, occupancy, UP)
     if not start.hands and kept:
         paint.brushed = Brushed(left)
     for number, k in enumerate(painted):
-        told = part(progress, number / len(painted), (number + 1) / len(painted))
         if k in start.hands:
             continue
+        told = part(progress, number / len(painted), (number + 1) / len(painted))
         larger = 1.0 if k in inks else targets[k].settings.larger
         spacing = SURFACE * max(pixel, cell) if k in inks else larger * RADIUS * pixel / POINTS_A_RADIUS
         points = _surface(views, k, spacing, np.random.default_rng(seed + k))
@@ -202,6 +182,46 @@ def painted_start(
         show(paint)
     progress(1.0, "painting")
     return paint
+
+
+def _owners(
+    scene: Scene, start: Start, place: NDArray[np.float32], painted: list[int], kept: list[int]
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return the region that owns each place (V,), -1 for none, and its colour before anything is laid (V, 3)."""
+    if len(painted) == 1 and not kept and set(painted) == set(start.hands):  # all of the lattice is its
+        colours = np.tile(start.transferred[painted[0]].cpu().numpy(), (len(place), 1))
+        return np.full(len(place), painted[0], np.int64), colours
+    return _flat(scene, start.transferred, place, painted, kept, start.before)
+
+
+def _views_of(scene: Scene, count: int, painted: Sequence[int], progress: Progress) -> list[StyledView]:
+    """Return views that show what is visible of regions to be painted; raises BadInput if that is nothing."""
+    if not painted:
+        return []
+    views = visible_from(scene, scene.rig.sphere(count, VIEW_SIZE), progress)
+    if not any(bool((view.region == k).any()) for view in views for k in painted):
+        raise BadInput(UNSEEN)
+    return views
+
+
+def _brush(
+    brushing: Brushing, start: Start, region: NDArray[np.int64], place: NDArray[np.float32],
+    colours: NDArray[np.float32], left: Mapping[int, tuple[Strokes, Brush]] | None, progress: Progress,
+) -> Brushed:  # fmt: skip
+    """Paint the regions that have a hand by strokes, and write their paint into the colours of all places (V, 3).
+
+    ``left``: strokes of regions that keep their paint, beside which the lattice has other paint; None if it has not.
+    """
+    found = brushing.painted(start.hands, part(progress, 0.0, 0.65))
+    flats = start.transferred.cpu().numpy().astype(np.float32)
+    for k, one in found.items():
+        flats[k] = flats[k] if one.flat is None else one.flat
+    owner = np.where(region < 0, NOBODY, region).astype(np.uint8)
+    works = {k: (one.work.strokes, one.work.brush) for k, one in found.items() if one.work is not None}
+    brushed = Brushed(works, owner, flats)
+    theirs = np.isin(region, list(start.hands))
+    colours[theirs] = brushed.baked(place, brushing.cell, part(progress, 0.65, 1.0))[theirs]
+    return brushed if left is None else Brushed({**works, **left}, None, flats)
 
 
 def _kept_strokes(before: UnrestrictedField | None, kept: Sequence[int]) -> dict[int, tuple[Strokes, Brush]]:

@@ -111,7 +111,7 @@ class Scoring:
     network: NetworkName | None = None
     """Network to score, base or pcn; by default pcn."""
     device: DeviceName = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 20 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
 
 
 @spread

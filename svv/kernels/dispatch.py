@@ -64,7 +64,7 @@ def kernels_for(tensor: Tensor) -> Kernels:
 def device_named(name: str) -> torch.device:
     """Return the device for the option ``auto``, ``cpu`` or ``cuda``.
 
-    ``auto`` is the GPU if there is one whose kernels pass a check, which takes 20 seconds on its first use
+    ``auto`` is the GPU if there is one whose kernels pass a check, which takes 25 seconds on its first use
     (:mod:`svv.kernels.gpu`); one line says which device it is and why if there is a GPU. ``cuda`` is not checked.
 
     Raises:

@@ -1,7 +1,7 @@
 """Whether the GPU can be used here, and why not: its driver, its memory, and a check of the kernels on its first use.
 
 The check compares every kernel with plain torch and trains a small scene (:mod:`svv.fields.gpu_check`). It takes about
-20 seconds, once: its result is kept for this card, driver, versions and code. It runs in a process of its own, because
+25 seconds, once: its result is kept for this card, driver, versions and code. It runs in a process of its own, because
 a fault in a kernel makes all further work of its process on the GPU fail.
 """
 
@@ -117,7 +117,7 @@ def check_gpu(device: torch.device) -> Verdict:
     if python is None:
         return Verdict(False, "it has not been checked yet: run `svv bench gpu --short` once")
     environment = {**os.environ, SKIP_CHECK: "0", "SVV_COMPILE_AHEAD": "0", "CUDA_VISIBLE_DEVICES": _visible(device)}
-    print(f"Checking the GPU ({describe_gpu(device)}), once: about 20 seconds.", file=sys.stderr)
+    print(f"Checking the GPU ({describe_gpu(device)}), once: about 25 seconds.", file=sys.stderr)
     try:
         with tempfile.TemporaryDirectory() as folder:
             program = Path(folder, "check_gpu.py")

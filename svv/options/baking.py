@@ -30,4 +30,4 @@ class BakeOptions:
     """Which network gives the colours: pcn (the palette, with its edits) or styled (the painting); by default the last
     that the scene has."""
     device: Annotated[DeviceName, Setting(command=False, advanced=True, result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 20 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""

@@ -49,4 +49,4 @@ class ExportOptions:
     network: NetworkName | None = None
     """Which network gives the colours: base, pcn or styled; by default the last that the scene has."""
     device: Annotated[DeviceName, Setting(result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 20 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""

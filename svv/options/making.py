@@ -100,7 +100,7 @@ class TrainOptions:
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 20 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
     encoding: Annotated[EncodingName | None, Setting(advanced=True, unset="as the preset")] = None
     """Sparse lattice, the paper's hash grid, or the volume's values if the views come with them; the preset decides by
     default."""
@@ -172,7 +172,7 @@ class DeviceOptions:
     """Where work on a scene runs."""
 
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 20 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
 
 
 @dataclass(frozen=True)
@@ -205,4 +205,4 @@ class RenderOptions:
     fps: Annotated[float, Setting(least=1, panel="")] = 30.0
     """Frames per second of a movie."""
     device: Annotated[DeviceName, Setting(advanced=True, result=False)] = "auto"
-    """Where to run; auto takes a GPU whose kernels pass a check, 20 s on its first use, otherwise the CPU."""
+    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""

@@ -88,7 +88,9 @@ def test_another_card_is_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (subprocess.CompletedProcess([], 1, "2 of 22 kernels are wrong; march: no\n", ""), "2 of 22 kernels", True),
         (subprocess.CompletedProcess([], -11, "", "Segmentation fault"), "Segmentation fault", True),
-        (subprocess.CompletedProcess([], -9, "", ""), "ended with code -9", True),
+        (subprocess.CompletedProcess([], 7, "", ""), "ended with code 7", True),
+        (subprocess.CompletedProcess([], -9, "", ""), "was stopped (SIGKILL)", False),
+        (subprocess.CompletedProcess([], -15, "", "Terminated"), "was stopped (SIGTERM)", False),
         (subprocess.TimeoutExpired("check", 300.0), "did not end within 300 s", True),
         (
             subprocess.CompletedProcess([], 1, "", "torch.OutOfMemoryError: CUDA out of memory."),

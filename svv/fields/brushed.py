@@ -77,7 +77,8 @@ class Brushed:
         for own, root in roots.items():
             rows = (region == own).nonzero()[:, 0]
             if len(rows):
-                found = torch.from_numpy(self.paint(root, pixel).coverage(position[rows].numpy()))
+                covered = self.paint(root, pixel).coverage(position[rows].cpu().numpy())
+                found = torch.from_numpy(covered).to(out.device)
                 out[rows] = found[:, :3] + (1.0 - found[:, 3:]) * out[rows]
         return out
 

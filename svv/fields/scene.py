@@ -102,7 +102,7 @@ class Scene(PaintedModel):
 
     def _resolving(self, camera: Camera) -> Scene:
         """Return the scene as a still image shows it: with its strokes if the lattice is too coarse for them."""
-        if self.layers or self.styled is None or self.styled.brushed is None or self.device.type != "cpu":
+        if self.layers or self.styled is None or self.styled.brushed is None:
             return replace(self, still=False)
         box = self.occupancy.box
         middle = np.asarray(box.bounds, np.float64).reshape(3, 2).mean(1)

@@ -1,6 +1,6 @@
 """Whether the GPU can be used here, and why not: its driver, its memory, and a check of the kernels on its first use.
 
-The check compares every kernel with plain torch and trains a small scene (:mod:`svv.fields.gpu_check`). It takes about
+The check compares every kernel with plain torch, in value and gradient (:mod:`svv.fields.gpu_check`). It takes about
 25 seconds, once: its result is kept for this card, driver, versions and code. It runs in a process of its own, because
 a fault in a kernel makes all further work of its process on the GPU fail.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -38,6 +39,9 @@ PATIENCE = 300.0
 
 LEAST_MEMORY = 1 << 30
 """Free bytes of GPU memory below which ``auto`` does not choose the GPU: training and images take up to as much."""
+
+STOPPED = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGHUP)
+"""Signals that end a check without saying anything about the GPU."""
 
 SKIP_CHECK = "SVV_GPU_CHECK"
 """Environment variable; ``0`` trusts the GPU unchecked, as the check itself must."""
@@ -135,6 +139,10 @@ def check_gpu(device: torch.device) -> Verdict:
     said = (lines or done.stderr.strip().splitlines() or [f"it ended with code {done.returncode}"])[-1]
     if "out of memory" in said.lower():  # by other programs, which says nothing about the GPU
         return Verdict(False, "its check found too little free memory on it")
+    if -done.returncode in STOPPED:  # by the user, or by a system that is short of memory
+        return Verdict(
+            False, f"its check was stopped ({signal.Signals(-done.returncode).name}): it begins again next time"
+        )
     return _keep(device, Verdict(False, f"its check failed ({said[:200]})"))
 
 

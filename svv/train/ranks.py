@@ -164,7 +164,7 @@ def _connected(where: Place, device: str) -> Any:
     if not dist.is_available():
         raise BadInput("This build of torch has no torch.distributed; train in one process, without torchrun.")
     gpus = take_share(where, device)
-    if torch.version.cuda is None:
+    if torch.cuda.device_count() == 0:
         device = "cpu"
     from torch.distributed import distributed_c10d
     from torch.distributed.rendezvous import rendezvous

@@ -36,6 +36,11 @@ TAPER = 1.8
 FINER = 2.7
 """Number of fine bristle marks to each coarse one."""
 
+FADES = 0.75
+"""Share of the reach above and below a stroke in which its paint fades, relative to that of strokes whose sheet is
+nearer: the two sides of a thin body keep their own strokes, and a sheet that lies deeper in one pixel than in the next
+does not change its paint at once."""
+
 OPAQUE = 0.99
 """Coverage from which nothing below is visible."""
 
@@ -225,20 +230,22 @@ def paint_at(strokes: Strokes, brush: Brush, position: Any, soft: float) -> NDAr
         Colour times coverage, and coverage, from 0 to 1. (P, 4)
     """
     place = np.asarray(position, np.float64)
-    out, left = np.zeros((len(place), 4)), np.ones(len(place))
+    out, left, nearer = np.zeros((len(place), 4)), np.ones(len(place)), np.full(len(place), 1e-6)
     for q in range(len(strokes) - 1, -1, -1):
-        colour, alpha = _one(strokes, brush, q, place, soft)
-        alpha = np.where(left > 1.0 - OPAQUE, alpha, 0.0)
+        colour, alpha, fade = _one(strokes, brush, q, place, soft)
+        seen = (left > 1.0 - OPAQUE) & (alpha > 0.0)
+        nearer = np.where(seen, np.maximum(nearer, fade), nearer)
+        alpha = np.where(seen, alpha * fade, 0.0)
         out[:, :3] += (left * alpha)[:, None] * colour
         left *= 1.0 - alpha
     out[:, 3] = 1.0 - left
-    return out
+    return np.asarray(out * (np.minimum(out[:, 3] / nearer, 1.0) / np.maximum(out[:, 3], 1e-6))[:, None])
 
 
 def _one(
     strokes: Strokes, brush: Brush, q: int, place: NDArray[np.float64], soft: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the colour (P, 3) and the coverage (P,) of one stroke."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the colour (P, 3) of one stroke, its coverage (P,) and how near it is in depth (P,)."""
     rows = slice(int(strokes.start[q]), int(strokes.start[q + 1]))
     tangents, arcs, bends, widens = (a[rows].astype(np.float64) for a in strokes.frames)
     normals = strokes.normal[rows].astype(np.float64)
@@ -261,6 +268,9 @@ def _one(
     there_too = (set_down > 0.0) & (lifted > 0.0) & np.isfinite(near[each, best])
     taper = np.minimum(np.sqrt((set_down * (2.0 - set_down)).clip(0.0)), np.sqrt(lifted.clip(0.0)))
     alpha = np.where(there_too, (0.5 + (wide * taper - np.abs(v)) / soft).clip(0.0, 1.0), 0.0)
+    deep = height[each, best]
+    deep = np.where(deep > 0.0, deep / strokes.outer[rows][best], -deep / strokes.inner[rows][best])
+    fade = ((1.0 - deep) / FADES).clip(0.0, 1.0)
     x = v / wide
     x = x + 0.2 * noise(0.3 * u / r, first + USES["phase"])
     coarse, fine = ((r / (n * soft) - 0.5).clip(0.0, 1.0) for n in (count, FINER * count))
@@ -275,4 +285,4 @@ def _one(
     gain = brush.relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks) - brush.rim * edge * edge
     gain = gain[:, None]
     lighter = colour + gain * (0.6 * (1.0 - colour) + 0.3 * colour)
-    return np.where(gain < 0.0, colour * (1.0 + gain), lighter).clip(0.0, 1.0), alpha
+    return np.where(gain < 0.0, colour * (1.0 + gain), lighter).clip(0.0, 1.0), alpha, fade

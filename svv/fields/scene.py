@@ -253,7 +253,7 @@ class Scene(PaintedModel):
         coefficients = None if coefficients is None else for_colours(coefficients, here)
         parts = self.palette_network(samples.position, geometry, directions, at, coefficients)
         region = of_colour(here, parts.region)
-        paint = self.paint(samples.position, network, region)
+        paint = self.paint(samples, network, region)
         sigma = followed(self, sigma, region, paint)
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
-from svv.core.strokes import FINER, NOISE, OPAQUE, RAGGED, TAPER, USES, WAVE, WAVY
+from svv.core.strokes import FADES, FINER, NOISE, OPAQUE, RAGGED, TAPER, USES, WAVE, WAVY
 
 SIDES, END, PHASE, COARSE, FINE, MIXED = (USES[name] for name in ("sides", "end", "phase", "coarse", "fine", "mixed"))
 LAST = len(NOISE) - 1
@@ -83,10 +83,10 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
         c = min(max(int(place[p, 2] / side), 0), size - 1)
         cell = (a * size + b) * size + c
         i, end = start[cell], start[cell + 1]
-        left, red, green, blue = 1.0, 0.0, 0.0, 0.0
+        left, red, green, blue, nearer = 1.0, 0.0, 0.0, 0.0, 0.0
         while i < end and left > 1.0 - OPAQUE:
             q = stroke[entries[i]]
-            best, nearest, u, v = np.inf, -1, 0.0, 0.0
+            best, nearest, u, v, deep = np.inf, -1, 0.0, 0.0, 0.0
             while i < end:
                 k = entries[i]
                 if stroke[k] != q:
@@ -109,7 +109,7 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
                 away = along * along + across * across
                 # Points are visited from the last to the first: of two equally near ones, the first counts.
                 if away <= best:
-                    best, nearest, u, v = away, k, along, across
+                    best, nearest, u, v, deep = away, k, along, across, height
             if nearest < 0:
                 continue
             k = nearest
@@ -128,6 +128,11 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
             alpha = min(max(0.5 + (wide * taper - abs(v)) / soft, 0.0), 1.0)
             if alpha <= 0.0:
                 continue
+            fade = min((1.0 - (deep / outer[k] if deep > 0.0 else -deep / inner[k])) / FADES, 1.0)
+            if fade <= 0.0:
+                continue
+            nearer = max(nearer, fade)
+            alpha *= fade
             n = bristles[q]
             x = v / wide + 0.2 * _noise(table, 0.3 * u / r, first + PHASE)
             coarse = min(max(r / (n * soft) - 0.5, 0.0), 1.0)
@@ -162,4 +167,7 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
                 else:
                     blue += here * value
             left *= 1.0 - alpha
-        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = red, green, blue, 1.0 - left
+        cover = 1.0 - left
+        whole = min(cover / max(nearer, 1e-6), 1.0)
+        scale = whole / max(cover, 1e-6)
+        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = scale * red, scale * green, scale * blue, whole

@@ -20,17 +20,20 @@ from svv.train.brushwork import Brushwork
 from svv.train.form import Floats
 from svv.train.stylize import StyledView
 
-ROUNDS = 3
+ROUNDS = 5
 """Number of corrections, needed because colours are clipped."""
 
 VIEWS, MOST = 5, 20_000
 """Number of views in which a region is looked at, and maximum number of samples of each."""
 
-CONTRAST, CHROMA, SHIFT = (0.9, 1.7), (0.9, 1.2), 25.0
+CONTRAST, CHROMA, SHIFT = (0.9, 1.7), (0.9, 2.0), 25.0
 """Bounds of the factors on contrast and chroma, and largest change of lightness."""
 
 COVERED = 0.1
 """Alpha above which a pixel counts."""
+
+PAPER = 1.0
+"""Brightness of the paper behind what is translucent: images are shown over white by default."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +75,12 @@ class Looked:
         counts = self.alpha > COVERED
         if counts.sum() < 16:
             return None
-        mean = [np.bincount(self.pixel, self.weight * column) / self.alpha for column in colours.T]
-        lab = rgb2lab(np.stack(mean, 1)[counts].clip(0.0, 1.0))
-        return Shown(lab.mean(0), float(lab[:, 0].std()), float(np.hypot(lab[:, 1], lab[:, 2]).mean()))
+        alpha = self.alpha[counts]
+        over = [np.bincount(self.pixel, self.weight * c)[counts] + PAPER * (1.0 - alpha) for c in colours.T]
+        lab = rgb2lab(np.stack(over, 1).clip(0.0, 1.0))
+        mean = np.average(lab, axis=0, weights=alpha)
+        spread = np.sqrt(np.average(np.square(lab[:, 0] - mean[0]), weights=alpha))
+        return Shown(mean, float(spread), float(np.average(np.hypot(lab[:, 1], lab[:, 2]), weights=alpha)))
 
 
 def toned(

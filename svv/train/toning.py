@@ -26,8 +26,9 @@ ROUNDS = 5
 VIEWS, MOST = 5, 20_000
 """Number of views in which a region is looked at, and maximum number of samples of each."""
 
-CONTRAST, CHROMA, SHIFT = (0.9, 1.7), (0.9, 2.0), 25.0
-"""Bounds of the factors on contrast and chroma, and largest change of lightness."""
+CONTRAST, CHROMA, CLEAR, SHIFT = (0.9, 1.7), (0.9, 1.2), 2.0, 25.0
+"""Bounds of the factors on contrast and chroma, the latter's largest value for what is hardly opaque, since the paper
+makes it pale; and largest change of lightness."""
 
 COVERED = 0.1
 """Alpha above which a pixel counts."""
@@ -68,6 +69,11 @@ class Looked:
         self.pixel = self.pixel.reshape(-1)
         self.alpha = np.bincount(self.pixel, self.weight)
 
+    @property
+    def opacity(self) -> float:
+        """Mean alpha of the pixels that show the region, weighted by it, in [0, 1]."""
+        return float(np.square(self.alpha).sum() / max(float(self.alpha.sum()), 1e-9))
+
     def shown(self, colours: Floats) -> Shown | None:
         """Return what pixels show of colours (S, 3) of the samples; None if too little is visible."""
         from skimage.color import rgb2lab
@@ -100,12 +106,13 @@ def toned(
     light = hand.colours[:, 0]
     wanted = Shown(hand.colours.mean(0), float(light.std()), float(np.hypot(*hand.colours[:, 1:].T).mean()))
     contrast, chroma, shift, found = 1.0, 1.0, 0.0, None
+    most = CHROMA[1] + (CLEAR - CHROMA[1]) * (1.0 - looked.opacity)
     for _ in range(ROUNDS):
         found = looked.shown(paint(looked.where))
         if found is None:
             break
         contrast = float(np.clip(contrast * wanted.contrast / max(found.contrast, 1e-3), *CONTRAST))
-        chroma = float(np.clip(chroma * wanted.chroma / max(found.chroma, 1e-3), *CHROMA))
+        chroma = float(np.clip(chroma * wanted.chroma / max(found.chroma, 1e-3), CHROMA[0], most))
         shift = float(np.clip(shift + wanted.mean[0] - found.mean[0], -SHIFT, SHIFT))
         paint = paint.with_strokes(retoned(work.strokes, contrast, chroma, shift))
     return replace(work, strokes=paint.strokes), looked.shown(paint(looked.where))

@@ -40,6 +40,9 @@ class Brushed:
     """Region of each vertex, :data:`NOBODY` for none; None if the lattice also has other paint. (V,)"""
     flats: Floats = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     """Colour of each region where no stroke reaches, RGB. (R, 3)"""
+    glazes: Mapping[int, float] = field(default_factory=dict)
+    """How much the opacity of translucent regions is to follow their strokes. Only known when they are laid: the scene
+    keeps it as an edit of the region (:mod:`svv.fields.stroke_opacity`)."""
     _paints: dict[int, StrokePaint] = field(default_factory=dict)
 
     @property

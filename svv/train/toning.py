@@ -69,11 +69,6 @@ class Looked:
         self.pixel = self.pixel.reshape(-1)
         self.alpha = np.bincount(self.pixel, self.weight)
 
-    @property
-    def opacity(self) -> float:
-        """Mean alpha of the pixels that show the region, weighted by it, in [0, 1]."""
-        return float(np.square(self.alpha).sum() / max(float(self.alpha.sum()), 1e-9))
-
     def shown(self, colours: Floats) -> Shown | None:
         """Return what pixels show of colours (S, 3) of the samples; None if too little is visible."""
         from skimage.color import rgb2lab
@@ -90,7 +85,7 @@ class Looked:
 
 
 def toned(
-    work: Brushwork, hand: Hand, views: Sequence[StyledView], region: int, soft: float
+    work: Brushwork, hand: Hand, views: Sequence[StyledView], region: int, soft: float, clear: float = 0.0
 ) -> tuple[Brushwork, Shown | None]:
     """Return strokes with the tone of their picture as views show them, and what the views then show.
 
@@ -100,13 +95,14 @@ def toned(
         views: Views from all around.
         region: Number of the region.
         soft: Width of soft edges in box units.
+        clear: How translucent the region's sheets are, from 0 to 1.
     """
     looked = Looked(views, region)
     paint = StrokePaint(work.strokes, work.brush, soft)
     light = hand.colours[:, 0]
     wanted = Shown(hand.colours.mean(0), float(light.std()), float(np.hypot(*hand.colours[:, 1:].T).mean()))
     contrast, chroma, shift, found = 1.0, 1.0, 0.0, None
-    most = CHROMA[1] + (CLEAR - CHROMA[1]) * (1.0 - looked.opacity)
+    most = CHROMA[1] + (CLEAR - CHROMA[1]) * clear
     for _ in range(ROUNDS):
         found = looked.shown(paint(looked.where))
         if found is None:

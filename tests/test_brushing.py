@@ -332,6 +332,40 @@ def test_going_on_keeps_the_strokes_of_other_regions(balls: Scene) -> None:
     assert set(inked.styled.brushed.regions) == {0}
 
 
+def red_pixels() -> np.ndarray:
+    picture = np.ones((64, 64, 3), np.float32)
+    picture[30:33, 30] = 1.0, 0.0, 0.0
+    return picture
+
+
+ODD = {
+    "flat": np.full((40, 40, 3), 0.4, np.float32),
+    "three red pixels": red_pixels(),
+    "8:1": gallery_picture("oil", 300)[:24, :192],
+    "black and white": np.random.default_rng(0).integers(0, 2, (16, 16, 1)).repeat(3, 2).astype(np.float32),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_any_picture_can_be_painted_by_strokes(balls: Scene, name: str) -> None:
+    """Without a stroke in the picture, its colours are all that is taken."""
+    scene, report = stylize_scene(balls, [ODD[name]], SHORT, manner="strokes")
+    assert set(report["manner"].values()) == {"strokes"}
+    image = scene.render(scene.rig.orbit(9, 64, [3])[0], "styled").rgba
+    shown = image[image[..., 3] > 0.9][:, :3]
+    assert np.isfinite(image).all() and len(shown) > 50
+    away = np.abs(shown.mean(0) - ODD[name].reshape(-1, 3).mean(0)).max()
+    assert away < 0.25, away
+
+
+def test_one_picture_serves_many_regions_and_hidden_ones_are_painted_as_well(balls: Scene) -> None:
+    """They may be shown again later."""
+    scene, report = painted(balls.hidden(1), mapping={0: 0, 1: 0})
+    assert scene.styled is not None and scene.styled.brushed is not None
+    assert set(scene.styled.brushed.regions) == {0, 1}
+    assert report["manner"] == {"0": "strokes", "1": "strokes"}
+
+
 def test_twice_the_stroke_size_is_twice_the_width(balls: Scene) -> None:
     assert stroke_width(balls, 2.0) == pytest.approx(2.0 * stroke_width(balls, 1.0))
     widths = []

@@ -66,7 +66,7 @@ class Balls:
         region = np.where(np.isfinite(depth), 0, -1).astype(np.int16)
         return Rendering(rgba / np.float32(255), depth.astype(np.float32), region)
 
-    def resolving(self, camera: Camera) -> "Balls":
+    def resolving(self, camera: Camera) -> Balls:
         return self
 
 

@@ -71,9 +71,7 @@ class Brushed:
                 colours[piece] = paint(place[piece]).clip(0.0, 1.0)
         return np.asarray(colours, np.float32)
 
-    def over(
-        self, colours: Tensor, samples: Samples, region: Tensor, roots: Mapping[int, int], pixel: float
-    ) -> Tensor:
+    def over(self, colours: Tensor, samples: Samples, region: Tensor, roots: Mapping[int, int], pixel: float) -> Tensor:
         """Return colours (S, 3) of samples with the strokes over them; a sheet of samples has one colour.
 
         Args:
@@ -93,8 +91,8 @@ class Brushed:
         of_sheet[sheet[sheet >= 0]] = numbers[sheet >= 0]
         covered = np.zeros((len(where), 4), np.float32)
         for own, root in roots.items():
-            rows = np.flatnonzero(of_sheet == own)
-            covered[rows] = self.paint(root, pixel).coverage(where[rows])
+            theirs = np.flatnonzero(of_sheet == own)
+            covered[theirs] = self.paint(root, pixel).coverage(where[theirs])
         painted = np.flatnonzero(sheet >= 0)
         found = torch.from_numpy(covered[sheet[painted]]).to(colours.device)
         rows, out = torch.from_numpy(painted).to(colours.device), colours.clone()

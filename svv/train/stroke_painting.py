@@ -32,7 +32,7 @@ OPAQUE, GLAZED = 0.6, 1.5
 several strokes, and only large ones remain strokes."""
 
 GLAZE = 0.7
-"""How much the opacity of what is hardly opaque follows its strokes: so much that they show, and no sample stands out."""
+"""How much the opacity of what is hardly opaque follows its strokes: they show, and no sample stands out."""
 
 SKY = 0.5
 """Fraction of the picture, from its top, whose light strokes give fog its colour."""

@@ -106,7 +106,10 @@ def consistency(
     oversample: Annotated[
         int,
         typer.Option(
-            "--oversample", metavar="N", min=1, max=4,
+            "--oversample",
+            metavar="N",
+            min=1,
+            max=4,
             help="Warp frames N times as large: between pixels, warping blurs sharp pictures.",
         ),
     ] = 1,

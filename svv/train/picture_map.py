@@ -33,6 +33,10 @@ BLENDED = 4
 ROUNDS, PULL = 10, 4.0
 """Rounds of smoothing directions, and weight of the neighbours against a point's own direction."""
 
+ONE_WAY = (0.2, 0.6)
+"""How much stronger one curvature is than the other, relative to their sum, from which a form has a direction, and from
+which it is wholly distinct: round bodies would get rings around their poles."""
+
 FORM, STRONG, CRUMPLED = 3.0, 0.25, 0.35
 """Weight of a form's direction where it is distinct; curvature times width from which it is; and deviation of normals,
 in radians, at which it no longer is."""
@@ -96,7 +100,9 @@ class PictureMap:
         surface as a field of lines (their outer products are averaged, which have no sign).
         """
         surface, width = self.surface, self.width
-        distinct = (bends.strongest - bends.weakest) / np.maximum(bends.strongest + bends.weakest, 1e-9)
+        one_way = (bends.strongest - bends.weakest) / np.maximum(bends.strongest + bends.weakest, 1e-9)
+        low, high = ONE_WAY
+        distinct = ((one_way - low) / (high - low)).clip(0.0, 1.0)
         distinct *= np.minimum(bends.strongest * width / STRONG, 1.0) * np.exp(-np.square(bends.left / CRUMPLED))
         own = FORM * distinct[:, None] * _outer(bends.axis)
         own += (1.0 - distinct)[:, None] * self._of_picture()

@@ -1,7 +1,6 @@
-"""The two halves of painting: if either is left out, a law fails.
+"""The paper's way to paint: matching brings unseen views closer to the style's features.
 
-The tests use the real weights of VGG-16 on a ball that fills its views. Matching brings unseen views closer to the
-style's features. The strokes come from the painted start, because matching creates none from a single colour.
+The test uses the real weights of VGG-16 on a ball that fills its views.
 """
 
 from __future__ import annotations
@@ -21,20 +20,14 @@ from svv.errors import silent
 from svv.fields.scene import Scene
 from svv.styles.features import load_features
 from svv.train.pipeline import stylize_scene
-from svv.train.style_loss import StyleLossSettings
 from svv.train.stylize import StyledView, stylization_cameras, visible_from
-from tests.balls import SHORT
+from tests.balls import MATCHED, STEPS
 from tests.solid_ball import solid_ball
 
 if TYPE_CHECKING:
     from svv.styles.weight_files import State
 
 SIZE, STYLE = 64, 96
-STEPS = replace(SHORT, stylize=replace(SHORT.stylize, style_iterations=10, style_views=4, style_size=SIZE))
-LAID = replace(STEPS, stylize=replace(STEPS.stylize, style_iterations=0))
-LOSS = replace(StyleLossSettings(), style_size=STYLE, anchor=0.0, rate=0.1)
-"""Free to move far in a few steps."""
-
 SCENE = solid_ball()
 
 
@@ -57,19 +50,15 @@ def unseen() -> list[StyledView]:
     """Views from where the matching never looked."""
     rig = SCENE.rig
     cameras = rig.sphere(5, SIZE)
-    looked = np.array([c.position for c in stylization_cameras(SCENE, STEPS.stylize)])
+    looked = np.array([c.position for c in stylization_cameras(SCENE, STEPS)])
     away = [c for c in cameras if np.linalg.norm(looked - c.position, axis=1).min() > 0.2 * rig.radius]
     assert len(away) >= 3
     return visible_from(SCENE, away, silent)
 
 
-def painted(features: str, preset=STEPS, loss: StyleLossSettings = LOSS) -> Scene:  # type: ignore[no-untyped-def]
-    return stylize_scene(SCENE, [stripes()], preset, mapping={0: 0}, features=features, loss=loss)[0]
-
-
-@pytest.fixture(scope="module")
-def laid(weights: str) -> Scene:
-    return painted(weights, LAID)
+def painted(features: str, steps: int) -> Scene:
+    preset = replace(MATCHED, stylize=replace(STEPS, style_iterations=steps, style_size=SIZE))
+    return stylize_scene(SCENE, [stripes()], preset, mapping={0: 0}, features=features, stroke_size=STYLE / 400)[0]
 
 
 @torch.no_grad()
@@ -86,22 +75,8 @@ def from_style(scene: Scene, views: list[StyledView], features: str) -> float:
     return float(np.mean(found))
 
 
-@torch.no_grad()
-def detail(scene: Scene, views: list[StyledView]) -> float:
-    """Deviation of what is seen, as a part of the style's."""
-    assert scene.styled is not None
-    colours = torch.cat([scene.styled(view.position) for view in views])
-    return float(colours.std(0).mean()) / float(stripes().std((0, 1)).mean())
-
-
 @pytest.mark.slow
-def test_matching_brings_unseen_views_nearer_to_the_style(laid: Scene, unseen: list[StyledView], weights: str) -> None:
+def test_matching_brings_unseen_views_nearer_to_the_style(unseen: list[StyledView], weights: str) -> None:
     """By a part of their distance that colours, smoothness and chance do not give."""
-    before, after = (from_style(scene, unseen, weights) for scene in (laid, painted(weights)))
-    assert after < 0.98 * before
-
-
-def test_strokes_come_from_the_painted_start_alone(laid: Scene, unseen: list[StyledView], weights: str) -> None:
-    flat = painted(weights, loss=replace(LOSS, seeded=False))
-    assert detail(laid, unseen) > 0.7
-    assert detail(flat, unseen) < 0.3
+    before, after = (from_style(painted(weights, steps), unseen, weights) for steps in (0, 20))
+    assert after < 0.95 * before

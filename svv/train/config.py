@@ -117,9 +117,9 @@ class StylizeSettings:
     """Stage 3, the painting, as paint that is laid: strokes, pieces of pictures and ink."""
 
     style_views: int = 20
-    """Number of views around the scene by which paint is made."""
+    """Number of views around the scene that determine where paint is visible."""
     style_size: int = 400
-    """Width and height of these views in pixels; styles are scaled for pictures of this size."""
+    """Width and height in pixels of a view for which pictures are scaled, and in which their contrast is solved."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +128,8 @@ class MatchSettings(StylizeSettings):
 
     style_views: int = 42
     """Number of stylization views around the scene."""
+    style_size: int = 400
+    """Width and height of the stylization views in pixels."""
     style_iterations: int = 210
     """Number of stylization steps, one view each."""
     style_feature_rate: float = 0.02

@@ -127,8 +127,8 @@ def stylize_scene(
             of that name, or with ``go_on`` the painting that is shown.
         progress: Called several times a second; stops the work when it raises.
         checkpoint: File to save to regularly, and to resume from if it exists.
-        preview: Called with a copy of the painted scene in its current state: when regions have one colour each, after
-            each region, and finally with the result; with the preset ``paper`` about every ten seconds.
+        preview: Called with a copy of the painted scene in its current state: when regions have one colour each, as
+            paint is laid, and finally with the result; with the preset ``paper`` about every ten seconds.
         pieces: How pictures are laid in pieces.
         changes: Fields of the options to change, by name, such as ``variant="ink"``.
 

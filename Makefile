@@ -110,8 +110,6 @@ $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@"$(BIN)/python" -m svv.pv.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
 	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema]'
-	@echo 'Fetching weights for style features and LPIPS, 64 MB, unless they are here or SVV_OFFLINE=1 is set.'
-	@"$(BIN)/svv" features --get --small || echo 'Continuing without them: styles are matched by patches of pixels.'
 	@touch "$@"
 
 $(DOCS): $(INSTALLED)

@@ -183,13 +183,16 @@ def presets() -> Iterator[str]:
     yield "`svv.train_scene` and `svv.stylize_scene`. To change a single setting, write `--set` and its name:"
     yield "`--set reconstruct.iterations=4000`, *Settings* in the panels, or in Python"
     yield '`svv.train_scene(views, "fast", change=("reconstruct.iterations=4000",))`.\n'
-    names = list(config.PRESETS)
     for title, field, cls in (
         ("Field", "field", networks.FieldSettings),
         ("Stage 1: density and base colours", "reconstruct", config.ReconstructSettings),
         ("Stage 2: the palette network", "recolour", config.RecolourSettings),
-        ("Stage 3: stylization", "stylize", config.StylizeSettings),
+        ("Stage 3: paint that is laid", "stylize", config.StylizeSettings),
+        ("Stage 3: paint that is learned", "stylize", config.MatchSettings),
     ):
+        # A preset lays paint or learns it: its settings are of one class or the other.
+        exact = field == "stylize"
+        names = [n for n, p in config.PRESETS.items() if not exact or type(getattr(p, field)) is cls]
         yield f"## {title}\n"
         yield f"`{cls.__name__}`\n"
         yield f"| setting | | {' | '.join(names)} |\n|---|---|{'---|' * len(names)}"

@@ -1,4 +1,4 @@
-"""A scene of an orange and a blue ball, and a preset with which painting takes only a moment."""
+"""A scene of an orange and a blue ball, and presets with which painting takes only a moment."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from svv.core.cameras import Camera, sphere_cameras
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.train.config import PRESETS
+from svv.train.config import PRESETS, MatchSettings, StylizeSettings
 from svv.train.pipeline import train_scene
 
 DRAFT = PRESETS["draft"]
@@ -17,9 +17,15 @@ SHORT = replace(
     DRAFT,
     reconstruct=replace(DRAFT.reconstruct, iterations=100, rays=1024, samples=8192, cells=32),
     recolour=replace(DRAFT.recolour, iterations=300, rays=1024, samples=8192),
-    stylize=replace(DRAFT.stylize, distil_iterations=50, distil_views=12, distil_rays=1024,
-                    network_rate=0.02, style_iterations=4, style_views=4, style_size=64),
-)  # fmt: skip
+    stylize=StylizeSettings(style_views=12, style_size=64),
+)
+STEPS = MatchSettings(distil_iterations=50, distil_views=12, distil_rays=1024, network_rate=0.02, style_iterations=4,
+                      style_views=4, style_size=64)  # fmt: skip
+MATCHED = replace(
+    SHORT,
+    stylize=STEPS,
+)
+"""The same, painted by matching features as in the paper."""
 
 
 def two_balls(camera: Camera) -> np.ndarray:

@@ -37,6 +37,19 @@ def cube_scene(seed: int = 0) -> Scene:
     return Scene.from_bytes(scene.to_bytes())  # as a file holds it
 
 
+def hash_cube_scene() -> Scene:
+    """The cube with the paper's hash grid."""
+    cube = cube_scene()
+    torch.manual_seed(0)
+    settings = FieldSettings("hash", (4, 16), features=2, levels=3, log2_entries=8, width=16)
+    base = BaseField(settings, cube.occupancy)
+    palette = PaletteField(settings, cube.occupancy, base.geometry_width, torch.rand(3, 3))
+    for network in (base, palette):
+        network.encoding.randomize(1.0, torch.Generator().manual_seed(1))
+    fields = base.requires_grad_(False), palette.requires_grad_(False)
+    return replace(cube, settings=settings, base=fields[0], palette_network=fields[1])
+
+
 def lit_cube_scene() -> Scene:
     """The cube under an explicit light, its normals the gradient of its extinction."""
     cube = cube_scene()

@@ -307,7 +307,7 @@ def test_each_region_has_its_own_strokes(oil: tuple[Scene, dict]) -> None:
 
 
 def test_both_manners_may_meet_in_one_painting(balls: Scene) -> None:
-    scene, report = painted(balls, ("oil", "mosaic"), mapping={0: 0, 1: 1}, features="embedded")
+    scene, report = painted(balls, ("oil", "mosaic"), mapping={0: 0, 1: 1})
     assert report["manner"] == {"0": "strokes", "1": "pieces"}
     assert scene.styled is not None and scene.styled.brushed is not None
     assert list(scene.styled.brushed.regions) == [0] and not scene.styled.brushed.complete

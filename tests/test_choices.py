@@ -28,19 +28,18 @@ from svv.io.viewset import ViewSet
 from svv.styles.textures import style_picture
 from svv.train.beginning import first_occupancy
 from svv.train.config import PRESETS
-from svv.train.distil import paint_pixel
 from svv.train.levels import with_fewest_levels, without_finer
 from svv.train.loop import Loop
 from svv.train.painting import paint_cells
 from svv.train.pipeline import stylize_scene, train_scene
-from svv.train.resolutions import fitted_field
+from svv.train.resolutions import fitted_field, paint_pixel
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(
     DRAFT,
     reconstruct=replace(DRAFT.reconstruct, iterations=120, rays=512, samples=4096, cells=64),
     recolour=replace(DRAFT.recolour, iterations=10, rays=256, samples=2048),
-    stylize=replace(DRAFT.stylize, distil_iterations=4, style_iterations=2, style_views=4, style_size=48),
+    stylize=replace(DRAFT.stylize, style_size=48),
 )
 
 HUES = ((0.9, 0.1, 0.1), (0.9, 0.8, 0.1), (0.1, 0.8, 0.2), (0.1, 0.8, 0.9), (0.1, 0.2, 0.9), (0.9, 0.1, 0.8))

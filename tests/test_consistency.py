@@ -20,7 +20,7 @@ from svv.bench.styles.consistency import consistency, draw_frames, means, measur
 from svv.bench.styles.modes import MODES, Comparison, compare_styles
 from svv.bench.styles.path import METRICS, OrbitPath, Protocol, Warp
 from svv.bench.styles.rival_frames import frame_alone
-from svv.bench.styles.rivals import arf_like, unseeded
+from svv.bench.styles.rivals import arf_like
 from svv.bench.styles.table import averaged, victories
 from svv.cli import app as cli
 from svv.core.cameras import Camera, CameraRig, sphere_cameras
@@ -30,7 +30,7 @@ from svv.fields.scene import Rendering, Scene
 from svv.io.output import to_bytes
 from svv.io.viewset import ViewSet
 from svv.styles.features import load_features
-from svv.train.config import PRESETS, Preset, StylizeSettings
+from svv.train.config import PRESETS, MatchSettings, Preset, StylizeSettings
 from svv.train.pipeline import train_scene
 from svv.train.style_loss import StyleLossSettings, StyleTarget
 from tests.solid_ball import solid_ball
@@ -76,14 +76,14 @@ def views_of(n: int) -> ViewSet:
     return ViewSet(tuple(cameras), images, tuple(f"r_{k:04d}" for k in range(n)))
 
 
-STEPS = StylizeSettings(distil_iterations=16, distil_rays=1024, style_iterations=6, style_views=12, style_size=SIZE)
+STEPS = MatchSettings(distil_iterations=16, distil_rays=1024, style_iterations=6, style_views=12, style_size=SIZE)
 DRAFT = PRESETS["draft"]
 TINY = Preset(
     "draft",
     replace(DRAFT.field, width=32),
     replace(DRAFT.reconstruct, iterations=40, rays=1024, samples=8192, cells=32),
     replace(DRAFT.recolour, iterations=40, rays=1024),
-    STEPS,
+    StylizeSettings(style_views=12, style_size=SIZE),
 )
 
 
@@ -267,7 +267,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
 def compared(folder: Path, tiny: None) -> tuple[Path, list[dict[str, Any]]]:
     out = folder / "modes"
     out.mkdir()
-    how = Comparison(SHORT, preset="draft")
+    how = Comparison(SHORT, preset="draft", schedule=STEPS)
     return out, compare_styles([folder / "balls.svv"], [folder / "stripes.png"], out, how)
 
 
@@ -290,7 +290,9 @@ def test_every_mode_paints_and_is_measured(compared: tuple[Path, list[dict[str, 
 def test_strokes_hold_still_where_frames_alone_do_not(folder: Path, tiny: None, tmp_path: Path) -> None:
     """Of what there is to see, that is: what is calm holds still, too. On a surface, as fog has none to hold them."""
     solid_ball().save(tmp_path / "ball.svv")
-    how = Comparison(Protocol(size=64, every=90, flows=("depth",)), ("ours", "frame-by-frame"), "draft")
+    how = Comparison(
+        Protocol(size=64, every=90, flows=("depth",)), ("pieces", "frame-by-frame"), "draft", schedule=STEPS
+    )
     ours, alone = compare_styles([tmp_path / "ball.svv"], [folder / "stripes.png"], tmp_path / "modes", how)
     assert ours["depth 10 rmse_part"] < 0.6 * alone["depth 10 rmse_part"]
     assert ours["contrast"] > 0.7
@@ -306,13 +308,13 @@ def test_compared_again_nothing_is_trained(
 
     for name in ("stylize_scene", "arf_like", "snerf_like", "frame_alone", "frame_after", "frame_of_statistics"):
         monkeypatch.setattr(style_modes, name, fail)
-    how = Comparison(SHORT, preset="draft")
+    how = Comparison(SHORT, preset="draft", schedule=STEPS)
     assert compare_styles([folder / "balls.svv"], [folder / "stripes.png"], out, how) == rows
 
 
 def test_the_arf_like_mode_says_one_colour_from_every_side(scene: Scene) -> None:
     picture = torch.from_numpy(stripes()).permute(2, 0, 1)
-    target = StyleTarget(load_features("embedded"), picture, unseeded(StyleLossSettings(style_size=SIZE)))
+    target = StyleTarget(load_features("embedded"), picture, StyleLossSettings(style_size=SIZE))
     made, seconds = arf_like(scene, target, STEPS, 0, silent)
     assert all(r.lighting == 0.0 and r.style == "ARF-like" for r in made.regions)
     assert set(seconds) == {"distil", "stylize", "recolour"}
@@ -406,6 +408,7 @@ def test_the_command(
         (["bench", "compare", "{s}", "{s}", "--style", "{p}"], "same name"),
         (["bench", "ablate", "{s}"], "--style"),
         (["bench", "ablate", "{s}", "--only", "lighting"], "needs a style picture"),
+        (["bench", "ablate", "{s}", "--style", "{p}", "--preset", "paper"], "preset other than 'paper'"),
         (["bench", "ablate", "{s}", "--style", "{p}", "--only", "lambda-delta"], "--views"),
         (["bench", "ablate", "{s}", "--style", "{p}", "--only", "luck"], "no ablation 'luck'"),
     ],

@@ -14,18 +14,17 @@ from hypothesis import strategies as st
 from svv.errors import silent
 from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
-from svv.styles.features import PatchFeatures
 from svv.train.contrast import LEAST, MOST, contrasts, match_contrast, stroke_scales, surroundings
-from svv.train.distil import paint_pixel
 from svv.train.painting import painted_field
+from svv.train.pieces import PieceSettings, PieceStyle, piece_style
 from svv.train.pipeline import stylize_scene
-from svv.train.style_loss import PATCH_LOSS, StyleTarget
+from svv.train.resolutions import paint_pixel
 from svv.train.stylize import visible_from
 from tests.balls import SHORT
 from tests.solid_ball import solid_ball
 
 SIZE = 64
-SETTINGS = replace(SHORT.stylize, style_size=SIZE, style_iterations=0)
+SETTINGS = replace(SHORT.stylize, style_size=SIZE)
 BALL, FOG = solid_ball(), solid_ball(0.5)
 
 
@@ -36,8 +35,8 @@ def speckled(deviation: float) -> torch.Tensor:
     return 0.5 + deviation * noise / noise.std()
 
 
-def target(picture: torch.Tensor) -> StyleTarget:
-    return StyleTarget(PatchFeatures(), picture, replace(PATCH_LOSS, style_size=SIZE), 0, None)
+def target(picture: torch.Tensor) -> PieceStyle:
+    return piece_style(picture.permute(1, 2, 0).numpy(), None, PieceSettings(size=SIZE))
 
 
 def waves(scene: Scene, height: float, length: float) -> UnrestrictedField:
@@ -157,10 +156,9 @@ def test_fog_is_painted_with_the_contrast_of_its_style() -> None:
     row, column = np.mgrid[0:96, 0:96]
     wave = 0.5 + 0.4 * np.sin((column + 0.5 * row) * 0.4)
     style = np.stack([wave, 0.6 * wave + 0.2, 1 - wave], axis=-1).astype(np.float32)
-    loss = replace(PATCH_LOSS, style_size=96)
     wanted = contrasts([(torch.from_numpy(style).permute(2, 0, 1), torch.ones(96, 96))])
     assert wanted is not None
     preset = replace(SHORT, stylize=SETTINGS)
-    painted = stylize_scene(FOG, [style], preset, mapping={0: 0}, features="embedded", loss=loss)[0]
+    painted = stylize_scene(FOG, [style], preset, mapping={0: 0}, manner="pieces", pieces=PieceSettings(size=96))[0]
     assert painted.styled is not None
     assert seen(FOG, painted.styled)[0] > 0.7 * wanted[0]

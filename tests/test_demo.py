@@ -195,7 +195,7 @@ SMALL = JobSettings(
     OrbitOptions(orbit=4, orbit_size=64),
     recolour=True,
 )
-PAINT = StylizeSettings(style_iterations=4, style_views=4, style_size=96)
+PAINT = StylizeSettings(style_views=12, style_size=96)
 RESOLUTION = 24
 
 

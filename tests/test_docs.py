@@ -33,7 +33,7 @@ NOT_RUN = {"needs ParaView": 11, "needs a GPU": 1, "takes minutes": 4}
 SHORT = replace(
     PRESETS["draft"], reconstruct=ReconstructSettings(iterations=150, rays=1024, cells=32),
     recolour=replace(PRESETS["draft"].recolour, iterations=100, rays=1024),
-    stylize=StylizeSettings(distil_iterations=20, distil_rays=1024, style_iterations=3, style_views=6, style_size=64),
+    stylize=StylizeSettings(style_views=12, style_size=64),
 )  # fmt: skip
 
 

@@ -18,8 +18,7 @@ from svv.io.output import write_png
 from svv.train.config import PRESETS, StylizeSettings
 
 HOW = Exhibit("draft", 48)
-SHORT = StylizeSettings(distil_iterations=60, distil_views=4, distil_rays=1024, network_rate=0.02, style_iterations=3,
-                        style_views=3, style_size=48)  # fmt: skip
+SHORT = StylizeSettings(style_views=12, style_size=48)
 
 
 @pytest.fixture(autouse=True)

@@ -1,4 +1,4 @@
-"""Scenes drawn in ink: without matching, combined with pictures, in files, with edits, and on the command line."""
+"""Scenes drawn in ink: without features, combined with pictures, in files, with edits, and on the command line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from svv.errors import BadInput, Cancelled
 from svv.fields.paint_light import lights_of
 from svv.fields.scene import Scene
 from svv.options.editing import PAINT_LIGHT
-from svv.train import pipeline
 from svv.train.config import PRESETS
 from svv.train.ink import PAPER, Ink, ink_colour
 from svv.train.pipeline import stylize_scene
@@ -29,7 +28,7 @@ RED = np.full((48, 48, 3), (0.85, 0.2, 0.1), np.float32)
 
 
 def draw(scene: Scene, styles: list, **options) -> tuple[Scene, dict]:
-    return stylize_scene(scene, styles, SHORT, **{"features": "embedded", "loss": SMALL, **options})
+    return stylize_scene(scene, styles, SHORT, **{"manner": "pieces", "pieces": SMALL, **options})
 
 
 def colours(scene: Scene, region: int) -> np.ndarray:
@@ -42,16 +41,14 @@ def colours(scene: Scene, region: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def drawn(balls: Scene) -> tuple[Scene, dict]:
-    with pytest.MonkeyPatch.context() as patch:  # ink needs no features, be they here or not
-        patch.delattr(pipeline, "load_features")
-        return draw(balls, [HATCHED, DOTTED])
+    return draw(balls, [HATCHED, DOTTED])
 
 
 def test_a_scene_in_ink_is_paper_and_the_inks_of_its_regions(drawn: tuple[Scene, dict]) -> None:
     scene, report = drawn
     assert [r.style for r in scene.regions] == ["ink:hatching", "ink:stippling"]
     assert report["styles"] == {"0": "ink:hatching", "1": "ink:stippling"}
-    assert report["features"] == "none" and report["seconds"]["stylize"] == 0.0
+    assert report["features"] == "none" and set(report["seconds"]) == {"paint", "total"}
     for k, region in enumerate(scene.regions):
         found, ink = colours(scene, k), ink_colour(region.colour)
         share = ((found - PAPER) @ (ink - PAPER)) / ((ink - PAPER) @ (ink - PAPER))
@@ -60,10 +57,12 @@ def test_a_scene_in_ink_is_paper_and_the_inks_of_its_regions(drawn: tuple[Scene,
         assert (share < 0.2).mean() > 0.2 and (share > 0.8).mean() > 0.05
 
 
-def test_ink_and_pictures_go_together_and_ink_is_not_matched(balls: Scene, drawn: tuple[Scene, dict]) -> None:
+def test_ink_and_pictures_go_together(balls: Scene, drawn: tuple[Scene, dict]) -> None:
     scene, report = draw(balls, [HATCHED, RED], mapping={0: 0, 1: 1})
-    assert [r.style for r in scene.regions] == ["ink:hatching", "style 1"] and report["features"] != "none"
-    # Only at the border of a region does the other's matching reach its vertices.
+    assert [r.style for r in scene.regions] == ["ink:hatching", "style 1"] and report["manner"] == {
+        "0": "ink",
+        "1": "pieces",
+    }
     assert np.abs(colours(scene, 0) - colours(drawn[0], 0)).mean() < 0.01
     assert np.abs(colours(scene, 1).mean(0) - RED[0, 0]).max() < 0.15
     assert [r.paint_light for r in scene.regions] == [0.0, PAINT_LIGHT]
@@ -81,7 +80,7 @@ def test_a_checkpoint_and_a_preview_know_ink(balls: Scene, drawn: tuple[Scene, d
     first = draw(balls, [HATCHED, DOTTED], checkpoint=tmp_path / "c", preview=shown.append)[0]
     assert len(shown) >= 3 and [r.style for r in shown[0].regions] == ["ink:hatching", "ink:stippling"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("svv.train.start.painted_start", None)
+        patch.setattr("svv.train.laying.painted_start", None)
         again = draw(balls, [HATCHED, DOTTED], checkpoint=tmp_path / "c")[0]
         with pytest.raises(TypeError):  # another ink is another painting
             draw(balls, [DOTTED, DOTTED], checkpoint=tmp_path / "c")
@@ -164,7 +163,7 @@ def test_the_command_draws_and_the_file_says_how(svv: Callable[..., object]) -> 
     [
         (("--style", "ink:scribble"), "There is no 'ink:scribble'; choose one of ink:stippling"),
         (("--style", "ink:hatching", "--style-mask", "0=m.png"), "leave out its mask"),
-        (("--style", "ink:hatching", "--preset", "paper"), "Ink needs paint on a lattice"),
+        (("--style", "ink:hatching", "--preset", "paper"), "Ink is drawn, not matched"),
         (("--style", "ink:hatching", "--stroke-size", "9"), "stroke size must lie between"),
     ],
 )

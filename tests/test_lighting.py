@@ -28,7 +28,7 @@ SHORT = replace(
     DRAFT,
     reconstruct=replace(DRAFT.reconstruct, iterations=300, rays=1024, samples=8192),
     recolour=replace(DRAFT.recolour, iterations=60, rays=1024, samples=8192),
-    stylize=replace(DRAFT.stylize, distil_iterations=20, style_iterations=4, style_views=4, style_size=64),
+    stylize=replace(DRAFT.stylize, style_size=64),
 )
 
 

@@ -11,7 +11,6 @@ from svv.core.nnfm import (
     cell_weights,
     colour_statistics,
     colour_transfer,
-    energy_loss,
     luminance,
     nearest,
     nnfm_loss,
@@ -64,47 +63,12 @@ def test_the_loss_sees_directions_only_and_vanishes_on_the_style_itself() -> Non
     torch.testing.assert_close(nnfm_loss(picked * scale, style).item(), 0.0, **EXACT)
 
 
-@settings(deadline=None, max_examples=25)
-@given(st.integers(1, 30), st.integers(1, 30), st.floats(0.01, 1), st.integers(1, 50), st.integers(0, 999))
-def test_balanced_matching_is_brute_force(n: int, m: int, balance: float, chunk: int, seed: int) -> None:
-    features, style = vectors(n, 4, seed), vectors(m, 4, seed + 1)
-    distance = 1 - torch.cosine_similarity(features[:, None], style[None], dim=2)
-    found = nearest(features, style, balance, chunk)
-    cost = distance / (balance + distance.min(0).values)
-    torch.testing.assert_close(cost.gather(1, found[:, None])[:, 0], cost.min(1).values, rtol=1e-7, atol=1e-12)
-
-
-def test_balance_leaves_exact_matches_and_spreads_the_rest() -> None:
-    style = torch.eye(6, dtype=torch.float64)
-    assert nearest(style, style, 0.01).tolist() == list(range(6))
-    # Most of a smooth render is nearest to the one smooth place of the style; balanced, it takes more of the rest.
-    smooth = torch.tensor([1.0, 0.5, 0.5, 0.5, 0.5, 0.5], dtype=torch.float64) + 0.3 * vectors(200, 6, 0).abs()
-    plain, balanced = (nearest(smooth, style, balance).bincount(minlength=6).max() for balance in (None, 0.02))
-    assert balanced < 0.7 * plain
-    assert nearest(smooth, style, 1e6).tolist() == nearest(smooth, style).tolist()
-
-
 def test_nothing_in_the_foreground_is_a_loss_of_zero_that_can_be_differentiated() -> None:
     features = vectors(4, 3, 6).requires_grad_()
     style, none = vectors(5, 3, 7), torch.zeros(4, dtype=torch.float64)
     for loss in (nnfm_loss(features, style, none), nnfm_loss(features[:0], style)):
         assert loss.item() == 0
         loss.backward()
-
-
-def test_energy_is_nought_for_equal_spectra_and_one_for_a_blur() -> None:
-    style = vectors(300, 7, 12) * torch.arange(1, 8, dtype=torch.float64)
-    assert energy_loss(-style.flip(0), style).item() == pytest.approx(0, abs=1e-12)  # strengths only, no directions
-    assert energy_loss(style * 0, style).item() == pytest.approx(1, abs=1e-6)
-    assert energy_loss(style * 2, style).item() == pytest.approx(1)
-    weights = torch.ones(600, dtype=torch.float64)
-    weights[300:] = 0
-    assert energy_loss(torch.cat([style, 9 * style]), style, weights).item() == pytest.approx(0, abs=1e-12)
-    half = (style[:9] / 2).requires_grad_()
-    assert torch.autograd.gradcheck(lambda x: energy_loss(x, style), (half,))
-    blank = energy_loss(style, 0 * style, floor=2.0)  # no detail is not the measure of any
-    assert blank.item() == pytest.approx(style.square().mean(0).sum().item() / 2)
-    assert energy_loss(2 * style, style, floor=1e-3).item() == pytest.approx(1)
 
 
 def test_cells_weigh_their_share_of_foreground() -> None:

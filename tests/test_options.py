@@ -141,10 +141,10 @@ def test_what_does_not_change_the_result_is_no_part_of_its_key() -> None:
 
 def test_single_settings_are_changed() -> None:
     fast = config.preset("fast")
-    found = config.changed(fast, ["reconstruct.iterations=7", "recolour.palette_rate=1e-3", "stylize.direct=false"])
-    assert (found.reconstruct.iterations, found.recolour.palette_rate, found.stylize.direct) == (7, 1e-3, False)
-    assert replace(found, reconstruct=fast.reconstruct, recolour=fast.recolour, stylize=fast.stylize) == fast
-    assert config.changed(fast, ["stylize.pixels_a_cell=none"]).stylize.pixels_a_cell is None
+    found = config.changed(fast, ["reconstruct.iterations=7", "recolour.palette_rate=1e-3", "field.shading=false"])
+    assert (found.reconstruct.iterations, found.recolour.palette_rate, found.field.shading) == (7, 1e-3, False)
+    assert replace(found, reconstruct=fast.reconstruct, recolour=fast.recolour, field=fast.field) == fast
+    assert config.changed(config.preset("paper"), ["stylize.pixels_a_cell=none"]).stylize.pixels_a_cell is None  # type: ignore[attr-defined]
     assert config.changed(fast, ["field.resolutions=16 32"]).field.resolutions == (16, 32)
     assert config.settings_of(making.TrainOptions("fast", change=("reconstruct.rays=64",))).reconstruct.rays == 64
 
@@ -158,7 +158,7 @@ def test_single_settings_are_changed() -> None:
         ("reconstruct.iterations=many", "reconstruct.iterations needs a whole number of at least 0, not 'many'"),
         ("reconstruct.iterations=-1", "at least 0"),
         ("recolour.decay=nan", "a number of at least 0"),
-        ("stylize.direct=maybe", "true or false"),
+        ("field.shading=maybe", "true or false"),
         ("field.resolutions=a b", "whole numbers with spaces"),
     ],
 )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -16,12 +14,11 @@ from svv.fields.encodings import SparseLattice
 from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
 from svv.kernels.numba_quilting import mirrored, misfits, places
-from svv.styles.features import PatchFeatures
-from svv.train.distil import paint_pixel
 from svv.train.form import Form, form_of_opacity, tangents
 from svv.train.painting import MOST_CELLS, MOST_VERTICES, Start, paint_cells, painted_start
+from svv.train.pieces import PieceSettings, PieceStyle, piece_style
 from svv.train.quilt import Guides, Manner, Quilt, spread
-from svv.train.style_loss import PATCH_LOSS, StyleTarget
+from svv.train.resolutions import paint_pixel
 from svv.train.stylize import stylization_cameras, visible_from
 from tests.balls import SHORT
 
@@ -238,17 +235,16 @@ def test_cells_of_paint_are_pixels_as_far_as_the_limits_go(seed: int, filled: fl
 
 
 @pytest.fixture(scope="module")
-def target() -> StyleTarget:
-    picture = torch.from_numpy(lines()).permute(2, 0, 1)
-    return StyleTarget(PatchFeatures(), picture, replace(PATCH_LOSS, style_size=120))
+def target() -> PieceStyle:
+    return piece_style(lines(), None, PieceSettings(size=120))
 
 
-def started(scene: Scene, targets: dict[int, StyleTarget], seed: int = 0, before=None):  # type: ignore[no-untyped-def]
+def started(scene: Scene, targets: dict[int, PieceStyle], seed: int = 0, before=None):  # type: ignore[no-untyped-def]
     assert scene.palette_network is not None
     views = visible_from(scene, stylization_cameras(scene, SHORT.stylize), silent)
     colours = scene.palette_network.colours.detach().clone()
     for region, wanted in targets.items():
-        colours[region] = wanted.statistics[0]
+        colours[region] = wanted.mean
     pixel = paint_pixel(scene, SHORT.stylize)
     return views, painted_start(scene, Start(colours, targets, before=before), pixel, seed, silent)
 
@@ -260,10 +256,9 @@ def seen(field, views, region: int) -> np.ndarray:  # type: ignore[no-untyped-de
         return field(views[0].position[own]).numpy()
 
 
-def test_the_start_is_painted_and_what_has_no_style_is_the_palette_s(balls: Scene, target: StyleTarget) -> None:
-    """Without it regions are of one colour, and the matching has nothing to go on from: worth all of the detail."""
+def test_what_has_a_style_is_painted_and_what_has_none_is_the_palette_s(balls: Scene, target: PieceStyle) -> None:
     views, field = started(balls, {0: target})
-    flat = started(balls, {0: StyleTarget(PatchFeatures(), target.picture, replace(target.settings, seeded=False))})[1]
+    flat = started(balls, {1: target})[1]
     deviation = target.picture.flatten(1).T.numpy().std(0).mean()
     assert seen(field, views, 0).std(0).mean() > 0.7 * deviation
     assert seen(flat, views, 0).std(0).mean() < 0.3 * deviation
@@ -276,7 +271,7 @@ def test_the_start_is_painted_and_what_has_no_style_is_the_palette_s(balls: Scen
     assert field.encoding.table.min() >= 0 and field.encoding.table.max() <= 1
 
 
-def test_a_painting_that_goes_on_keeps_what_was_painted(balls: Scene, target: StyleTarget) -> None:
+def test_a_painting_that_goes_on_keeps_what_was_painted(balls: Scene, target: PieceStyle) -> None:
     views, first = started(balls, {0: target})
     painted = balls.painted(first.requires_grad_(False), {0: "lines"}, {})
     both = started(painted, {1: target}, before=first)[1]

@@ -322,7 +322,7 @@ def test_damaged_parts_are_one_sentence(split: Scene, damage: Callable[[dict, di
 
 
 def test_a_part_is_painted_alone(two: Scene, split: Scene) -> None:
-    painted, report = stylize_scene(split, [Ink("hatching")], SHORT, features="embedded", mapping={2: 0})
+    painted, report = stylize_scene(split, [Ink("hatching")], SHORT, mapping={2: 0})
     assert [r.style for r in painted.regions] == [None, None, "ink:hatching"] and list(report["styles"]) == ["2"]
     plain, inked = two.render(from_front()).rgba, painted.render(from_front()).rgba
     np.testing.assert_allclose(inked[:, 32:], plain[:, 32:], atol=ROUNDOFF)

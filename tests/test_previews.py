@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +15,13 @@ from svv.errors import BadInput
 from svv.fields.scene import Scene
 from svv.render.frames import SHOWN_SIZE, orbit, previews_in
 from svv.train import previews
+from svv.train.config import MatchSettings, Preset
 from svv.train.pipeline import stylize_scene
-from svv.train.style_loss import PATCH_LOSS
-from tests.balls import SHORT
+from tests.balls import MATCHED, SHORT
 from tests.cube import cube_paint, cube_scene
 
 CUBE = cube_scene()
 PAINT = cube_paint(CUBE, 1)
-FLAT = replace(PATCH_LOSS, style_size=48, seeded=False)
-"""Begins with one colour a region, so that there is something to be seen coming."""
 
 
 @given(step=st.floats(0.01, 3.0), cost=st.floats(0.0, 2.0))
@@ -48,12 +45,20 @@ def test_they_come_early_and_then_take_a_hundredth_of_the_time(step: float, cost
     assert waits.max() <= max(previews.EVERY, 100.0 * cost) + step + 1e-6
 
 
-def painted(scene: Scene, **options) -> tuple[Scene, dict]:
+def painted(scene: Scene, preset: Preset, **options) -> tuple[Scene, dict]:
     style = np.random.default_rng(0).random((48, 48, 3)).astype(np.float32)
-    return stylize_scene(scene, [style], SHORT, features="embedded", loss=FLAT, **options)
+    return stylize_scene(scene, [style], preset, **options)
 
 
-def test_they_show_the_painting_come_and_leave_it_as_it_is(balls: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("preset", "options"),
+    [(SHORT, {"manner": "pieces"}), (SHORT, {"manner": "strokes"}), (MATCHED, {"features": "embedded"})],
+    ids=["pieces", "strokes", "matched"],
+)
+def test_they_show_the_painting_come_and_leave_it_as_it_is(
+    balls: Scene, monkeypatch: pytest.MonkeyPatch, preset: Preset, options: dict[str, str]
+) -> None:
+    """Laid paint after each region, or all that are in strokes at once; learned paint after every step."""
     for name in ("FIRST", "EVERY"):
         monkeypatch.setattr(previews, name, 0.0)
     monkeypatch.setattr(previews, "SHARE", 1e9)
@@ -62,20 +67,22 @@ def test_they_show_the_painting_come_and_leave_it_as_it_is(balls: Scene, monkeyp
     def show(scene: Scene) -> None:
         seen.append((scene, scene.render(camera).rgba))
 
-    plain, report = painted(balls)
+    plain, report = painted(balls, preset, **options)
     assert report["previews"] == []
-    watched, report = painted(balls, preview=show)
-    steps = SHORT.stylize.style_iterations
-    assert len(report["previews"]) == steps + 1 and report["previews"] == sorted(report["previews"])
-    assert len(seen) == steps + 2 and seen[-1][0].styled is watched.styled
+    watched, report = painted(balls, preset, preview=show, **options)
+    how = preset.stylize
+    steps = how.distil_iterations + how.style_iterations if isinstance(how, MatchSettings) else 0
+    laid = {"pieces": 1 + len(balls.regions), "strokes": 2}.get(options.get("manner", ""), steps)
+    assert len(report["previews"]) == laid and report["previews"] == sorted(report["previews"])
+    assert len(seen) == laid + 1 and seen[-1][0].styled is watched.styled
     assert plain.styled is not None and watched.styled is not None
     for name, value in plain.styled.state_dict().items():
         assert torch.equal(value, watched.styled.state_dict()[name]), name
     # Each is a copy: the training that went on has not changed it. And each comes nearer to the result.
-    for scene, rgba in seen[:: max(1, steps // 6)]:
+    for scene, rgba in seen[:: max(1, laid // 6)]:
         np.testing.assert_array_equal(scene.render(camera).rgba, rgba)
     away = [float(np.abs(rgba - seen[-1][1]).mean()) for _, rgba in seen]
-    assert away[0] > 1.5 * away[steps // 2] and away[-1] == 0.0
+    assert away[0] > 1.5 * away[-2] and away[-1] == 0.0
 
 
 def test_a_file_holds_the_last_of_them(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import nn
 
-from svv.bench.styles.judge_features import untrained, with_style_colours
 from svv.bench.styles.rival_frames import (
     LEAST_VARIANCE,
     Before,
@@ -20,17 +19,18 @@ from svv.bench.styles.rival_frames import (
     frame_alone,
     frame_of_statistics,
     statistics_of,
+    with_style_colours,
 )
-from svv.bench.styles.rivals import unseeded
 from svv.core.cameras import sphere_cameras
 from svv.core.flow import camera_flow, is_consistent, splatted
 from svv.styles.features import PatchFeatures
 from svv.train.style_loss import StyleLossSettings, StyleTarget
+from tests.untrained import untrained
 
 SIZE, STEPS = 64, 12
 CAMERAS = sphere_cameras(300, (0.0, 0.0, 0.0), 4.0, np.radians(25), SIZE)
 NETWORK = untrained()
-LOSS = unseeded(StyleLossSettings(style_size=SIZE))
+LOSS = StyleLossSettings(style_size=SIZE)
 
 
 def ball(number: int) -> tuple[np.ndarray, np.ndarray]:

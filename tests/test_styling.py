@@ -1,4 +1,4 @@
-"""Styles in a scene: masks limit what is learned, strokes scale, and training continues from an existing painting."""
+"""Styles in a scene: masks limit what is learned, strokes scale, and painting goes on from an existing painting."""
 
 from __future__ import annotations
 
@@ -6,28 +6,38 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from safetensors.torch import save_file
 
 from svv.core.nnfm import luminance
 from svv.errors import BadInput, Cancelled
 from svv.fields.networks import FieldSettings
 from svv.fields.scene import Scene
+from svv.options.making import MannerName, PaintOptions
+from svv.styles import weights
 from svv.styles.features import load_features
+from svv.train import config, pipeline
+from svv.train.config import Preset
 from svv.train.ink import StyleInput
+from svv.train.pieces import PieceSettings, PieceStyle, piece_style
 from svv.train.pipeline import stylize_scene
 from svv.train.resolutions import paint_resolutions
-from svv.train.style_loss import PATCH_LOSS, StyleLossSettings, StyleTarget
-from svv.train.stylize import StyledView, spread_along_rays, stylization_cameras, visible_from
-from tests.balls import SHORT
-from tests.untrained import vgg16_state
+from svv.train.style_loss import StyleLossSettings, StyleTarget
+from svv.train.stylize import stylization_cameras, visible_from
+from tests.balls import MATCHED, SHORT
+from tests.cube import hash_cube_scene
 
-SMALL = replace(PATCH_LOSS, style_size=96)
+SMALL = PieceSettings(size=96)
+MANNERS: tuple[MannerName, ...] = ("strokes", "pieces")
+PRESETS = [(SHORT, {"manner": "pieces", "pieces": SMALL}), (MATCHED, {"features": "embedded"})]
+"""Both ways to paint: paint is laid, or learned as in the paper."""
+STAGES = [("laying strokes", "contrast"), ("distillation", "stylization")]
+"""Labels of the parts of each: what a checkpoint keeps, and what comes after it."""
 RED, GREEN = np.array([0.85, 0.2, 0.1]), np.array([0.1, 0.7, 0.25])
 SIZE = 96
 
@@ -50,7 +60,7 @@ LEFT = np.arange(SIZE)[None].repeat(SIZE, 0) < SIZE // 2
 
 
 def style(scene: Scene, styles: list[np.ndarray | StyleInput], **options) -> tuple[Scene, dict]:
-    return stylize_scene(scene, styles, SHORT, **{"features": "embedded", "loss": SMALL, **options})
+    return stylize_scene(scene, styles, SHORT, **{"manner": "pieces", "pieces": SMALL, **options})
 
 
 def shown(scene: Scene, region: int) -> np.ndarray:
@@ -82,11 +92,15 @@ def test_a_cell_of_paint_is_no_coarser_than_asked(cell: float, coarsest: int, mo
 # --- what a mask does to a target ------------------------------------------------------------------------------------
 
 
-def target(picture: np.ndarray, mask: np.ndarray | None, **options) -> StyleTarget:
+def target(picture: np.ndarray, mask: np.ndarray | None) -> StyleTarget:
     network = load_features("embedded")
     tensor = torch.from_numpy(picture).permute(2, 0, 1)
-    chosen = replace(SMALL, style_size=max(picture.shape[:2]), **options)
+    chosen = StyleLossSettings(style_size=max(picture.shape[:2]))
     return StyleTarget(network, tensor, chosen, 0, None if mask is None else torch.from_numpy(mask))
+
+
+def pieces_of(picture: np.ndarray, mask: np.ndarray | None) -> PieceStyle:
+    return piece_style(picture, mask, PieceSettings(size=max(picture.shape[:2])))
 
 
 def test_only_masked_patches_and_colours_teach(picture: np.ndarray) -> None:
@@ -96,26 +110,34 @@ def test_only_masked_patches_and_colours_teach(picture: np.ndarray) -> None:
     torch.testing.assert_close(masked.statistics[1], alone.statistics[1], atol=2e-3, rtol=0)
     assert masked.background == pytest.approx(float(luminance(masked.statistics[0])))
     assert masked.background == pytest.approx(alone.background, abs=2e-3)
-    (mean, vectors), (mean_alone, _) = masked._scales[0], alone._scales[0]
     # The cells of the left half but for the rim: patches whose centre lies in the mask.
-    assert len(vectors) == (SIZE // 4 - 2) * (SIZE // 8 - 1)
-    assert (mean - mean_alone).norm() < 0.15 * mean.norm()  # patches at the mask's rim look a little over it
+    assert len(masked.vectors) == (SIZE // 4 - 2) * (SIZE // 8 - 1)
+    away = (masked.mean - alone.mean).norm()
+    assert away < 0.15 * masked.mean.norm()  # patches at the mask's rim look a little over it
+
+
+def test_pieces_are_cut_from_the_masked_part_alone(picture: np.ndarray) -> None:
+    masked, alone = pieces_of(picture, LEFT), pieces_of(picture[:, : SIZE // 2], None)
+    torch.testing.assert_close(masked.mean, alone.mean, atol=2e-3, rtol=0)
     assert masked.picture[1].max() < 0.35  # the solid texture has nothing of the green
+    np.testing.assert_array_equal(masked.inside, LEFT)
 
 
 def test_a_mask_of_everything_is_none(picture: np.ndarray) -> None:
     whole, none = target(picture, np.ones((SIZE, SIZE), bool)), target(picture, None)
     torch.testing.assert_close(whole.statistics, none.statistics)
-    torch.testing.assert_close(whole._scales[0][1], none._scales[0][1])
-    torch.testing.assert_close(whole.picture, none.picture)
+    torch.testing.assert_close(whole.vectors, none.vectors)
+    every, plain = pieces_of(picture, np.ones((SIZE, SIZE), bool)), pieces_of(picture, None)
+    torch.testing.assert_close(every.picture, plain.picture)
+    torch.testing.assert_close(every.mean, plain.mean)
 
 
-@pytest.mark.parametrize("octaves", [1, 3])
-def test_barely_masked_styles_still_teach(picture: np.ndarray, octaves: int) -> None:
+def test_barely_masked_styles_still_teach(picture: np.ndarray) -> None:
     mask = np.zeros((SIZE, SIZE), bool)
     mask[40, 20:23] = True
-    made = target(picture, mask, octaves=octaves)
-    assert all(len(vectors) >= 1 and bool(torch.isfinite(vectors).all()) for _, vectors in made._scales)
+    made = target(picture, mask)
+    assert len(made.vectors) >= 1 and bool(torch.isfinite(made.vectors).all())
+    np.testing.assert_allclose(pieces_of(picture, mask).mean, picture[mask].mean(0), atol=0.05)
     np.testing.assert_allclose(made.statistics[0], picture[mask].mean(0), atol=0.05)
     render = torch.rand(3, 64, 64, requires_grad=True)
     made.loss(render, torch.ones(64, 64)).backward()
@@ -132,6 +154,7 @@ def test_flat_dark_grey_and_tiny_styles_teach_their_colour(colours: np.ndarray) 
     loss.backward()
     assert 0 <= loss.item() < 1000 and render.grad is not None
     np.testing.assert_allclose(made.statistics[0], colours.mean((0, 1)), atol=1e-3)
+    np.testing.assert_allclose(pieces_of(colours, None).mean, colours.mean((0, 1)), atol=1e-3)
 
 
 # --- scenes ----------------------------------------------------------------------------------------------------------
@@ -150,18 +173,14 @@ def test_one_picture_is_two_styles_and_one_goes_on(scene: Scene, picture: np.nda
     assert [(r.style, r.strength) for r in first.regions[:2]] == [("left", 0.8), ("right", 0.8)]
     red, green = shown(first, 0), shown(first, 1)
     assert red[0] > red[1] + 0.2 and green[1] > green[0] + 0.2
-    # A refined mask for region 0: nothing is painted anew, and region 1 keeps what it has.
-    steps: list[str] = []
-    again, report = style(
-        first, [StyleInput(picture, "refined", ~LEFT)], mapping={0: 0}, go_on=True,
-        progress=lambda fraction, label: steps.append(label),
-    )  # fmt: skip
-    assert report["continued"] == [0] and "laying strokes" not in steps
-    assert [r.style for r in again.regions[:2]] == ["refined", "right"]
+    # Another mask for region 0: it is painted anew, and region 1 keeps what it has.
+    again, report = style(first, [StyleInput(picture, "other", ~LEFT)], mapping={0: 0}, go_on=True)
+    assert report["continued"] == []
+    assert [r.style for r in again.regions[:2]] == ["other", "right"]
     assert again.styled is not first.styled
     moved = shown(again, 0)
-    assert np.linalg.norm(moved - GREEN) < np.linalg.norm(red - GREEN)
-    np.testing.assert_allclose(shown(again, 1), green, atol=0.1)
+    assert np.linalg.norm(moved - GREEN) < 0.3 * np.linalg.norm(red - GREEN)
+    np.testing.assert_allclose(shown(again, 1), green, atol=0.02)
     np.testing.assert_allclose(shown(first, 0), red)  # the scene given is as it was
     # Anew, without going on, region 1 is the palette's again.
     anew, _ = style(first, [picture], mapping={0: 0})
@@ -178,23 +197,15 @@ def test_a_new_region_joins_those_that_are_styled(scene: Scene, picture: np.ndar
     assert new[1] > new[0] + 0.15
 
 
-@pytest.fixture(scope="module")
-def network(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A file of weights with which paint is matched."""
-    torch.manual_seed(0)
-    file = tmp_path_factory.mktemp("weights") / "untrained.safetensors"
-    save_file(vgg16_state(), file)
-    return str(file)
-
-
+@pytest.mark.parametrize(("preset", "options"), PRESETS, ids=["laid", "matched"])
 def test_stopped_work_goes_on_only_with_the_same_masks(
-    scene: Scene, picture: np.ndarray, network: str, tmp_path: Path
+    scene: Scene, picture: np.ndarray, tmp_path: Path, preset: Preset, options: dict[str, Any]
 ) -> None:
-    path = tmp_path / "x.checkpoint"
-    matched = {"features": network, "loss": replace(StyleLossSettings(), style_size=96), "checkpoint": path}
+    first, then = STAGES[preset is MATCHED]
+    saved = {**options, "checkpoint": tmp_path / "x.checkpoint"}
 
     def stop(fraction: float, label: str) -> None:
-        if label == "stylization":
+        if label == then:
             raise Cancelled
 
     labels: list[str] = []
@@ -203,62 +214,101 @@ def test_stopped_work_goes_on_only_with_the_same_masks(
         labels.append(label)
 
     with pytest.raises(Cancelled):
-        style(scene, [StyleInput(picture, mask=LEFT)], **matched, progress=stop)
-    style(scene, [StyleInput(picture, mask=LEFT)], **matched, progress=note)
-    assert "laying strokes" not in labels
+        stylize_scene(scene, [StyleInput(picture, mask=LEFT)], preset, **saved, progress=stop)
+    stylize_scene(scene, [StyleInput(picture, mask=LEFT)], preset, **saved, progress=note)
+    assert first not in labels and then in labels
     with pytest.raises(Cancelled):
-        style(scene, [StyleInput(picture, mask=LEFT)], **matched, progress=stop, seed=1)
-    style(scene, [StyleInput(picture, mask=~LEFT)], **matched, progress=note, seed=1)
-    assert "laying strokes" in labels
+        stylize_scene(scene, [StyleInput(picture, mask=LEFT)], preset, **saved, progress=stop, seed=1)
+    stylize_scene(scene, [StyleInput(picture, mask=~LEFT)], preset, **saved, progress=note, seed=1)
+    assert first in labels
 
 
 @pytest.mark.parametrize("other", [lambda p: p[:, ::-1], lambda p: np.roll(p, 7, 1)], ids=["mirrored", "moved"])
 def test_another_picture_of_the_same_pixels_does_not_go_on(
-    scene: Scene, picture: np.ndarray, network: str, tmp_path: Path, other: Callable[[np.ndarray], np.ndarray]
+    scene: Scene, picture: np.ndarray, tmp_path: Path, other: Callable[[np.ndarray], np.ndarray]
 ) -> None:
     """A mirror image has the same sum, mean and histogram."""
-    matched = {"features": network, "loss": replace(StyleLossSettings(), style_size=96), "checkpoint": tmp_path / "c"}
     labels: list[str] = []
 
     def stop(fraction: float, label: str) -> None:
-        if label == "stylization":
+        if label == "contrast":
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        style(scene, [picture], **matched, progress=stop)
-    style(scene, [other(picture)], **matched, progress=lambda fraction, label: labels.append(label))
+        style(scene, [picture], checkpoint=tmp_path / "c", progress=stop)
+    style(scene, [other(picture)], checkpoint=tmp_path / "c", progress=lambda fraction, label: labels.append(label))
     assert "laying strokes" in labels
 
 
-def test_spread_along_rays_is_the_variance_in_the_pixels() -> None:
-    """0 where each pixel sees one colour; otherwise value and gradient are those of the weighted variance."""
-    generator = torch.Generator().manual_seed(0)
-    pixel, weight = torch.tensor([0, 0, 0, 3, 3, 5]), torch.rand(6, generator=generator) + 0.1
-    view = StyledView(torch.zeros(6, 3), weight, pixel, torch.zeros(6, dtype=torch.long), 2, 3)
-    own = torch.arange(6)
-    colour = torch.rand(6, 3, generator=generator)
-    assert float(spread_along_rays(view, own, colour[pixel])) == pytest.approx(0, abs=1e-9)
+@pytest.mark.parametrize(("preset", "manner"), [("draft", "strokes"), ("fast", "pieces"), ("balanced", "pieces")])
+def test_nothing_is_matched_and_no_weights_are_looked_for(
+    scene: Scene, picture: np.ndarray, monkeypatch: pytest.MonkeyPatch, preset: str, manner: MannerName
+) -> None:
+    for name in ("load_features", "Matching"):
+        monkeypatch.delattr(pipeline, name)
+    for name in ("load", "first_use", "get"):
+        monkeypatch.delattr(weights, name)
+    short = replace(config.PRESETS[preset], stylize=SHORT.stylize)
+    painted, report = stylize_scene(scene, [picture], short, manner=manner)
+    assert painted.styled is not None and painted.styled.direct
+    assert report["features"] == "none" and set(report["manner"].values()) == {manner}
+    assert not any("weights" in note or "svv features" in note for note in report["notes"])
 
-    colour.requires_grad_()
-    spread = spread_along_rays(view, own, colour)
-    variance = torch.zeros(())
-    for number in pixel.unique():
-        c, w = colour[pixel == number], weight[pixel == number][:, None]
-        variance = variance + (w * (c - (w * c).sum(0) / w.sum()).square()).sum() / weight.sum()
-    assert spread.item() == pytest.approx(variance.item())
-    pair = [torch.autograd.grad(value, colour, retain_graph=True)[0] for value in (spread, variance)]
-    torch.testing.assert_close(*pair)
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"preset": "balanced", "features": "vgg16"}, "leave out --features, or paint with --preset paper"),
+        ({"preset": "draft", "features": "embedded"}, "matches no features"),
+        ({"preset": "paper", "manner": "strokes"}, "leave out --manner"),
+        ({"preset": "paper", "manner": "pieces"}, "leave out --manner"),
+        ({"preset": "fast", "change": ("stylize.style_iterations=9",)}, "no setting 'stylize.style_iterations'"),
+    ],
+)
+def test_options_without_an_effect_are_refused(
+    scene: Scene, picture: np.ndarray, options: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(BadInput, match=words):
+        stylize_scene(scene, [picture], PaintOptions(**options))
+
+
+def test_a_scene_of_the_paper_s_hash_grid_is_painted_and_kept_too(picture: np.ndarray) -> None:
+    cube = hash_cube_scene()
+    assert cube.camera_rig is not None
+    camera = cube.rig.sphere(3, 32)[0]
+    for manner in MANNERS:
+        painted, _ = stylize_scene(
+            cube, [picture], SHORT, manner=manner, variant=manner, mapping={0: 0}, stroke_size=2.0
+        )
+        assert painted.styled is not None and painted.styled.direct
+        again = Scene.from_bytes(painted.to_bytes())
+        np.testing.assert_allclose(again.render(camera).rgba, painted.render(camera).rgba, atol=0.02)
+        assert np.abs(again.render(camera).rgba - cube.render(camera).rgba).mean() > 0.005
+
+
+def test_the_paper_s_way_goes_on_from_laid_paint(scene: Scene, picture: np.ndarray) -> None:
+    """It has no network to start from, so one is distilled; the region that is not named keeps its colours."""
+    first, _ = style(scene, [picture])
+    again, report = stylize_scene(
+        first, [StyleInput(picture, mask=~LEFT)], MATCHED, features="embedded", mapping={0: 0}, go_on=True
+    )
+    assert again.styled is not None and not again.styled.direct
+    assert report["continued"] == [0] and report["manner"] == {"0": "matched"} and report["seconds"]["distil"] > 0
+    assert np.abs(shown(again, 1) - shown(first, 1)).max() < 0.25
+    refined, report = stylize_scene(again, [picture], MATCHED, features="embedded", mapping={0: 0}, go_on=True)
+    assert report["continued"] == [0] and set(report["seconds"]) == {"stylize", "total"}
+    assert refined.regions[1].style == first.regions[1].style
 
 
 def test_strokes_scale_with_their_size(picture: np.ndarray, monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:
     sides = []
-    made = StyleTarget.__init__
 
-    def watched(self: StyleTarget, *arguments) -> None:
-        made(self, *arguments)
-        sides.append(max(self.picture.shape[1:]))
+    def watched(*arguments: Any) -> PieceStyle:
+        made = piece_style(*arguments)
+        sides.append(max(made.picture.shape[1:]))
+        return made
 
-    monkeypatch.setattr(StyleTarget, "__init__", watched)
+    monkeypatch.setattr("svv.train.pieces.piece_style", watched)
     for stroke_size in (0.5, 2.0):
         style(scene, [picture], mapping={0: 0}, stroke_size=stroke_size)
     assert sides == [48, 192]
@@ -298,9 +348,12 @@ def test_likeness_of_colour_pairs_regions_and_styles(scene: Scene) -> None:
     assert report["styles"] == {str(k): f"style {len(styles) - 1 - k}" for k in range(len(styles))}
 
 
-def test_progress_ends_where_the_work_does(scene: Scene, picture: np.ndarray, network: str) -> None:
-    """Without a matching, too: laying is all of it then."""
-    for features in ("embedded", network):
-        told: list[float] = []
-        style(scene, [picture], features=features, progress=lambda fraction, label, told=told: told.append(fraction))
-        assert told[-1] == pytest.approx(1.0) and all(b >= a - 1e-9 for a, b in itertools.pairwise(told))
+@pytest.mark.parametrize(
+    ("preset", "options"), [*PRESETS, (SHORT, {"manner": "strokes"})], ids=["laid", "matched", "strokes"]
+)
+def test_progress_ends_where_the_work_does(
+    scene: Scene, picture: np.ndarray, preset: Preset, options: dict[str, Any]
+) -> None:
+    told: list[float] = []
+    stylize_scene(scene, [picture], preset, **options, progress=lambda fraction, label: told.append(fraction))
+    assert told[-1] == pytest.approx(1.0) and all(b >= a - 1e-9 for a, b in itertools.pairwise(told))

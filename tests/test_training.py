@@ -72,7 +72,7 @@ TINY = Preset(
     FieldSettings(width=32),
     ReconstructSettings(iterations=300, rays=2048, samples=16384, cells=32),
     RecolourSettings(iterations=400, rays=2048),
-    StylizeSettings(distil_iterations=40, distil_rays=1024, style_iterations=4, style_views=12, style_size=64),
+    StylizeSettings(style_views=12, style_size=64),
 )
 
 
@@ -336,7 +336,7 @@ def test_one_region_styled_the_other_kept(trained: tuple[Scene, dict[str, object
     red, blue = region_at(scene, RED), region_at(scene, BLUE)
     rng = np.random.default_rng(0)
     style = np.repeat(rng.random((32, 32, 1)), 3, 2).repeat(4, 0).repeat(4, 1).astype(np.float32) * [0.2, 1.0, 0.3]
-    styled, report = stylize_scene(scene, [style], "tiny", keep=(blue,), features="embedded")
+    styled, report = stylize_scene(scene, [style], "tiny", keep=(blue,), manner="pieces")
     assert styled.networks == ("base", "pcn", "styled")
     assert styled.regions[red].style is not None
     assert styled.regions[blue].style is None
@@ -348,7 +348,7 @@ def test_one_region_styled_the_other_kept(trained: tuple[Scene, dict[str, object
     with pytest.raises(BadInput, match="is styled"):
         styled.edited(red, colour=(1.0, 0.0, 0.0))
     assert styled.edited(red, opacity=0.0).render(front()).rgba[left][:, 3].mean() < 0.1
-    assert set(report["seconds"]) == {"paint", "stylize", "total"}
+    assert set(report["seconds"]) == {"paint", "contrast", "total"}
 
 
 def test_region_images_keep_their_occluders(trained: tuple[Scene, dict[str, object]]) -> None:

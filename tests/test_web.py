@@ -20,14 +20,14 @@ from svv.core.cameras import Camera
 from svv.core.encodings import spherical_harmonics
 from svv.core.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.errors import BadInput
-from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
+from svv.fields.networks import PaletteField, UnrestrictedField
 from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.render.web.fields import HOLD, MATERIAL, MOST_EXTINCTION_STEP, SHARE_STEP, Grid, fields_of
 from svv.render.web.harmonics import geometry_at
 from svv.render.web.page import write_html
 from tests.browser import LARGEST, Opened
-from tests.cube import cube_scene
+from tests.cube import cube_scene, hash_cube_scene
 
 EVIL = '"><script>alert(1)</script>'
 
@@ -304,16 +304,7 @@ def test_the_commands_write_and_open_pages(tmp_path: Path, monkeypatch: pytest.M
 
 @pytest.mark.parametrize("encoding", ["lattice", "hash"])
 def test_fields_hold_what_the_networks_say_to_within_their_steps(encoding: str) -> None:
-    scene = cube_scene()
-    if encoding == "hash":
-        torch.manual_seed(0)
-        settings = FieldSettings("hash", (4, 16), features=2, levels=3, log2_entries=8, width=16)
-        base = BaseField(settings, scene.occupancy)
-        palette = PaletteField(settings, scene.occupancy, base.geometry_width, torch.rand(3, 3))
-        for network in (base, palette):
-            network.encoding.randomize(1.0, torch.Generator().manual_seed(1))
-        scene = replace(scene, settings=settings, base=base, palette_network=palette.requires_grad_(False))
-        base.requires_grad_(False)
+    scene = cube_scene() if encoding == "lattice" else hash_cube_scene()
     fields, light = fields_of(scene)
     found = {field.name: torch.from_numpy(field.values()) for field in fields}
     grid = Grid(scene.occupancy, fields[0].resolution)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import torch
+from torch import nn
 
-from svv.styles.features import VGG16_WIDTHS
+from svv.styles.features import VGG16_WIDTHS, VggFeatures
 
 
 def vgg16_state() -> dict[str, torch.Tensor]:
@@ -17,3 +18,14 @@ def vgg16_state() -> dict[str, torch.Tensor]:
             channels, number = width, number + 2
         number += 1
     return state | {"classifier.0.weight": torch.zeros(2, 2)}
+
+
+def untrained() -> nn.Module:
+    """The network with such weights, always the same."""
+    torch.manual_seed(0)
+    network = VggFeatures("untrained VGG-16")
+    for layer in network.modules():
+        if isinstance(layer, nn.Conv2d):
+            nn.init.kaiming_normal_(layer.weight)
+            nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
+    return network.requires_grad_(False)

@@ -61,7 +61,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "info": ("scene", "Show what a scene contains: its regions, networks and size, and how it was made."),
     "styles": ("style", "List the gallery of style pictures, or write them to a folder with a contact sheet."),
     "style-mask": ("style", "Select the part of a style picture that `svv stylize --style-mask` learns from."),
-    "features": ("features", "Show or fetch the networks that match styles (VGG-16) and measure LPIPS (AlexNet)."),
+    "features": ("features", "Show or fetch the networks of the preset paper (VGG-16) and of LPIPS (AlexNet)."),
     "cache": (
         "cache",
         "Show or clear what is kept so that it need not be computed again: results of ParaView's "

@@ -17,17 +17,14 @@ VECTORS_AT_A_TIME = 2048
 
 
 @torch.no_grad()
-def nearest(features: Tensor, style: Tensor, balance: float | None = None, chunk: int = VECTORS_AT_A_TIME) -> Tensor:
+def nearest(features: Tensor, style: Tensor, chunk: int = VECTORS_AT_A_TIME) -> Tensor:
     """Return the index of the style vector with which each feature vector of the render is matched.
 
-    Without ``balance`` it is the vector with the smallest cosine distance d_ij. A smooth render then matches the few
-    smooth places of the style and stays smooth. With ``balance``, style vectors that are already close to some vector
-    of the render are penalised: j = argmin_j d_ij / (balance + min_l d_lj) (Granot et al. 2022, GPNN, eq. 2).
+    It is the vector with the smallest cosine distance.
 
     Args:
         features: Vectors of the render. (N, C)
         style: Vectors of the style. (M, C)
-        balance: > 0; a small value makes use of all of the style, a large one has almost no effect.
         chunk: Rows compared at a time; affects memory, not the result.
 
     Returns:
@@ -35,20 +32,10 @@ def nearest(features: Tensor, style: Tensor, balance: float | None = None, chunk
     """
     directions = F.normalize(style, dim=1).T
     parts = F.normalize(features, dim=1).split(chunk)
-    if balance is None:
-        return torch.cat([(rows @ directions).argmax(1) for rows in parts])
-    closest = torch.stack([(rows @ directions).amax(0) for rows in parts]).amax(0)  # (M,) cosines
-    wanted = 1 / (balance + 1 - closest)
-    return torch.cat([((1 - rows @ directions) * wanted).argmin(1) for rows in parts])
+    return torch.cat([(rows @ directions).argmax(1) for rows in parts])
 
 
-def nnfm_loss(
-    features: Tensor,
-    style: Tensor,
-    weights: Tensor | None = None,
-    balance: float | None = None,
-    chunk: int = VECTORS_AT_A_TIME,
-) -> Tensor:
+def nnfm_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, chunk: int = VECTORS_AT_A_TIME) -> Tensor:
     """Return the mean cosine distance of the render to its nearest style vectors (StyleRF-VolVis, eq. 8).
 
     L = sum_i w_i (1 - f_i . s_j / (|f_i| |s_j|)) / sum_i w_i,  j = nearest(i)
@@ -59,7 +46,6 @@ def nnfm_loss(
         features: Vectors of the render. (N, C)
         style: Vectors of the style. (M, C)
         weights: Weight of each vector, >= 0; equal if not given. All zero gives a loss of 0. (N,)
-        balance: See :func:`nearest`; the paper does not use it.
         chunk: Rows compared at a time; affects memory, not the result.
 
     Returns:
@@ -67,34 +53,10 @@ def nnfm_loss(
     """
     if len(features) == 0:
         return features.sum()
-    distance = 1 - F.cosine_similarity(features, style[nearest(features, style, balance, chunk)], dim=1)
+    distance = 1 - F.cosine_similarity(features, style[nearest(features, style, chunk)], dim=1)
     if weights is None:
         return distance.mean()
     return (distance * weights).sum() / weights.sum().clamp_min(torch.finfo(weights.dtype).eps)
-
-
-def energy_loss(features: Tensor, style: Tensor, weights: Tensor | None = None, floor: float = 0.0) -> Tensor:
-    """Return how much the strength of each feature differs between the render and the style.
-
-    L = sum_c (r_c - s_c)^2 / max(sum_c s_c^2, floor),  r_c and s_c the root mean squares over render and style
-
-    A cosine ignores the length of vectors: a render may fade to a blur while every direction is right. With a
-    frequency basis, this loss compares power spectra.
-
-    Args:
-        features: Centred vectors of the render. (N, C)
-        style: Centred vectors of the style. (M, C)
-        weights: Weight of each vector, >= 0; equal if not given. (N,)
-        floor: Lower bound of the denominator. Without it, a style of one colour would give an unbounded loss.
-
-    Returns:
-        A scalar >= 0; 1 for a render without any detail.
-    """
-    share = torch.ones_like(features[:, 0]) if weights is None else weights
-    eps = torch.finfo(features.dtype).eps
-    mean_square = (share @ features.square()) / share.sum().clamp_min(eps)
-    wanted = style.square().mean(0).sqrt()
-    return ((mean_square + eps).sqrt() - wanted).square().sum() / wanted.square().sum().clamp_min(max(floor, eps))
 
 
 def cell_weights(mask: Tensor, stride: int = 4) -> Tensor:

@@ -139,6 +139,9 @@ def check_sizes(header: Mapping[str, Any], tensors: Arrays, settings: FieldSetti
         "styled.encoding": _painted(header.get("paint_resolutions") or every, header.get("paint_direct")),
     }
     variants = header.get("variants", [])
+    # Laid paint is a lattice in scenes of any encoding, like the normals of an explicit light.
+    lattices = {"pcn.phong.normals", *(f"variant{k}.encoding" for k, v in enumerate(variants) if v.get("direct"))}
+    lattices |= {"styled.encoding"} if header.get("paint_direct") else set()
     known |= {
         f"variant{k}.encoding": _painted(v.get("resolutions") or every, v.get("direct")) for k, v in enumerate(variants)
     }
@@ -147,7 +150,7 @@ def check_sizes(header: Mapping[str, Any], tensors: Arrays, settings: FieldSetti
         raise ValueError("a painted variant is not in the file")
     for name, resolutions in known.items():
         needed = name.split(".")[0] in ("base", *header["networks"]) or name.startswith("variant")
-        is_lattice = settings.encoding == "lattice" or name == "pcn.phong.normals"
+        is_lattice = settings.encoding == "lattice" or name in lattices
         if not needed or (name == "base.density" and settings.encoding != "lattice"):
             continue
         table = tensors.get(f"{name}.table")

@@ -23,7 +23,7 @@ from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.io.atomic import make_folder, to_json, write_json
 
-GENERATION = 4
+GENERATION = 5
 """Incremented when the same input and settings give another result although the version has not changed."""
 
 DIGITS = 20

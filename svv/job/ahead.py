@@ -24,6 +24,7 @@ from svv.io.cache import cache_folder
 from svv.io.made import key_of
 from svv.io.memory import memory_there
 from svv.io.viewset import ViewSet
+from svv.options.making import MannerName
 
 SWITCH = "SVV_COMPILE_AHEAD"
 """Environment variable; 0 turns it off."""
@@ -70,8 +71,6 @@ def ball_views() -> ViewSet:
 
 def compile_all() -> None:
     """Train on a ball, render it with both kinds of light and paint it, in a few steps each."""
-    import torch
-
     from svv.train.config import preset
     from svv.train.pipeline import stylize_scene, train_scene
 
@@ -80,18 +79,16 @@ def compile_all() -> None:
         draft,
         reconstruct=replace(draft.reconstruct, iterations=10 * STEPS, cells=SIDE),
         recolour=replace(draft.recolour, iterations=STEPS),
-        stylize=replace(draft.stylize, style_iterations=2, style_views=4, style_size=64),
+        stylize=replace(draft.stylize, style_views=4, style_size=64),
     )
     for lighting in ("network", "phong"):
         scene, _ = train_scene(views, replace(few, lighting=lighting))
         scene.render(views.cameras[0])
     picture = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
-    painted, _ = stylize_scene(scene, [picture], few, features="embedded")
-    painted.render(views.cameras[0])
-    assert painted.styled is not None
-    paint = painted.styled.encoding  # patches, unlike other features, are not matched in steps
-    middle = torch.full((1, 3), 0.5)
-    paint.add_gradient(middle, torch.zeros(1, paint.width))
+    manners: tuple[MannerName, ...] = ("strokes", "pieces")
+    for manner in manners:
+        painted, _ = stylize_scene(scene, [picture], few, manner=manner)
+        painted.render(views.cameras[0])
 
 
 def _marker() -> Path:

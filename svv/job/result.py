@@ -16,7 +16,6 @@ from svv.job.page import Page, Picture, Table, cost_table, write_page
 from svv.job.source import Drawn, ViewSource
 from svv.job.steps import Job
 from svv.progress import duration
-from svv.styles.weights import NO_LPIPS
 from svv.train.evaluate import Scores
 
 SCORES = {
@@ -107,12 +106,11 @@ def _regions(scene: Scene) -> Table:
 
 def _scores(scores: dict[str, Scores]) -> Table:
     names = {"base": "Base network", "pcn": "Palette network"}
-    rows = []
+    rows, shown = [], {k: v for k, v in SCORES.items() if any(getattr(s, k) is not None for s in scores.values())}
     for key, values in scores.items():
-        found = [(form, getattr(values, name)) for name, (_, form) in SCORES.items()]
+        found = [(form, getattr(values, name)) for name, (_, form) in shown.items()]
         rows.append([names[key], *("-" if v is None or np.isnan(v) else form.format(v) for form, v in found)])
-    text = f"{PROTOCOL} {NO_LPIPS}" if any(values.lpips is None for values in scores.values()) else PROTOCOL
-    return Table("Scores", text, ["Network", *(name for name, _ in SCORES.values())], rows)
+    return Table("Scores", PROTOCOL, ["Network", *(name for name, _ in shown.values())], rows)
 
 
 def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, Any]) -> list[tuple[str, str]]:
@@ -142,7 +140,8 @@ def _facts(job: Job, scene: Scene, training: dict[str, Any], styling: dict[str, 
     if styling:
         facts.append(("Stylization", duration(styling["seconds"]["total"])))
         facts.append(("Styles", ", ".join(style.name for style in job.styles)))
-        facts.append(("Style features", styling["features"]))
+        if styling["features"] != "none":
+            facts.append(("Style features", styling["features"]))
         facts += [("Note", note) for note in styling["notes"]]
     return facts
 

@@ -146,25 +146,27 @@ class PaintOptions:
     stroke_size: Annotated[float, Setting(metavar="F", slider=(0.25, 4.0))] = 1.0
     """Scale of the strokes, from 0.25 to 4: 1 makes them 10 pixels wide in a picture of 800, 2 twice as large."""
     manner: MannerName = "auto"
-    """How to paint: by brush strokes, or by pieces of the picture; auto paints the hand of a painter by strokes, and
+    """What paint is laid in: brush strokes, or pieces of the picture; auto paints the hand of a painter by strokes, and
     mosaics, prints, textures and photographs by pieces."""
     strength: Annotated[float, Setting(metavar="F", panel="")] = 1.0
     """How strongly the style shows, above 0 and up to 1; can be edited afterwards."""
     go_on: Annotated[bool, Setting("--continue", panel="")] = False
-    """Continue from the scene's painting instead of starting afresh."""
+    """Keep the scene's painting where no style is given for a region."""
     preset: PresetName = "balanced"
-    """How long to paint; draft gives a first look."""
+    """How to paint: draft gives a first look, fast and balanced paint alike, and paper matches features for hours, as
+    StyleRF-VolVis does."""
     seed: Annotated[int, Setting(least=0, advanced=True)] = 0
     """The same seed gives the same result."""
     features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE", advanced=True)] = "auto"
-    """Which features to match; auto uses VGG-16 if its weights are available."""
+    """Which features the preset paper matches; auto uses VGG-16 if its weights are available. Other presets match
+    none."""
     variant: Annotated[str | None, Setting(metavar="NAME", panel="")] = None
     """Add a painting under this name and keep the others."""
     change: Annotated[
         tuple[str, ...],
         Setting("--set", metavar="STAGE.NAME=VALUE", panel="Settings", advanced=True),
     ] = ()
-    """Change one setting of the preset, such as stylize.style_iterations=126."""
+    """Change one setting of the preset, such as stylize.style_views=30."""
 
 
 @dataclass(frozen=True)

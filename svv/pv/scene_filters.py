@@ -173,12 +173,12 @@ class StyleRFPalette(SceneOutput):
     integer("PictureParts", 0, "Divide pictures into 2 to 32 parts of similar appearance; 0: do not divide.", 0, 32),
     file("MaskFolder", "", "",
          "Folder to which the masks are also written: region-K.png, each with a file of its points."),
-    switch("Continue", False, "Continue from the last painting if pictures or masks have changed, instead of "
-        "starting afresh."),
+    switch("Continue", False, "Paint on the last painting if pictures or masks have changed: regions that stay "
+        "as they are keep its paint. Otherwise, painting starts afresh."),
     text("Variant", "Name of the painting; a new name adds a painting to the same scene."),
     text("ShowVariant", "Name of the painting to show; empty: the one named above."),
     device(),
-    button("PaintAgain", "Paint again: from the start, or from the last painting if Continue is on."),
+    button("PaintAgain", "Paint again: from the start, or on the last painting if Continue is on."),
     button("ResetStyle", "Return to the scene before painting; Paint Again paints it."),
     *save_properties(),
     *kept_as(),

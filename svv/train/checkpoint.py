@@ -63,7 +63,7 @@ class Checkpoint:
         self._write()
 
     def stage(
-        self, name: str, network: nn.Module, optimiser: torch.optim.Optimizer | NetworkAdam | None, tables: LatticeAdam
+        self, name: str, network: nn.Module, optimiser: torch.optim.Optimizer | NetworkAdam, tables: LatticeAdam
     ) -> StageState:
         """Return the state of a stage in progress, restored if the file holds a stage of that name."""
         return StageState(self, name, network, optimiser, tables)
@@ -91,7 +91,7 @@ class StageState:
 
     def __init__(
         self, checkpoint: Checkpoint, name: str, network: nn.Module,
-        optimiser: torch.optim.Optimizer | NetworkAdam | None, tables: LatticeAdam,
+        optimiser: torch.optim.Optimizer | NetworkAdam, tables: LatticeAdam,
     ) -> None:  # fmt: skip
         self.checkpoint, self.name = checkpoint, name
         self.network, self.optimiser, self.tables = network, optimiser, tables
@@ -111,8 +111,6 @@ class StageState:
         tensors = {k[8:]: torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith("network.")}
         self.network.load_state_dict(tensors)
         self.tables.load({k[7:]: v for k, v in state.items() if k.startswith("tables.")})
-        if self.optimiser is None:
-            return
         saved = self.optimiser.state_dict()
         for number, _ in enumerate(p for g in self.optimiser.param_groups for p in g["params"]):
             prefix = f"adam.{number}."
@@ -128,8 +126,7 @@ class StageState:
         state: Arrays = {f"network.{k}": v.cpu().numpy() for k, v in self.network.state_dict().items()}
         state |= {f"tables.{k}": v for k, v in self.tables.state().items()}
         state |= {f"extra.{k}": v for k, v in extra.items()}
-        moments = {} if self.optimiser is None else self.optimiser.state_dict()["state"]
-        for number, parts in moments.items():
+        for number, parts in self.optimiser.state_dict()["state"].items():
             state |= {f"adam.{number}.{k}": v.cpu().numpy() for k, v in parts.items()}
         self.checkpoint._state = state
         self.checkpoint._progress = {"stage": self.name, "done": done, "spent": spent}

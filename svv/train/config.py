@@ -114,9 +114,29 @@ class RecolourSettings(FitSettings):
 
 @dataclass(frozen=True)
 class StylizeSettings:
-    """Stage 3, distillation and stylization."""
+    """Stage 3, the painting, as paint that is laid: strokes, pieces of pictures and ink."""
 
-    distil_iterations: int = 300
+    style_views: int = 20
+    """Number of views around the scene that determine where paint is visible."""
+    style_size: int = 400
+    """Width and height in pixels of a view for which pictures are scaled, and in which their contrast is solved."""
+
+
+@dataclass(frozen=True)
+class MatchSettings(StylizeSettings):
+    """Stage 3 as in the paper: a network is distilled from the palette network and matched to the styles' features."""
+
+    style_views: int = 42
+    """Number of stylization views around the scene."""
+    style_size: int = 400
+    """Width and height of the stylization views in pixels."""
+    style_iterations: int = 210
+    """Number of stylization steps, one view each."""
+    style_feature_rate: float = 0.02
+    """Learning rate of the network's features in the stylization."""
+    style_network_rate: float = 0.002
+    """Learning rate of the network in the stylization."""
+    distil_iterations: int = 474
     """Number of distillation steps (the paper: 624 of one view each; copying the table replaces 150 of them)."""
     distil_views: int = 312
     """Number of views from which the distillation draws rays."""
@@ -126,22 +146,9 @@ class StylizeSettings:
     """Learning rate of the features in the distillation."""
     network_rate: float = 0.005
     """Learning rate of the network in the distillation."""
-    style_iterations: int = 84
-    """Number of stylization steps, one view each: 42 views, twice."""
-    style_views: int = 42
-    """Number of stylization views around the scene."""
-    style_size: int = 400
-    """Width and height of the stylization views in pixels."""
-    style_feature_rate: float = 0.02
-    """Learning rate of a network's features in the stylization."""
-    style_network_rate: float = 0.002
-    """Learning rate of the network in the stylization."""
     pixels_a_cell: float | None = 2.0
-    """Largest number of stylization-view pixels that the finest cell of a colour network covers; None keeps the scene's
+    """Largest number of stylization-view pixels that the finest cell of a lattice covers; None keeps the scene's
     levels. Where cells are coarser than a style's detail, paint alternates from cell to cell instead."""
-    direct: bool = True
-    """Whether paint is a lattice of colours (:mod:`svv.train.painting`), if the scene's fields are lattices; otherwise
-    it is a network, distilled from the palette network."""
     colour_transfer: bool = True
     """Whether each style's mean colour replaces its region's colour in the palette before the distillation."""
 
@@ -159,7 +166,7 @@ class Preset:
     recolour: RecolourSettings
     """Settings of stage 2."""
     stylize: StylizeSettings = StylizeSettings()
-    """Settings of stage 3."""
+    """Settings of stage 3: how paint is laid, or, if they are :class:`MatchSettings`, how features are matched."""
     lighting: str | None = None
     """Light of a scene that shows shading: ``network``, ``phong`` (:class:`svv.fields.phong.PhongLight`), or ``auto``:
     ``phong`` if held-out views allow it (:func:`svv.train.lighting.light_by_trial`). None: ``network``, or ``auto`` if
@@ -176,15 +183,9 @@ PRESETS = {
         FieldSettings(width=32),
         ReconstructSettings(iterations=500),
         RecolourSettings(iterations=250),
-        StylizeSettings(distil_iterations=150, style_iterations=20, style_views=20),
+        StylizeSettings(style_views=12),
     ),
-    "fast": Preset(
-        "fast",
-        FieldSettings(),
-        ReconstructSettings(iterations=700),
-        RecolourSettings(iterations=300),
-        StylizeSettings(distil_iterations=200, style_iterations=42),
-    ),
+    "fast": Preset("fast", FieldSettings(), ReconstructSettings(iterations=700), RecolourSettings(iterations=300)),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
     "paper": Preset(
         "paper",
@@ -209,7 +210,7 @@ PRESETS = {
             mixing_weight=0.0,
             joined=0.0,
         ),
-        StylizeSettings(distil_iterations=474, style_iterations=210, direct=False),
+        MatchSettings(),
         fitted=False,
     ),
 }
@@ -339,11 +340,31 @@ def settings_of(options: TrainOptions | PaletteOptions | PaintOptions, own: Pres
     """Return the settings of all stages for some options, based on the user's ``own`` settings or on their preset.
 
     Raises:
-        BadInput: An option or a setting does not exist, or the light needs another encoding.
+        BadInput: An option or a setting does not exist, the light needs another encoding, or an option has no effect
+            with this preset.
     """
     training = options if isinstance(options, TrainOptions) else TrainOptions(preset=options.preset)
     chosen = lit_by(preset(own or options.preset, training.encoding), training.lighting)
-    return chosen if isinstance(options, PaletteOptions) else changed(chosen, options.change)
+    if isinstance(options, PaletteOptions):
+        return chosen
+    chosen = changed(chosen, options.change)
+    if isinstance(options, PaintOptions):
+        _check_used(options, chosen)
+    return chosen
+
+
+def _check_used(options: PaintOptions, chosen: Preset) -> None:
+    """Raise BadInput if an option for laid paint is given where features are matched, or the other way round."""
+    matched = isinstance(chosen.stylize, MatchSettings)
+    if options.features != "auto" and not matched:
+        raise BadInput(
+            f"The preset '{chosen.name}' matches no features: leave out --features, or paint with --preset paper."
+        )
+    if options.manner != "auto" and matched:
+        raise BadInput(
+            f"The preset '{chosen.name}' matches features and lays neither strokes nor pieces: leave out --manner, or "
+            "choose another preset."
+        )
 
 
 Options = TypeVar("Options", TrainOptions, PaletteOptions, PaintOptions)

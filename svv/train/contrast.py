@@ -22,8 +22,8 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.scene import Scene
 from svv.kernels.dispatch import kernels_of
 from svv.train.config import StylizeSettings
-from svv.train.distil import paint_pixel
-from svv.train.style_loss import StyleTarget
+from svv.train.pieces import PieceStyle
+from svv.train.resolutions import paint_pixel
 from svv.train.stylize import StyledView, visible_from
 
 Contrast = tuple[float, float]
@@ -81,7 +81,7 @@ class _Paint:
 def match_contrast(
     scene: Scene,
     field: UnrestrictedField,
-    targets: Mapping[int, StyleTarget],
+    targets: Mapping[int, PieceStyle],
     settings: StylizeSettings,
     progress: Progress = silent,
 ) -> dict[int, Contrast]:
@@ -93,7 +93,7 @@ def match_contrast(
     Args:
         scene: A scene with a palette colour network.
         field: Laid paint, changed in place.
-        targets: Style of each region that is to change.
+        targets: Picture of each region that is to change.
         settings: Settings of stage 3.
         progress: Called for each round; may raise.
 

@@ -1,8 +1,7 @@
-"""Stage 3, first half, as in the paper: the unrestricted network learns the palette network's diffuse colours.
+"""Stage 3 as in the paper, first half: the unrestricted network learns the palette network's diffuse colours.
 
 Source: StyleRF-VolVis, section UCN. In the teacher's palette, each style's mean colour replaces its region's own (the
-colour transfer), so stylization starts near its goal. The preset ``paper`` and the modes compared with ours use this;
-otherwise the start is painted (:mod:`svv.train.painting`).
+colour transfer), so stylization starts near its goal. The preset ``paper`` and the modes compared with ours use this.
 """
 
 from __future__ import annotations
@@ -18,9 +17,9 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.rendering import Rays, march
 from svv.fields.scene import Scene
 from svv.kernels.types import Samples
-from svv.train.config import StylizeSettings
+from svv.train.config import MatchSettings
 from svv.train.loop import falling, network_adam
-from svv.train.resolutions import paint_resolutions
+from svv.train.resolutions import paint_pixel, paint_resolutions
 
 DISTILLATION_SIZE = 256
 """Side in pixels of the views whose rays are drawn: they only determine where samples fall."""
@@ -32,11 +31,6 @@ DISTILLATION_SAMPLES = 40_000
 """Approximate maximum number of samples per step: they determine its cost, and translucent scenes have many per ray."""
 
 
-def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
-    """Return the side of a pixel of the stylization views at the scene's centre, in box units."""
-    return scene.rig.view_width / scene.occupancy.box.size / settings.style_size
-
-
 class Distillation:
     """Trains a UCN on the diffuse colours of a scene's PCN, along rays from all around."""
 
@@ -44,7 +38,7 @@ class Distillation:
         self,
         scene: Scene,
         transferred: Tensor,
-        settings: StylizeSettings,
+        settings: MatchSettings,
         seed: int,
         before: UnrestrictedField | None = None,
     ) -> None:
@@ -55,7 +49,7 @@ class Distillation:
             transferred: The regions' colours after colour transfer, RGB. (regions, 3)
             settings: Settings of stage 3.
             seed: Seed of networks and rays.
-            before: A UCN to start from: regions that the scene marks as styled keep its colours.
+            before: Colours to start from, which regions that the scene marks as styled keep: a UCN, or laid paint.
         """
         assert scene.palette_network is not None
         torch.manual_seed(seed)
@@ -63,16 +57,17 @@ class Distillation:
         self.settings, self.seed = settings, seed
         cell = None if settings.pixels_a_cell is None else settings.pixels_a_cell * paint_pixel(scene, settings)
         levels = paint_resolutions(scene.settings, cell, scene.occupancy.cells)
-        levels = levels if before is None else before.resolutions
+        known = None if before is None or before.direct else before  # laid paint has no network to start from
+        levels = levels if known is None else known.resolutions
         self.field = UnrestrictedField(scene.settings, scene.occupancy, levels).to(scene.device)
         # The paper spends 150 iterations on ||E_p(x) - E_u(x)||^2. Both tables have the same layout, so a copy solves
         # it; the student's additional finer levels, which follow the teacher's, start with zeros.
         self.before = before
         with torch.no_grad():
-            if before is None:
+            if known is None:
                 self.field.encoding.table[: len(self.teacher.encoding.table)] = self.teacher.encoding.table
             else:
-                self.field.load_state_dict(before.state_dict())
+                self.field.load_state_dict(known.state_dict())
         styled = [before is not None and r.style is not None for r in scene.regions]
         self.known = torch.tensor(styled, device=scene.device)
         """Regions whose colours ``before`` holds. (regions,)"""

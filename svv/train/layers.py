@@ -112,6 +112,9 @@ def _as_one(
         "styles": {
             str(numbers[k][int(own)]): style for k, report in reports.items() for own, style in report["styles"].items()
         },
+        "manner": {
+            str(numbers[k][int(own)]): how for k, report in reports.items() for own, how in report["manner"].items()
+        },
         "masked": sorted({style for report in each for style in report["masked"]}),
         "continued": [numbers[k][own] for k, report in reports.items() for own in report["continued"]],
         "previews": [seconds for report in each for seconds in report["previews"]],

@@ -1,41 +1,25 @@
-"""Decide which region gets which style, and paint the scene stage by stage."""
+"""Decide which region gets which style, and in which manner it is painted."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
-from svv.errors import BadInput, Progress, part
+from svv.errors import BadInput
 from svv.fields.networks import UnrestrictedField
 from svv.fields.region import Region
 from svv.fields.scene import Scene
-from svv.measure import give_memory_back
 from svv.options.making import MannerName, PaintOptions
-from svv.styles.features import FeatureNetwork, PatchFeatures
 from svv.styles.hand import Hand, measure_hand
-from svv.train.checkpoint import Checkpoint
-from svv.train.config import StylizeSettings
-from svv.train.contrast import match_contrast
-from svv.train.ink import PAPER, Ink, Style, StyleInput
-from svv.train.loop import Loop, Running
+from svv.train.ink import Ink, Style, StyleInput
 from svv.train.manner import manner_of
-from svv.train.painting import VIEWS, Start
-from svv.train.previews import Previews, Show
-from svv.train.start import is_laid, run_stage, started, targets_of
-from svv.train.style_choice import checked_masks, leftovers, mean_colour, pairs_by_colour, style_pairs
-from svv.train.style_loss import StyleLossSettings, StyleTarget
-from svv.train.stylize import Stylization
+from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
 
 LEAST_STROKE, MOST_STROKE = 0.25, 4.0
 """Range of the stroke size: within it, a stroke is larger than a pixel of the render and smaller than most regions."""
-
-LEAST_VIEWS = 12
-"""Least number of views that determine where strokes are visible."""
 
 Mask = NDArray[np.bool_]
 
@@ -68,6 +52,10 @@ class Order:
     """Remarks about the choice for the user."""
     hands: Mapping[int, Hand] = field(default_factory=dict)
     """Hand of the picture of each region that is painted by strokes."""
+
+    def manner(self, region: int) -> str:
+        """Return how a region's paint is laid: ``ink``, ``strokes`` or ``pieces``."""
+        return "ink" if region in self.inks else "strokes" if region in self.hands else "pieces"
 
     def painted(self, scene: Scene, colours: UnrestrictedField) -> Scene:
         """Return the scene with these colours as the variant.
@@ -111,20 +99,14 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     return Order(styles, labels, masks, pairs, inks, stroke_size, regions, named, name, go_on, notes)
 
 
-def with_hands(order: Order, manner: MannerName, laid: bool) -> Order:
+def with_hands(order: Order, manner: MannerName) -> Order:
     """Return the order with the hand of each region that is to be painted by strokes, and notes about the choice.
 
     Args:
         order: Styles of the regions.
         manner: How to paint; ``auto`` decides by :func:`svv.train.manner.manner_of`.
-        laid: Whether paint can be laid at all (:func:`svv.train.start.is_laid`).
-
-    Raises:
-        BadInput: Strokes are asked for where paint cannot be laid.
     """
-    if not laid and manner == "strokes":
-        raise BadInput("Strokes need paint on a lattice: train and stylize the scene with a preset other than 'paper'.")
-    if not laid or manner == "pieces":
+    if manner == "pieces":
         return order
     found: dict[int, Hand] = {}
     notes = list(order.notes)
@@ -136,94 +118,3 @@ def with_hands(order: Order, manner: MannerName, laid: bool) -> Order:
         if "strokes" in (manner, chosen):
             found |= {region: hand for region, style in order.pairs.items() if style == number}
     return replace(order, hands=found, notes=notes)
-
-
-class Painting:
-    """Stage 3 of one scene: start, matching and contrast; ``seconds`` holds the duration of each."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        order: Order,
-        settings: StylizeSettings,
-        weights: StyleLossSettings,
-        network: FeatureNetwork | None,
-        seed: int,
-        saved: Checkpoint | None,
-        preview: Show | None,
-    ) -> None:
-        """Prepare the painting.
-
-        Args:
-            scene: A scene with a palette colour network.
-            order: Styles of the regions.
-            settings: Settings of stage 3.
-            weights: Weights and sizes of the style loss.
-            network: Network whose features are matched; None if nothing is painted by pieces.
-            seed: Seed of all random choices.
-            saved: Checkpoint to resume from and to save to.
-            preview: Called with the painting while it is made.
-        """
-        self.scene, self.order, self.settings, self.weights = scene, order, settings, weights
-        self.network, self.seed, self.saved = network, seed, saved
-        self.previews = None if preview is None else Previews(preview, partial(order.painted, scene))
-        self.seconds: dict[str, float] = {"stylize": 0.0}
-        self.notes: list[str] = []
-        """What there is to say about how it went."""
-        self.refined: list[int] = []
-        """Regions that start from their present paint."""
-
-    def run(self, progress: Progress) -> UnrestrictedField:
-        """Paint the scene and return its colours."""
-        scene, order, settings = self.scene, self.order, self.settings
-        targets = self._targets()
-        self.refined = [k for k in targets if order.go_on and scene.regions[k].style is not None]
-        as_colours = is_laid(scene, settings) and self.weights.seeded
-        # Patches know no shapes: they would turn the strokes already laid into specks (docs/measurements/painting.md).
-        plain = as_colours and not self.refined and isinstance(self.network, PatchFeatures)
-        laid, end = plain or not targets, 0.9 if as_colours and targets and self.weights.contrast else 1.0
-        start = Start(
-            self._transferred(targets), targets, order.inks, self.order.hands, order.size,
-            max(LEAST_VIEWS, min(VIEWS, settings.style_views // 2)), scene.styled if order.go_on else None,
-        )  # fmt: skip
-        running = Running(self.seed, None, part(progress, 0.0, end if laid else 0.3), self.saved, self.notes)
-        field = started(scene, start, settings, running, self.seconds, self.previews)
-        if not laid:
-            self._match(field, targets, part(progress, 0.3, end))
-            give_memory_back()  # a third of a gigabyte of samples and moments: the next step computes its own samples
-        if end < 1.0:
-            match_contrast(scene, field, targets, settings, part(progress, end, 1.0))
-        return field
-
-    def _targets(self) -> dict[int, StyleTarget]:
-        """Return the style target of each region that is painted by pieces."""
-        if self.network is None:
-            return {}
-        order = self.order
-        pictures = {k: order.styles[v] for k, v in order.pairs.items() if k not in order.inks and k not in order.hands}
-        masks = {k: order.masks[order.pairs[k]] for k in pictures}
-        network = self.network.to(self.scene.device)
-        return targets_of(self.scene, network, pictures, masks, self.weights, self.settings, self.seed)
-
-    def _transferred(self, targets: Mapping[int, StyleTarget]) -> Tensor:
-        """Return the regions' colours with the mean colours of styles, and of paper where ink is drawn. (regions, 3)"""
-        assert self.scene.palette_network is not None
-        colours = self.scene.palette_network.colours.detach()[self.scene.roots]
-        for region, target in targets.items() if self.settings.colour_transfer else ():
-            colours[region] = target.statistics[0]
-        for region in self.order.inks:
-            colours[region] = colours.new_tensor(PAPER)
-        for region in self.order.hands:  # where no stroke reaches: the mean of the picture
-            style = self.order.pairs[region]
-            colours[region] = colours.new_tensor(mean_colour(self.order.styles[style], self.order.masks[style]))
-        return colours
-
-    def _match(self, field: UnrestrictedField, targets: dict[int, StyleTarget], progress: Progress) -> None:
-        """Match features, which joins the pieces, or makes strokes where none were laid."""
-        work = Stylization(self.scene, field, targets, self.settings, part(progress, 0.0, 0.08), self.refined)
-        watch = None if self.previews is None else partial(self.previews.look, field)
-        loop = Loop(
-            self.settings.style_iterations, None, part(progress, 0.08, 1.0), "stylization",
-            watch=watch, network=field, notes=self.notes,
-        )  # fmt: skip
-        self.seconds["stylize"] = run_stage(loop, work, self.saved, "stylize")

@@ -1,9 +1,9 @@
-"""Stage 3, first half: a painted colour field from which the stylization starts.
+"""Stage 3: paint that is laid on a scene's regions, as strokes, pieces of pictures or ink.
 
-The paper's unrestricted colour network starts from the palette's colours, each region's replaced by the mean of its
-style. In one flat colour every place has the same nearest neighbour in the style, and each view puts its strokes
-elsewhere, so no stroke ever appears. Here, regions therefore start with the style's own strokes
-(:class:`svv.train.quilt.Quilt`), the same from every side, on a lattice that stores the colours themselves.
+The paper's unrestricted colour network learns its colours by matching features view by view
+(:mod:`svv.train.matching`), and each view puts its strokes elsewhere. Here, strokes and pieces
+(:class:`svv.train.quilt.Quilt`) are laid once, the same from every side, on a lattice that stores the colours
+themselves.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from svv.fields.scene import Scene
 from svv.styles.hand import Hand
 from svv.train.form import Form, form_of
 from svv.train.ink import SURFACE, Drawing, Ink
+from svv.train.pieces import PieceStyle, resized
 from svv.train.quilt import RADIUS, Manner, Quilt
 from svv.train.stroke_painting import Brushing, stroke_width
-from svv.train.style_loss import StyleTarget, resized
 from svv.train.stylize import UNSEEN, StyledView, visible_from
 
 MOST_VERTICES = 3_000_000
@@ -81,12 +81,12 @@ def painted_field(scene: Scene, pixel: float) -> UnrestrictedField:
 
 @dataclass(frozen=True)
 class Start:
-    """Styles, inks and colours from which the painting starts, before any matching."""
+    """Styles, inks and colours from which the paint is made."""
 
     transferred: Tensor
     """The regions' colours after colour transfer, RGB. (regions, 3)"""
-    targets: Mapping[int, StyleTarget]
-    """Style of each region that gets one."""
+    targets: Mapping[int, PieceStyle]
+    """Picture of each region that is painted by pieces; it is painted anew even if it already is."""
     inks: Mapping[int, Ink] = field(default_factory=dict)
     """Ink of each region that is drawn instead; it is drawn again even if the region is already painted."""
     hands: Mapping[int, Hand] = field(default_factory=dict)
@@ -96,7 +96,7 @@ class Start:
     views: int = VIEWS
     """Number of views that determine where paint is visible."""
     before: UnrestrictedField | None = None
-    """Earlier paint: regions that the scene marks as painted keep it, and only those new in ``targets`` are painted."""
+    """Earlier paint, which regions that the scene marks as painted keep unless they are painted anew."""
 
 
 def finest(scene: Scene, start: Start, pixel: float) -> float:
@@ -138,15 +138,15 @@ def painted_start(
     assert isinstance(lattice, SparseLattice)
     place, cell = lattice.places_of_level(0, occupancy.occupied, occupancy.cells), 1.0 / lattice.resolutions[0]
     styled = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
-    kept = [k for k in styled if k not in inks and k not in start.hands]
-    painted = sorted([*inks, *start.hands, *(k for k, t in targets.items() if t.settings.seeded and k not in kept)])
+    painted = sorted([*inks, *start.hands, *targets])
+    kept = [k for k in styled if k not in painted]
     only_strokes = bool(painted) and not kept and set(painted) == set(start.hands)
     region, colours = _owners(scene, start, place, painted, kept)
     lattice.table.copy_(torch.from_numpy(colours))
     show(paint)
     views = _views_of(scene, start.views, painted, part(progress, 0.0, 0.1))
     progress = part(progress, 0.15, 1.0)
-    left = _kept_strokes(before, [k for k in kept if k not in targets])  # matching changes the paint of the others
+    left = _kept_strokes(before, kept)
     if start.hands:
         brushing = Brushing(scene, views, start.size, cell, seed)
         paint.brushed = _brush(
@@ -165,7 +165,7 @@ def painted_start(
         if k in start.hands:
             continue
         told = part(progress, number / len(painted), (number + 1) / len(painted))
-        larger = 1.0 if k in inks else targets[k].settings.larger
+        larger = 1.0 if k in inks else targets[k].larger
         spacing = SURFACE * max(pixel, cell) if k in inks else larger * RADIUS * pixel / POINTS_A_RADIUS
         points = _surface(views, k, spacing, np.random.default_rng(seed + k))
         if not len(points):
@@ -244,10 +244,10 @@ def _fill(
 
 
 def _quilt(
-    target: StyleTarget, form: Form, points: NDArray[np.float32], pixel: float, seed: int, progress: Progress
+    target: PieceStyle, form: Form, points: NDArray[np.float32], pixel: float, seed: int, progress: Progress
 ) -> Quilt:
     """Lay a style's picture on visible points of a region; in deep regions, pieces and strokes are larger."""
-    larger, inside = target.settings.larger, target.inside
+    larger, inside = target.larger, target.inside
     picture = target.picture
     if larger > 1.0:  # the target's picture is already enlarged: here the pixels are enlarged instead
         picture = resized(picture, round(max(picture.shape[1:]) / larger))
@@ -255,7 +255,7 @@ def _quilt(
             share = resized(torch.from_numpy(inside[None].astype(np.float32)), max(picture.shape[1:]))[0].numpy()
             inside = share >= min(0.5, share.max())
     manner = Manner(picture.permute(1, 2, 0).cpu().numpy(), inside)
-    return Quilt(manner, form, points, larger * pixel, seed, progress, target.settings.guides, through=larger > 1.0)
+    return Quilt(manner, form, points, larger * pixel, seed, progress, target.guides, through=larger > 1.0)
 
 
 def _flat(

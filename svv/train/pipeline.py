@@ -22,15 +22,17 @@ from svv.options.making import PaintOptions, TrainOptions
 from svv.styles.features import load_features
 from svv.train import ranks
 from svv.train.checkpoint import Checkpoint
-from svv.train.config import VALUES, Preset, given
+from svv.train.config import VALUES, MatchSettings, Preset, given
 from svv.train.evaluate import evaluate_scene as evaluate_scene
 from svv.train.ink import Ink, Style, StyleInput
 from svv.train.layers import stylize_layers
-from svv.train.order import Painting, ordered, with_hands
+from svv.train.laying import Laying
+from svv.train.matching import Matching
+from svv.train.order import Order, ordered, with_hands
+from svv.train.pieces import PieceSettings
 from svv.train.previews import Show
 from svv.train.report import report_on
-from svv.train.start import is_laid
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, loss_for
+from svv.train.style_loss import PAPER_LOSS
 from svv.train.training import Training
 
 LEAST_VIEWS = 3
@@ -107,44 +109,44 @@ def stylize_scene(
     progress: Progress = silent,
     checkpoint: Path | None = None,
     preview: Show | None = None,
-    loss: StyleLossSettings | None = None,
+    pieces: PieceSettings = PieceSettings(),
     **changes: Any,
 ) -> tuple[Scene, dict[str, Any]]:
-    """Stylize a scene: colour transfer, painting and feature matching (stage 3).
+    """Stylize a scene (stage 3): paint is laid, or with the preset ``paper`` learned by matching features.
 
     Args:
         scene: A scene with a palette colour network; its device does the work.
-        styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.ink.Ink`); regions in ink are drawn, and
-            nothing is matched in them. :class:`svv.train.ink.StyleInput` gives styles names and masks.
+        styles: Pictures (H, W, 3), sRGB in [0, 1], and inks (:class:`svv.train.ink.Ink`).
+            :class:`svv.train.ink.StyleInput` gives styles names and masks.
         options: How to paint. The name of a preset, or custom settings, mean the default options with these settings.
             ``mapping`` is the style of each region to be painted; other regions do not change. None gives every region
             that is not kept a style, in turn; ``"colour"`` gives it the style whose mean colour is nearest
-            (:func:`svv.train.style_choice.pairs_by_colour`). With ``go_on``, regions that are already painted are
-            refined instead of being painted again, and those that are not named keep their style. ``variant`` is a
+            (:func:`svv.train.style_choice.pairs_by_colour`). With ``go_on``, regions that are not named keep their
+            paint, and the preset ``paper`` refines that of the others instead of painting them anew. ``variant`` is a
             name that no painting of the scene has yet; without one, the painting is called ``styled`` and replaces one
             of that name, or with ``go_on`` the painting that is shown.
         progress: Called several times a second; stops the work when it raises.
         checkpoint: File to save to regularly, and to resume from if it exists.
-        preview: Called with a copy of the painted scene in its current state: first when the style has been laid, then
-            about every ten seconds, and finally with the result.
-        loss: Weights and sizes of the style loss; by default those that suit the features.
+        preview: Called with a copy of the painted scene in its current state: when regions have one colour each, as
+            paint is laid, and finally with the result; with the preset ``paper`` about every ten seconds.
+        pieces: How pictures are laid in pieces.
         changes: Fields of the options to change, by name, such as ``variant="ink"``.
 
     Returns:
         The scene with one more variant, which is shown, and the same edits (a scene of several transfer functions has
         only one painting, which is replaced), and a report as from :func:`train_scene`.
-        Its ``notes`` say which styles are unused or shared, which masks make no difference, and whether better features
-        are available; ``features`` names those that were used.
+        Its ``notes`` say which styles are unused or shared, which masks make no difference, and in which manner each
+        style is painted; ``features`` names the features that were matched, ``none`` if paint is laid.
 
     Raises:
         BadInput: There is no palette network or no style, a region or style does not exist, no region is left to style,
             a mask is empty or differs in size from its picture, a stroke size or strength is out of range, there is no
-            styled network to continue with, the variant already exists, or ink or strokes are asked for where paint is
-            not a lattice.
+            styled network to continue with, the variant already exists, or the preset ``paper`` is to draw in ink or
+            paint in another manner, or another preset to match features.
     """
     asked, chosen = given(PaintOptions, options, changes)
     inputs = [s if isinstance(s, StyleInput) else StyleInput(s) for s in styles]
-    paint = partial(_stylize_alone, chosen, loss)
+    paint = partial(_stylize_alone, chosen, pieces)
     if scene.layers:
         return stylize_layers(scene, inputs, asked, paint, progress, checkpoint, preview)
     return paint(scene, inputs, asked, progress, checkpoint, preview)
@@ -152,7 +154,7 @@ def stylize_scene(
 
 def _stylize_alone(
     chosen: Preset,
-    loss: StyleLossSettings | None,
+    pieces: PieceSettings,
     scene: Scene,
     inputs: Sequence[StyleInput],
     asked: PaintOptions,
@@ -161,26 +163,21 @@ def _stylize_alone(
     preview: Show | None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Stylize a scene of one transfer function; see :func:`stylize_scene`."""
-    order = ordered(scene, inputs, asked)
-    if order.inks and not is_laid(scene, chosen.stylize):
-        raise BadInput("Ink needs paint on a lattice: train and stylize the scene with a preset other than 'paper'.")
-    # A loss is for matching, so whoever passes one wants pieces unless strokes are asked for.
-    manner = "pieces" if loss is not None and asked.manner == "auto" else asked.manner
-    order = with_hands(order, manner, is_laid(scene, chosen.stylize))
-    network = None  # neither ink nor strokes are matched
-    if len(order.inks) + len(order.hands) < len(order.pairs):
+    order, settings, network = ordered(scene, inputs, asked), chosen.stylize, None
+    pieces = replace(pieces, size=round(pieces.size * asked.stroke_size))
+    if not isinstance(settings, MatchSettings):
+        order = with_hands(order, asked.manner)
+        key = {"strokes": [sorted(order.hands), asked.stroke_size], "pieces": asdict(pieces)}
+        saved = _checkpoint_of(checkpoint, scene, order, asked, {**key, "settings": asdict(settings)})
+        work: Laying | Matching = Laying(scene, order, settings, pieces, asked.seed, saved, preview)
+    else:
+        if order.inks:
+            raise BadInput("Ink is drawn, not matched: choose a preset other than 'paper', or give pictures only.")
         network = load_features(asked.features, lambda _, label: progress(0.0, label))
-    weights = loss or (PAPER_LOSS if chosen.name == "paper" else loss_for(network) if network else StyleLossSettings())
-    weights = replace(weights, style_size=round(weights.style_size * asked.stroke_size))
-    saved = None
-    if checkpoint is not None:
-        key = {"scene": scene.made, "styles": [s.name if isinstance(s, Ink) else np.asarray(s) for s in order.styles],
-               "masks": order.masks, "pairs": sorted(order.pairs.items()), "go_on": asked.go_on,
-               "settings": asdict(chosen.stylize), "loss": asdict(weights), "seed": asked.seed,
-               "strokes": [sorted(order.hands), asked.stroke_size],
-               "features": network and network.title}  # fmt: skip
-        saved = Checkpoint(checkpoint, key)
-    work = Painting(scene, order, chosen.stylize, weights, network, asked.seed, saved, preview)
+        loss = replace(PAPER_LOSS, style_size=round(PAPER_LOSS.style_size * asked.stroke_size))
+        key = {"loss": asdict(loss), "features": network.title, "settings": asdict(settings)}
+        saved = _checkpoint_of(checkpoint, scene, order, asked, key)
+        work = Matching(scene, order, settings, loss, network, asked.seed, saved, preview)
     forget_gpu_peak(scene.device)
     with gpu_errors(scene.device), measured() as cost:
         field = work.run(progress)
@@ -193,12 +190,24 @@ def _stylize_alone(
         features="none" if network is None else f"{network.title}, {network.channels} channels",
         styles={str(k): order.labels[v] for k, v in order.pairs.items()},
         masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
-        manner={str(k): "ink" if k in order.inks else "strokes" if k in order.hands else "pieces" for k in order.pairs},
+        manner={str(k): order.manner(k) if network is None else "matched" for k in order.pairs},
         stroke_size=asked.stroke_size, strength=asked.strength, continued=work.refined,
         previews=[] if work.previews is None else work.previews.seconds,
         notes=[*order.notes, *work.notes, *([network.note] if network and network.note else [])],
     )  # fmt: skip
     return replace(styled, made={**scene.made, "stylized": report}), report
+
+
+def _checkpoint_of(
+    path: Path | None, scene: Scene, order: Order, asked: PaintOptions, settings: dict[str, Any]
+) -> Checkpoint | None:
+    """Return the checkpoint of a painting; None if there is no file for it."""
+    if path is None:
+        return None
+    key = {"scene": scene.made, "styles": [s.name if isinstance(s, Ink) else np.asarray(s) for s in order.styles],
+           "masks": order.masks, "pairs": sorted(order.pairs.items()), "go_on": asked.go_on,
+           "seed": asked.seed}  # fmt: skip
+    return Checkpoint(path, {**key, **settings})
 
 
 def key_of(views: ViewSet, chosen: Preset, limit: float | None, seed: int) -> dict[str, Any]:

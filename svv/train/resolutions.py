@@ -9,9 +9,16 @@ import numpy as np
 from svv.core.box import Box
 from svv.core.cameras import Camera
 from svv.fields.networks import FieldSettings
+from svv.fields.scene import Scene
+from svv.train.config import StylizeSettings
 
 PIXELS_A_CELL = 2.5
 """Minimum number of pixels that the finest lattice cell covers: too few rays see finer cells to train them."""
+
+
+def paint_pixel(scene: Scene, settings: StylizeSettings) -> float:
+    """Return the side of a pixel of the stylization views at the scene's centre, in box units."""
+    return scene.rig.view_width / scene.occupancy.box.size / settings.style_size
 
 
 def paint_resolutions(field: FieldSettings, cell: float | None, most: int) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Stage 3, second half: every region takes on the look of its style picture (StyleRF-VolVis, section NPSE).
+"""Stage 3 as in the paper, second half: every region takes on the look of its style (StyleRF-VolVis, section NPSE).
 
 From each of 42 views around the scene, one image per region is rendered from the UCN's diffuse colours and pulled
 towards its style by nearest-neighbour feature matching. The images are cropped to what is visible. Back-propagation is
@@ -12,7 +12,7 @@ computed once.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -25,8 +25,8 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.rendering import composite, march
 from svv.fields.scene import Scene
 from svv.kernels.dispatch import kernels_of
-from svv.train.config import StylizeSettings
-from svv.train.loop import falling, network_adam
+from svv.train.config import MatchSettings, StylizeSettings
+from svv.train.loop import network_adam
 from svv.train.style_loss import StyleTarget
 
 LEAST_WEIGHT = 4e-3
@@ -40,13 +40,6 @@ LEAST_PIXELS = 64
 
 
 UNSEEN = "None of the regions to be styled is visible; choose other regions with --map."
-
-REFINED = 0.1
-"""Fraction of the anchor's weight for regions that were styled before: they may move further from that style."""
-
-
-DAMPING = 2.0
-"""Adam's epsilon for colours that are stored directly, in units of the first step's gradients."""
 
 
 @dataclass(frozen=True)
@@ -86,42 +79,35 @@ class Stylization:
         scene: Scene,
         field: UnrestrictedField,
         targets: dict[int, StyleTarget],
-        settings: StylizeSettings,
+        settings: MatchSettings,
         progress: Progress,
-        refined: Collection[int] = (),
         whole: bool = False,
     ) -> None:
         """Prepare the views.
 
         Args:
             scene: A scene with a palette colour network.
-            field: Initial colours, painted or distilled.
+            field: Distilled colours.
             targets: Style of each region that gets one.
             settings: Settings of stage 3.
             progress: Called after every view.
-            refined: Regions that were styled before and are refined: they are less bound to their initial colours.
             whole: Whether the scene counts as one region, number 0, regardless of its palette.
 
         Raises:
             BadInput: The regions to be styled are barely visible from all sides.
         """
         self.field, self.targets, self.settings = field, targets, settings
-        self.anchors = {k: t.settings.anchor * (REFINED if k in refined else 1.0) for k, t in targets.items()}
         self.piece = kernels_of(scene.device.type).SAMPLES
         self.views = visible_from(scene, stylization_cameras(scene, settings), progress, whole)
         self.views = [v for v in self.views if any(self._covers(v, r) for r in targets)]
         if not self.views:
             raise BadInput(UNSEEN)
-        with torch.no_grad():  # half precision, because these are as many numbers as the samples' positions
-            self.starts = [torch.cat([field(p).half() for p in v.position.split(self.piece)]) for v in self.views]
-        networks = [] if field.colour_mlp is None else list(field.colour_mlp.parameters())
-        self.networks = network_adam(networks, settings.style_network_rate) if networks else None
+        assert field.colour_mlp is not None
+        self.networks = network_adam(list(field.colour_mlp.parameters()), settings.style_network_rate)
         self.tables = LatticeAdam([field.encoding])
-        rates = [target.settings.rate for target in targets.values()]
-        self.rate = min(rates) if field.direct else settings.style_feature_rate
 
     def step(self, number: int, fraction: float) -> Tensor:
-        """Optimise all regions of one view; returns the style loss. A network's rates are fixed, as in the paper."""
+        """Optimise all regions of one view; returns the style loss. The rates are fixed, as in the paper."""
         # A stride coprime to the number of views jumps around the scene, so no side falls behind.
         index = number * _coprime(len(self.views)) % len(self.views)
         view = self.views[index]
@@ -132,70 +118,24 @@ class Stylization:
         for loss in self.losses(index, colours):  # one graph at a time: each holds the features of an image
             gradient += torch.autograd.grad(loss, colours)[0]
             values.append(loss.detach())
-        if self.networks is not None:
-            self.networks.zero_grad(set_to_none=True)
+        self.networks.zero_grad(set_to_none=True)
         for first in range(0, len(colours), self.piece):
             piece = slice(first, first + self.piece)
             self.field(view.position[piece]).backward(gradient[piece])
-        if self.networks is not None:
-            self.networks.step()
-        if self.field.direct and number == 0:
-            self._damp()
-        self.tables.step([self.rate * falling(fraction, 0.1) if self.field.direct else self.rate])
-        if self.field.direct:
-            with torch.no_grad():  # only colours that were looked up have changed
-                self.field.encoding.table.clamp_(0.0, 1.0)
+        self.networks.step()
+        self.tables.step([self.settings.style_feature_rate])
         return torch.stack(values).mean()
-
-    def _damp(self) -> None:
-        """Set Adam's epsilon such that colours move in proportion to their gradients.
-
-        Adam moves every number by the same amount, however small its gradient. That does no harm to the features of a
-        network, but colours that are shown directly get specks where the paint was already right.
-        """
-        gradient, used = self.field.encoding.buffers_for_gradient()
-        typical = float(gradient[used > 0].square().mean().sqrt())
-        beta1, beta2, _ = self.tables.constants
-        self.tables.constants = beta1, beta2, max(DAMPING * typical, 1e-12)
 
     def losses(self, index: int, colours: Tensor) -> Iterator[Tensor]:
         """Yield the loss of each region visible in one view, a scalar, for its samples' colours (S, 3)."""
-        view, start = self.views[index], self.starts[index]
+        view = self.views[index]
         for region, target in self.targets.items():
             if self._covers(view, region):
-                image, mask = view.image(colours, region, target.background)
-                own = (view.region == region).nonzero()[:, 0]
-                away = ((colours[own] - start[own]).square().sum(1) * view.weight[own]).sum() / view.weight[own].sum()
-                loss = target.loss(image, mask) + self.anchors[region] * away
-                if target.settings.along_rays:
-                    loss = loss + target.settings.along_rays * spread_along_rays(view, own, colours[own])
-                yield loss
+                yield target.loss(*view.image(colours, region, target.background))
 
     @staticmethod
     def _covers(view: StyledView, region: int) -> bool:
         return float(view.weight[view.region == region].sum()) >= LEAST_PIXELS
-
-
-def spread_along_rays(view: StyledView, own: Tensor, colours: Tensor) -> Tensor:
-    """Return how much colours of samples differ along their rays: the weighted mean of |c - mean in the pixel|^2.
-
-    Paint that varies through the thickness of a translucent region shows a different mixture from every side, and
-    strokes that lie behind one another average out. Paint that is constant along each ray avoids both.
-
-    Args:
-        view: View with the samples.
-        own: Indices of the samples. (N,)
-        colours: Colours of the samples. (N, 3)
-
-    Returns:
-        A scalar; 0 if each pixel sees one colour.
-    """
-    weight, pixel = view.weight[own], view.pixel[own]
-    with torch.no_grad():  # the gradient through the mean is zero
-        sums = colours.new_zeros(view.height * view.width, 4)
-        sums.index_add_(0, pixel, torch.cat([colours * weight[:, None], weight[:, None]], dim=1))
-        mean = sums[:, :3] / sums[:, 3:].clamp_min(1e-6)
-    return ((colours - mean[pixel]).square().sum(1) * weight).sum() / weight.sum()
 
 
 def stylization_cameras(scene: Scene, settings: StylizeSettings) -> Sequence[Camera]:

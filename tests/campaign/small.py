@@ -72,9 +72,7 @@ def be_small() -> None:
         draft,
         reconstruct=replace(draft.reconstruct, iterations=60),
         recolour=replace(draft.recolour, iterations=30),
-        stylize=replace(
-            draft.stylize, distil_iterations=4, distil_views=4, style_iterations=2, style_views=3, style_size=112
-        ),
+        stylize=replace(draft.stylize, style_size=112),
     )
 
 

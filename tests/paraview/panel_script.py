@@ -15,9 +15,7 @@ said = {}
 from dataclasses import replace
 from svv.train import config
 draft = config.PRESETS["draft"]
-few = replace(draft.stylize, distil_iterations=20, distil_views=6, distil_rays=512, style_iterations=3, style_views=3,
-              style_size=48)
-config.PRESETS["draft"] = replace(draft, stylize=few)  # a test is no painting
+config.PRESETS["draft"] = replace(draft, stylize=replace(draft.stylize, style_size=48))  # a test is no painting
 
 def status(filter):
     filter.UpdatePipeline()

@@ -21,8 +21,8 @@ from svv.train import config
 out, files = sys.argv[1:3]
 draft = config.PRESETS["draft"]
 config.PRESETS["draft"] = replace(draft, reconstruct=replace(draft.reconstruct, iterations=60, rays=512),
-    recolour=replace(draft.recolour, iterations=40, rays=512), stylize=replace(draft.stylize, distil_iterations=10,
-    distil_views=4, distil_rays=256, style_iterations=2, style_views=3, style_size=48))  # a test is no painting
+    recolour=replace(draft.recolour, iterations=40, rays=512),
+    stylize=replace(draft.stylize, style_size=48))  # a test is no painting
 worked = []
 import svv.dvr.views, svv.train.pipeline, svv.train.correct
 for module, name in ((svv.dvr.views, "make_views"), (svv.train.pipeline, "train_scene"),

@@ -128,7 +128,7 @@ said["reset"] = [status(paint), style()]
     assert [name.split(" ")[0] for name in said["second"][1]] == [("halves", "blue")[pairs[k]] for k in range(3)]
     painted = Scene.load(tmp_path / "painted.svv")
     assert painted.variants == ("by likeness", "styled") and painted.variant == "by likeness"
-    assert painted.made["stylized"]["continued"] == [0, 1, 2]
+    assert painted.made["stylized"]["continued"] == []
     assert painted.regions[0].strength == 0.25 and said["reset"][1] == ["", "", ""]
 
 

@@ -1,9 +1,8 @@
 """Ablations: parts that the paper considers necessary and parts that we added, left out one at a time.
 
-In the stylization: feature matching, the painted start and the guides of its pieces, colour transfer, lighting, the
-background behind the regions' renders, one colour along a ray, and paint on finer cells than the scene's. In the
-palette network: the refinement of the palette's colours, and the weight of the offsets (lambda_delta). Every variant
-has a folder; finished variants are not repeated.
+In paint that is laid in pieces of a picture: the guides by which they are chosen, the solved contrast, larger strokes
+in fog, and lighting. In the palette network: the refinement of the palette's colours, and the weight of the offsets
+(lambda_delta). Every variant has a folder; finished variants are not repeated.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ from svv.io.images import read_style
 from svv.io.made import digest, key_of_measure
 from svv.io.viewset import ViewSet
 from svv.options.editing import PAINT_LIGHT
-from svv.train.config import Preset, StylizeSettings
+from svv.train.config import MatchSettings
+from svv.train.pieces import PieceSettings
 from svv.train.pipeline import stylize_scene
-from svv.train.style_loss import StyleLossSettings
 
 Row = dict[str, Any]
 
@@ -38,56 +37,29 @@ Row = dict[str, Any]
 class StyleVariant:
     """A change of the stylization."""
 
-    stylize: Callable[[StylizeSettings], StylizeSettings] = lambda s: s
-    loss: Callable[[StyleLossSettings], StyleLossSettings] = lambda s: s
+    pieces: Callable[[PieceSettings], PieceSettings] = lambda s: s
     lit: bool = True
     """Whether its frames are rendered with lighting."""
 
 
 STYLES: dict[str, dict[str, StyleVariant]] = {
-    "matching": {
-        "laid and matched": StyleVariant(),
-        "laid only": StyleVariant(stylize=lambda s: replace(s, style_iterations=0)),
-    },
-    "painted-start": {
-        "begun with pieces of the style": StyleVariant(),
-        "begun with one colour a region": StyleVariant(loss=lambda s: replace(s, seeded=False)),
-    },
     "form": {
         "strokes along the form": StyleVariant(),
-        "strokes upright": StyleVariant(loss=lambda s: replace(s, guides=replace(s.guides, along_form=False))),
+        "strokes upright": StyleVariant(lambda s: replace(s, guides=replace(s.guides, along_form=False))),
     },
     "tone": {
         "light strokes where it is light": StyleVariant(),
-        "strokes regardless of light": StyleVariant(loss=lambda s: replace(s, guides=replace(s.guides, tone=0.0))),
+        "strokes regardless of light": StyleVariant(lambda s: replace(s, guides=replace(s.guides, tone=0.0))),
     },
     "contrast": {
         "contrast as in the style": StyleVariant(),
-        "contrast as it comes": StyleVariant(loss=lambda s: replace(s, contrast=False)),
+        "contrast as it comes": StyleVariant(lambda s: replace(s, contrast=False)),
     },
     "depth": {
         "larger strokes in fog": StyleVariant(),
-        "strokes of one size": StyleVariant(loss=lambda s: replace(s, largest=1.0)),
-    },
-    "colour-transfer": {
-        "with colour transfer": StyleVariant(),
-        "without colour transfer": StyleVariant(stylize=lambda s: replace(s, colour_transfer=False)),
+        "strokes of one size": StyleVariant(lambda s: replace(s, largest=1.0)),
     },
     "lighting": {"with lighting": StyleVariant(), "without lighting": StyleVariant(lit=False)},
-    "background": {
-        "luminance background": StyleVariant(),
-        "black background": StyleVariant(loss=lambda s: replace(s, background=0.0)),
-        "white background": StyleVariant(loss=lambda s: replace(s, background=1.0)),
-    },
-    "along-rays": {
-        "as it is": StyleVariant(),
-        "half as much": StyleVariant(loss=lambda s: replace(s, along_rays=s.along_rays / 2)),
-        "nothing along rays": StyleVariant(loss=lambda s: replace(s, along_rays=0.0)),
-    },
-    "paint-cells": {
-        "paint's own cells": StyleVariant(),
-        "the scene's cells": StyleVariant(stylize=lambda s: replace(s, pixels_a_cell=None)),
-    },
 }
 NAMES = (*STYLES, *PALETTES)
 """Names of all ablations."""
@@ -117,8 +89,6 @@ class Ablation(PaintedAsShown):
     protocol: Protocol
     preset: str = "balanced"
     seed: int = 0
-    features: str = "auto"
-    paper_loss: bool = False
 
     def __post_init__(self) -> None:
         for name in self.only or ():
@@ -128,6 +98,8 @@ class Ablation(PaintedAsShown):
                 raise BadInput(f"The ablation '{name}' needs a style picture: give --style.")
             if name in PALETTES and self.views is None:
                 raise BadInput(f"The ablation '{name}' needs the scene's views: give --views.")
+        if any(name in STYLES for name in self.names) and isinstance(self.chosen.stylize, MatchSettings):
+            raise BadInput("Ablations of the stylization need a preset other than 'paper', which lays no pieces.")
         if not self.names:
             raise BadInput("Give --style for ablations of the stylization, --views for those of the palette network.")
 
@@ -188,22 +160,18 @@ def _text(key: str, row: Row) -> Any:
 def _style_ablation(
     job: Ablation, name: str, scene: Scene, pictures: Sequence[Any], out: Path, progress: Progress
 ) -> list[Row]:
-    identity = {"scene": digest(job.scene), "styles": [digest(p) for p in pictures],
-                "seed": job.seed, "features": job.features}  # fmt: skip
+    identity = {"scene": digest(job.scene), "styles": [digest(p) for p in pictures], "seed": job.seed}
     seen = key_of_measure(identity["scene"], asdict(job.protocol))
     path = OrbitPath(scene, job.protocol, out / "geometry", seen, part(progress, 0.0, 0.05))
     rows, folders, variants = [], {}, STYLES[name]
     for number, (label, variant) in enumerate(variants.items()):
         each = part(progress, 0.05 + 0.95 * number / len(variants), 0.05 + 0.95 * (number + 1) / len(variants))
-        chosen = replace(job.chosen, stylize=variant.stylize(job.chosen.stylize))
-        loss = variant.loss(job.loss)
-        key = key_of_measure({**identity, "stylize": asdict(chosen.stylize), "loss": asdict(loss)})
+        pieces = variant.pieces(job.pieces)
+        key = key_of_measure({**identity, "stylize": asdict(job.chosen.stylize), "pieces": asdict(pieces)})
 
-        def make(
-            saved: Path, chosen: Preset = chosen, loss: StyleLossSettings = loss, each: Progress = each
-        ) -> tuple[Scene, dict[str, float]]:
+        def make(saved: Path, pieces: PieceSettings = pieces, each: Progress = each) -> tuple[Scene, dict[str, float]]:
             made, report = stylize_scene(
-                scene, pictures, chosen, part(each, 0.0, 0.7), saved, loss=loss, seed=job.seed, features=job.features
+                scene, pictures, job.chosen, part(each, 0.0, 0.7), saved, pieces=pieces, seed=job.seed, manner="pieces"
             )
             return made, {k: v for k, v in report["seconds"].items() if k != "total"}
 

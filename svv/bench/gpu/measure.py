@@ -158,9 +158,7 @@ def paint(how: Context) -> None:
     scene, picture = how.scene(), gallery_picture("impasto")
     for turn in ("cold", "warm"):
         begin = time.perf_counter()
-        styled, report = stylize_scene(
-            scene, [picture], how.preset("draft" if how.steps < 1 else "balanced"), features="embedded"
-        )
+        styled, report = stylize_scene(scene, [picture], how.preset("draft" if how.steps < 1 else "balanced"))
         how.wait()
         how.say("paint", turn, {"wall_s": time.perf_counter() - begin, "seconds": report["seconds"],
                 "peak_gpu_bytes": report["peak_gpu_bytes"]})  # fmt: skip

@@ -186,7 +186,7 @@ def _painting(results: Results) -> Table:
             rows.append((r["name"], f"{v['wall_s']:.1f} s", _megabytes(v["peak_gpu_bytes"])))
         else:
             rows.append((r["name"], *_times(v)[:1], ""))
-    return Table("Painting", "With a picture of the gallery, without weights.", ("", "took", "peak on the GPU"), rows)
+    return Table("Painting", "With a picture of the gallery.", ("", "took", "peak on the GPU"), rows)
 
 
 def _chart(results: Results) -> Table:

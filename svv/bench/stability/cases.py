@@ -25,7 +25,7 @@ from svv.fields.rendering import march
 from svv.fields.scene import Scene
 from svv.io.view_meta import known
 from svv.io.viewset import ViewSet
-from svv.train.config import Preset
+from svv.train.config import MatchSettings, Preset
 from svv.train.correct import correct_palette
 from svv.train.pipeline import stylize_scene, train_scene
 
@@ -51,7 +51,7 @@ ROUNDING = 1e-5
 """What sums of weights may add to a colour: 1.0000001 is no colour out of gamut."""
 
 STYLE_STEPS: dict[str, Any] = {"distil_iterations": 100, "style_iterations": 20, "style_views": 20}
-"""Settings that shorten stylization with every preset: the only question is whether it stays in bounds."""
+"""Settings that shorten the preset ``paper``: the only question is whether paint stays in bounds."""
 
 
 @dataclass(frozen=True)
@@ -299,7 +299,10 @@ def painted_like(picture: Callable[[], NDArray[np.float32]]) -> Callable[..., Me
     def measure(bench: Bench, case: Case, preset: Preset, seed: int, progress: Progress) -> Measures:
         drawn, scene = bench.trained(case, preset, seed, part(progress, 0.0, 0.6))
         style = picture()
-        short = replace(preset, stylize=replace(preset.stylize, **STYLE_STEPS, style_size=bench.settings.size))
+        stylize = replace(preset.stylize, style_size=bench.settings.size)
+        if isinstance(stylize, MatchSettings):
+            stylize = replace(stylize, **STYLE_STEPS)
+        short = replace(preset, stylize=stylize)
         styled, _ = stylize_scene(scene, [style], short, part(progress, 0.6, 1.0), seed=seed)
         styled = as_saved(styled)
         for region in range(len(styled.regions)):

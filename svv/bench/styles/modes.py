@@ -23,7 +23,7 @@ from svv.bench.styles.consistency import draw_frames, means, measure_frames, str
 from svv.bench.styles.likeness import FIGURES, caption, judge_of, painted_figures
 from svv.bench.styles.path import FINE, LEAST_ALPHA, METRICS, OrbitPath, Protocol, finely
 from svv.bench.styles.rival_frames import Before, frame_after, frame_alone, frame_of_statistics
-from svv.bench.styles.rivals import arf_like, snerf_like, unseeded
+from svv.bench.styles.rivals import arf_like, snerf_like
 from svv.bench.styles.table import (
     JUDGED,
     averaged,
@@ -41,18 +41,21 @@ from svv.io.atomic import write_json
 from svv.io.images import read_style
 from svv.io.made import digest, kept, key_of_measure
 from svv.options.editing import PAINT_LIGHT
+from svv.options.making import MannerName
 from svv.render.pictures import read_png
 from svv.styles.features import load_features
-from svv.train.config import Preset, StylizeSettings, preset
+from svv.train.config import MatchSettings, Preset, StylizeSettings, preset
 from svv.train.ink import StyleInput
 from svv.train.lpips import load_lpips
+from svv.train.pieces import PieceSettings
 from svv.train.pipeline import stylize_scene
-from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget, loss_for
+from svv.train.style_loss import PAPER_LOSS, StyleLossSettings, StyleTarget
 
 MODES = {
     "unstyled": "the palette network's colours, with light",
-    "ours": "each region separately, painted start, colour transfer, lighting",
+    "ours": "each region separately, in strokes or pieces as suits the style, lighting",
     "ours-unlit": "the same scene, shown without light",
+    "pieces": "each region separately, in pieces whatever the style, lighting",
     "arf-like": "one style, whole scene, no palette stage, no lighting",
     "snerf-like": "images stylized one by one and the field refitted to them, alternately",
     "frame-by-frame": "every frame optimised separately",
@@ -68,6 +71,9 @@ RIVALS = ("arf-like", "snerf-like", *FRAMES)
 OURS = ("ours", "ours-unlit")
 """Our modes, with and without light; only the second compares like with like because the rivals have no light."""
 
+SCHEDULE = MatchSettings(style_iterations=84, distil_iterations=300)
+"""Settings of the rivals that make a field: minutes, of which more would change little. Frames take as many steps."""
+
 LOOKED_AT = 3
 """Number of frames that are compared with the style."""
 
@@ -79,8 +85,6 @@ class PaintedAsShown:
 
     protocol: Protocol
     preset: str
-    features: str
-    paper_loss: bool
 
     @property
     def chosen(self) -> Preset:
@@ -89,11 +93,14 @@ class PaintedAsShown:
         return replace(own, stylize=replace(own.stylize, style_size=self.protocol.size))
 
     @property
-    def loss(self) -> StyleLossSettings:
-        """The loss for the features, with strokes in proportion to the frames."""
-        own = PAPER_LOSS if self.paper_loss else loss_for(load_features(self.features))
-        scale = self.protocol.size / StylizeSettings().style_size
-        return replace(own, style_size=round(own.style_size * scale))
+    def scale(self) -> float:
+        """Factor on sizes, in proportion to the frames."""
+        return self.protocol.size / StylizeSettings().style_size
+
+    @property
+    def pieces(self) -> PieceSettings:
+        """How pictures are laid in pieces."""
+        return replace(PieceSettings(), size=round(PieceSettings().size * self.scale))
 
 
 @dataclass(frozen=True)
@@ -106,7 +113,9 @@ class Comparison(PaintedAsShown):
     seed: int = 0
     features: str = "auto"
     paper_loss: bool = False
-    """Whether all modes use plain matching as in the paper instead of our loss."""
+    """Whether the rivals use plain matching as in the paper, without the losses on colours and variation."""
+    schedule: MatchSettings = SCHEDULE
+    """Settings of the rivals."""
 
     def __post_init__(self) -> None:
         for name in self.modes:
@@ -114,9 +123,22 @@ class Comparison(PaintedAsShown):
                 raise BadInput(f"There is no mode '{name}'; choose from {', '.join(MODES)}.")
         preset(self.preset)
 
-    def loss_of(self, mode: str) -> StyleLossSettings:
-        """Return the loss that a mode is trained with; that of the rivals lacks our own additions."""
-        return unseeded(self.loss) if mode in RIVALS else self.loss
+    @property
+    def matching(self) -> MatchSettings:
+        """The rivals' settings, with images as large as the frames."""
+        return replace(self.schedule, style_size=self.protocol.size)
+
+    @property
+    def loss(self) -> StyleLossSettings:
+        """The rivals' loss, with strokes in proportion to the frames."""
+        own = PAPER_LOSS if self.paper_loss else StyleLossSettings()
+        return replace(own, style_size=round(own.style_size * self.scale))
+
+    def depends_on(self, mode: str) -> dict[str, Any]:
+        """Return the settings on which the paint of a mode depends, for its key."""
+        if mode in RIVALS:
+            return {"stylize": asdict(self.matching), "loss": asdict(self.loss), "features": self.features}
+        return {"stylize": asdict(self.chosen.stylize), "pieces": asdict(self.pieces), "preset": self.preset}
 
 
 @dataclass(frozen=True)
@@ -189,9 +211,9 @@ class _CaseWork:
     def frames(self, mode: str, progress: Progress) -> tuple[Path, float]:
         """Return the folder of a mode's frames, and the seconds that stylizing took."""
         how, numbers = self.how, self.how.protocol.frames
-        parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), "stylize": asdict(how.chosen.stylize),
-                 "loss": asdict(how.loss_of(mode)), "seed": how.seed, "features": how.features,
-                 "sampling": FINE, **({"paint_light": PAINT_LIGHT} if mode == "ours" else {})}  # fmt: skip
+        parts = {"mode": mode, **self.hashes, "protocol": asdict(how.protocol), **how.depends_on(mode),
+                 "seed": how.seed, "sampling": FINE,
+                 **({"paint_light": PAINT_LIGHT} if mode in ("ours", "pieces") else {})}  # fmt: skip
         key, folder = key_of_measure(parts), self.folder / mode
         drawing = part(progress, 0.7, 1.0)
         if mode in FRAMES:
@@ -209,32 +231,26 @@ class _CaseWork:
     def _made(self, mode: str, progress: Progress) -> tuple[Scene, float]:
         """Return the scene of a mode and its seconds, read from its folder if it was made before."""
         how = self.how
-        settings, loss = how.chosen.stylize, how.loss_of(mode)
-        key = key_of_measure({"mode": mode, **self.hashes, "stylize": asdict(settings), "loss": asdict(loss),
-                      "seed": how.seed, "features": how.features})  # fmt: skip
-        return kept_scene(
-            self.folder / f"{mode}-scene", key, lambda saved: self._train(mode, settings, loss, saved, progress)
-        )
+        key = key_of_measure({"mode": mode, **self.hashes, **how.depends_on(mode), "seed": how.seed})
+        return kept_scene(self.folder / f"{mode}-scene", key, lambda saved: self._train(mode, saved, progress))
 
-    def _train(
-        self, mode: str, settings: StylizeSettings, loss: StyleLossSettings, checkpoint: Path, progress: Progress
-    ) -> tuple[Scene, dict[str, float]]:
+    def _train(self, mode: str, checkpoint: Path, progress: Progress) -> tuple[Scene, dict[str, float]]:
         how, name = self.how, self.case.style.stem
-        if mode == "ours":
+        if mode in ("ours", "pieces"):
+            manner: MannerName = "pieces" if mode == "pieces" else "auto"
             made, report = stylize_scene(
-                self.scene, [StyleInput(self.style, name)], how.chosen, progress, checkpoint, loss=loss,
-                mapping=dict.fromkeys(range(len(self.scene.regions)), 0), seed=how.seed, features=how.features,
+                self.scene, [StyleInput(self.style, name)], how.chosen, progress, checkpoint, pieces=how.pieces,
+                mapping=dict.fromkeys(range(len(self.scene.regions)), 0), seed=how.seed, manner=manner,
             )  # fmt: skip
             return made, {k: v for k, v in report["seconds"].items() if k != "total"}
-        target = StyleTarget(load_features(how.features), self._picture(), loss, how.seed)
+        target = StyleTarget(load_features(how.features), self._picture(), how.loss, how.seed)
         rival = {"arf-like": arf_like, "snerf-like": snerf_like}[mode]
-        return rival(self.scene, target, settings, how.seed, progress)
+        return rival(self.scene, target, how.matching, how.seed, progress)
 
     def _stylized(self, mode: str, folder: Path, key: str, progress: Progress) -> tuple[Path, float]:
         note, how = folder / "seconds.json", self.how
         numbers = how.protocol.frames
-        made_with = (load_features(how.features), self._picture(), how.loss_of(mode),
-                     how.chosen.stylize.style_iterations, how.seed)  # fmt: skip
+        made_with = (load_features(how.features), self._picture(), how.loss, how.matching.style_iterations, how.seed)
         # After a gap longer than all compared intervals, a new sequence begins.
         follows = {b: a for a, b in pairwise(numbers) if mode == "video" and b - a <= max(how.protocol.intervals)}
 

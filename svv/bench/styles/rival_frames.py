@@ -1,6 +1,6 @@
 """Other ways to stylize an orbit's frames as pictures, without a field, for comparison with ours.
 
-They share our features and schedule, but have no regions, painted starts or light.
+They match the features of the other rivals (:mod:`svv.bench.styles.rivals`), as often, and have no regions or light.
 
 - **frame by frame** (as Gatys et al. 2016): every frame is optimised independently of all others.
 - **video** (ReReVST-like; Ruder, Dosovitskiy & Brox 2016): a frame starts from the previous one, warped along the exact
@@ -17,13 +17,13 @@ from functools import partial
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from svv.bench.styles.judge_features import optimised, style_loss, stylized, with_style_colours
-from svv.core.nnfm import cell_weights, total_variation
+from svv.core.nnfm import cell_weights, colour_statistics, colour_transfer, total_variation
 from svv.styles.features import STRIDE
-from svv.train.style_loss import LEAST_DETAIL, LEAST_SHARE, StyleLossSettings, StyleTarget, solid
+from svv.train.style_loss import LEAST_SHARE, StyleLossSettings, StyleTarget, solid
 from svv.train.stylize import RIM
 
 HELD = 100.0
@@ -34,6 +34,10 @@ WARPED_STEPS = 0.5
 
 STATISTICS = 10.0
 """Weight of mean and deviation relative to the loss on features, whose weight is 1."""
+
+LEAST_DETAIL = 0.01
+"""Lower bound of a style's squared detail, as a fraction of its squared mean feature; paintings have 0.15. Without it,
+a style of one colour gives an unbounded loss."""
 
 LEAST_VARIANCE = 1e-5
 """Term added to the variance of a channel before dividing by it."""
@@ -178,3 +182,43 @@ def _painted(
     cut = torch.from_numpy(result[part].copy()).permute(2, 0, 1)
     result[(*part, slice(3))] = paint(cut[:3], cut[3], part).permute(1, 2, 0).numpy()
     return result
+
+
+def stylized(colours: Tensor, mask: Tensor, target: StyleTarget, steps: int, rate: float = 0.03) -> Tensor:
+    """Optimise the colours (3, h, w) of a view towards a style; its opacity (h, w) does not change."""
+    loss = partial(style_loss, mask=mask, target=target)
+    return optimised(with_style_colours(colours, mask, target), mask, loss, steps, rate)
+
+
+def with_style_colours(colours: Tensor, mask: Tensor, target: StyleTarget) -> Tensor:
+    """Give colours (3, h, w) with opacity (h, w) the mean and covariance of the style's, to start a frame from."""
+    matrix, offset = colour_transfer(colour_statistics(colours.flatten(1).T, mask.flatten()), target.statistics, 1e-3)
+    return (torch.einsum("dc,chw->dhw", matrix, colours) + offset[:, None, None]).clamp(0.02, 0.98)
+
+
+def style_loss(picture: Tensor, mask: Tensor, target: StyleTarget) -> Tensor:
+    """Return the style loss of straight colours (3, h, w) with opacity (h, w), over the style's background."""
+    return target.loss(picture * mask + target.background * (1 - mask), mask)
+
+
+def optimised(start: Tensor, mask: Tensor, loss: Callable[[Tensor], Tensor], steps: int, rate: float = 0.03) -> Tensor:
+    """Minimize a loss of colours (3, h, w) in [0, 1] with Adam, from a start.
+
+    The change is a pyramid of five levels, as a radiance field has features at several resolutions. ``mask`` (h, w)
+    weights the penalty on colours outside [0, 1], which the loss does not see.
+    """
+    size = mask.shape
+    levels = [torch.zeros(1, 3, *(-(-n >> k) + 1 for n in size)).requires_grad_() for k in range(5)]
+    optimizer = torch.optim.Adam(levels, rate)
+
+    def picture() -> Tensor:
+        return start + sum(F.interpolate(level, size=size, mode="bilinear")[0] for level in levels)
+
+    for _ in range(steps):
+        now = picture()
+        outside = ((now - now.clamp(0, 1)).square() * mask).mean()
+        total = loss(now.clamp(0, 1)) + 10 * outside
+        optimizer.zero_grad()
+        total.backward()
+        optimizer.step()
+    return picture().detach().clamp(0, 1)

@@ -1,7 +1,7 @@
 """Other ways to stylize a scene, as modes of the same trainer, for comparison with ours.
 
-They share our features, loss, views and schedule, so only the methods differ. None has the palette's regions, our
-painted start, the anchor that holds it, or lighting: their fields have the same colour from every side.
+They share features, loss, views and schedule (:data:`svv.bench.styles.modes.SCHEDULE`), so only the methods differ.
+None has the palette's regions, laid paint or lighting: their fields have the same colour from every side.
 
 - **ARF-like** (Zhang et al. 2022): one style on the whole scene. A field of the scene's original colours, mapped by
   ARF's linear colour transfer, is optimised towards the style view by view, and its colours are transferred once more
@@ -22,18 +22,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from svv.bench.styles.judge_features import stylized
+from svv.bench.styles.rival_frames import stylized
 from svv.core.nnfm import colour_statistics, colour_transfer
 from svv.errors import Progress, part
 from svv.fields.networks import UnrestrictedField, encode_directions
 from svv.fields.rendering import Rays, composite, march
 from svv.fields.scene import Scene
 from svv.kernels.types import Samples
-from svv.train.config import StylizeSettings
+from svv.train.config import MatchSettings
 from svv.train.distil import DISTILLATION_SIZE, Distillation
 from svv.train.loop import Loop
 from svv.train.ranges import LOOKED_AT
-from svv.train.style_loss import StyleLossSettings, StyleTarget
+from svv.train.style_loss import StyleTarget
 from svv.train.stylize import Stylization
 
 ROUNDS = 3
@@ -52,7 +52,7 @@ Transfer = tuple[Tensor, Tensor]
 class WholeDistillation(Distillation):
     """Distillation of the base network's colours, averaged over directions, as one region without light."""
 
-    def __init__(self, scene: Scene, transfer: Transfer | None, settings: StylizeSettings, seed: int) -> None:
+    def __init__(self, scene: Scene, transfer: Transfer | None, settings: MatchSettings, seed: int) -> None:
         """Start from the base network's features; ``transfer`` maps the colours, None leaves them unchanged."""
         assert scene.palette_network is not None
         super().__init__(scene, scene.palette_network.colours, settings, seed)
@@ -70,7 +70,7 @@ class Recoloured(WholeDistillation):
     """Distillation of a field's colours under a linear map into a copy of the field."""
 
     def __init__(
-        self, scene: Scene, field: UnrestrictedField, transfer: Transfer, settings: StylizeSettings, seed: int
+        self, scene: Scene, field: UnrestrictedField, transfer: Transfer, settings: MatchSettings, seed: int
     ) -> None:
         super().__init__(scene, transfer, settings, seed)
         self.field.load_state_dict(field.state_dict())
@@ -109,19 +109,14 @@ class Refit(Stylization):
         yield ((image - self.pictures[index]).square().mean(0) * mask).sum() / mask.sum()
 
 
-def unseeded(loss: StyleLossSettings) -> StyleLossSettings:
-    """Return the loss without our own additions: the painted start, the anchor, and one colour along a ray."""
-    return replace(loss, seeded=False, anchor=0.0, along_rays=0.0)
-
-
 def arf_like(
-    scene: Scene, target: StyleTarget, settings: StylizeSettings, seed: int, progress: Progress
+    scene: Scene, target: StyleTarget, settings: MatchSettings, seed: int, progress: Progress
 ) -> tuple[Scene, dict[str, float]]:
     """Paint one style on the whole scene by matching features view by view.
 
     Args:
         scene: A scene with a palette network, which only the file format requires.
-        target: The style, with an :func:`unseeded` loss.
+        target: The style.
         settings: Settings of stage 3.
         seed: Seed of networks and rays.
         progress: Called several times per second; the work stops if it raises.
@@ -143,7 +138,7 @@ def arf_like(
 
 
 def snerf_like(
-    scene: Scene, target: StyleTarget, settings: StylizeSettings, seed: int, progress: Progress
+    scene: Scene, target: StyleTarget, settings: MatchSettings, seed: int, progress: Progress
 ) -> tuple[Scene, dict[str, float]]:
     """Stylize images one by one and refit the field to them, alternately; see :func:`arf_like`.
 
@@ -194,7 +189,7 @@ def _transfer(scene: Scene, target: StyleTarget, seed: int, colours_of: Callable
 
 
 def _distilled(
-    scene: Scene, transfer: Transfer | None, settings: StylizeSettings, seed: int, progress: Progress
+    scene: Scene, transfer: Transfer | None, settings: MatchSettings, seed: int, progress: Progress
 ) -> tuple[WholeDistillation, dict[str, float]]:
     distillation = WholeDistillation(scene, transfer, settings, seed)
     loop = Loop(settings.distil_iterations, None, progress, "distillation")

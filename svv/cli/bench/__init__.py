@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import typer
 
-from svv.cli.bench import blind, chart, gpu, judge, profile, sheets, stability, styles
+from svv.cli.bench import blind, chart, gpu, profile, sheets, stability, styles
 from svv.cli.options import examples
 
 app = typer.Typer(name="bench", no_args_is_help=True)
@@ -19,7 +19,6 @@ COMMANDS: dict[str, tuple[Callable[..., None], Sequence[str]]] = {
     "consistency": (styles.consistency, styles.CONSISTENCY),
     "compare": (styles.compare, styles.COMPARE),
     "ablate": (styles.ablate, styles.ABLATE),
-    "judge": (judge.judge, judge.JUDGE),
     "sheet": (sheets.sheet, sheets.SHEET),
     "figures": (sheets.figures, sheets.FIGURES),
     "blind": (blind.blind, blind.BLIND),

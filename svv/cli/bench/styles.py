@@ -43,7 +43,7 @@ Flows = Annotated[
 ]
 KINDS = ("depth", "tvl1", "ilk")
 """Values of ``--flows``."""
-ALL_MODES = "unstyled,ours,ours-unlit,arf-like,snerf-like,frame-by-frame,video,adain"
+ALL_MODES = "unstyled,ours,ours-unlit,pieces,arf-like,snerf-like,frame-by-frame,video,adain"
 """Default of ``--modes``."""
 
 
@@ -82,8 +82,6 @@ class Training:
     """How long to paint; draft gives a first look."""
     seed: Annotated[int, Setting(least=0)] = 0
     """The same seed gives the same result."""
-    features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE")] = "auto"
-    """Features to match; auto uses VGG-16 if its weights are available."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +90,16 @@ class Shown:
 
     network: NetworkName | None = None
     """Network that gives the colours: base, pcn or styled; by default the last one that the scene has."""
+
+
+@dataclass(frozen=True)
+class Others:
+    """Settings of the methods that ours is compared with."""
+
+    features: Annotated[str, Setting(metavar="auto|embedded|vgg16|FILE")] = "auto"
+    """Features that the other methods match; auto uses VGG-16 if its weights are available."""
+    paper_loss: bool = False
+    """Let the other methods match plainly, as the paper does."""
 
 
 TRAINING = Training()
@@ -158,9 +166,7 @@ def compare(
     frames: Frames = ALL_FRAMES,
     flows: Flows = "depth,tvl1",
     training: Training = TRAINING,
-    paper_loss: Annotated[
-        bool, typer.Option("--paper-loss", help="Use plain matching instead of our loss in all modes.")
-    ] = False,
+    others: Others = Others(),
 ) -> None:
     """Compare our stylization with other methods: with other fields, and frame by frame.
 
@@ -172,7 +178,7 @@ def compare(
 
     protocol = frames.protocol(flows)
     names = tuple(dict.fromkeys(part.strip() for part in modes.split(",")))
-    how = Comparison(protocol, names, training.preset, training.seed, training.features, paper_loss)
+    how = Comparison(protocol, names, training.preset, training.seed, others.features, others.paper_loss)
     with shown("Comparing") as progress:
         rows = compare_styles(scenes, [style_file(name, out) for name in style], out, how, progress)
     print(write_comparison(out, rows, how))
@@ -198,13 +204,11 @@ def ablate(
         str | None,
         typer.Option(
             metavar="A,B",
-            help="Parts to leave out: matching, painted-start, form, tone, contrast, depth, colour-transfer, lighting, "
-            "background, along-rays, paint-cells, refinement, lambda-delta.",
+            help="Parts to leave out: form, tone, contrast, depth, lighting, refinement, lambda-delta.",
         ),
     ] = None,
     frames: Frames = FEW_FRAMES,
     training: Training = TRAINING,
-    paper_loss: Annotated[bool, typer.Option("--paper-loss", help="Use plain matching instead of our loss.")] = False,
 ) -> None:
     """Leave out one part of the method at a time, and compare all variants in a table and a contact sheet.
 
@@ -217,7 +221,7 @@ def ablate(
     names = None if only is None else tuple(dict.fromkeys(part.strip() for part in only.split(",")))
     job = Ablation(
         scene, tuple(style_file(name, out) for name in style or ()), views, names, protocol, training.preset,
-        training.seed, training.features, paper_loss,
+        training.seed,
     )  # fmt: skip
     with shown("Ablations") as progress:
         text = run_ablation(job, out, progress)

@@ -39,7 +39,25 @@ FINER = 2.7
 OPAQUE = 0.99
 """Coverage from which nothing below is visible."""
 
-USES = {"sides": 0, "end": 131, "phase": 257, "coarse": 401, "fine": 563, "mixed": 719}
+WET = 0.5
+"""Number of bristle marks below which a brush is full of water: it leaves no marks, does not run dry, and flows."""
+
+FLOW, SHRUNK = 0.9, 0.8
+"""Size of the irregularities of wet paint, in median widths of strokes, and how far they narrow it, in half widths."""
+
+RIM = 0.22
+"""Width of the darker rim of dried paint, in half widths."""
+
+STEEP = 1.6
+"""How sharply the tooth of paper separates peaks, which take chalk, from valleys."""
+
+LEAST_PIGMENT = 0.05
+"""Least density of a glaze relative to its usual one."""
+
+SPREAD = (73_856_093, 19_349_663, 83_492_791)
+"""Factors that spread the cells of space over :data:`NOISE` (Teschner et al. 2003)."""
+
+USES = {"sides": 0, "end": 131, "phase": 257, "coarse": 401, "fine": 563, "mixed": 719, "paper": 887}
 """Offsets in :data:`NOISE`, so that a stroke's irregularities are independent of each other."""
 
 
@@ -57,15 +75,46 @@ class Brush:
     """How much darker the rims of strokes are, as of watercolour; negative for lighter ones."""
     light: tuple[float, float, float] = (-0.447, 0.744, 0.496)
     """Unit vector to the light on the relief."""
+    body: float = 1.0
+    """How far paint covers what is below, in [0, 1]; 0 is a glaze, which filters it: colours multiply."""
+    grain: float = 0.0
+    """How strongly the tooth of the paper shows, in [0, 1]: glazes settle in its valleys, chalk leaves them bare."""
+    tooth: float = 0.3
+    """Size of the tooth, in median widths of strokes, > 0."""
+    flow: float = 0.0
+    """How irregularly wet paint runs, in [0, 1]: its outline, and its density within."""
+    feather: float = 0.0
+    """Width of soft edges, in half widths, at least 0."""
+    blunt: float = 0.0
+    """Ends of strokes: from 0, lifted and ragged, to 1, as round as they begin."""
+    ground: tuple[float, float, float] | None = None
+    """Colour of the bare ground, RGB in [0, 1], such as paper; None for the nearest stroke's, a little darker."""
 
     @classmethod
     def from_json(cls, told: Mapping[str, Any]) -> Brush:
         """Return the brush of plain values; raises KeyError, TypeError or ValueError if they are not numbers."""
         relief, dry, mixed, rim = (float(told[name]) for name in ("relief", "dry", "mixed", "rim"))
         x, y, z = (float(value) for value in told["light"])
-        if not np.isfinite([relief, dry, mixed, rim, x, y, z]).all():
+        # Scenes of earlier versions have none of these: all of their paint is oil.
+        names = ("body", "grain", "tooth", "flow", "feather", "blunt")
+        body, grain, tooth, flow, feather, blunt = (float(told.get(name, getattr(cls, name))) for name in names)
+        ground = None
+        if told.get("ground") is not None:
+            red, green, blue = (float(value) for value in told["ground"])
+            ground = red, green, blue
+        numbers = [relief, dry, mixed, rim, x, y, z, body, grain, tooth, flow, feather, blunt, *(ground or ())]
+        if not np.isfinite(numbers).all():
             raise ValueError("a brush is not finite")
-        return cls(relief, dry, mixed, rim, (x, y, z))
+        if not all(0.0 <= part <= 1.0 for part in (body, grain, flow, blunt, *(ground or ()))):
+            raise ValueError("a brush is out of range")
+        if not tooth > 0.0 or feather < 0.0:
+            raise ValueError("a brush is out of range")
+        return cls(relief, dry, mixed, rim, (x, y, z), body, grain, tooth, flow, feather, blunt, ground)
+
+    @property
+    def paper(self) -> tuple[float, float, float]:
+        """Colour that glazes filter where there is no other paint: the ground's, white by default."""
+        return self.ground or (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +138,7 @@ class Strokes:
     second: Floats
     """Second colour on each brush. (N, 3)"""
     bristles: Floats
-    """Number of coarse bristle marks across each stroke. (N,)"""
+    """Number of coarse bristle marks across each stroke; below :data:`WET`, the brush is wet. (N,)"""
     seed: NDArray[np.int64]
     """Where each stroke's irregularities begin in :data:`NOISE`. (N,)"""
 
@@ -121,6 +170,11 @@ class Strokes:
         bend = np.where((index == first) | (index == last), 0.0, turned)
         widen = (self.radius[after] - self.radius[before]) / span
         return tuple(np.ascontiguousarray(a, np.float32) for a in (tangent, arc, bend, widen))  # type: ignore[return-value]
+
+    @cached_property
+    def unit(self) -> float:
+        """Median width of the strokes, in box units."""
+        return 2.0 * float(np.median(self.radius))
 
     @cached_property
     def length(self) -> Floats:
@@ -212,6 +266,26 @@ def noise(x: NDArray[np.floating], first: NDArray[np.integer] | int) -> NDArray[
     return np.asarray(left + (right - left) * part, np.float64)
 
 
+def rough(place: NDArray[np.floating], first: NDArray[np.integer] | int) -> NDArray[np.float64]:
+    """Return smooth noise in [-1, 1] at places (P, 3), with one value for each unit cube, for a sequence. (P,)"""
+    low = np.floor(place)
+    part = place - low
+    part = part * part * (3.0 - 2.0 * part)
+    index = low.astype(np.int64)
+    total = np.zeros(len(place))
+    for corner in np.ndindex(2, 2, 2):
+        share = np.where(np.array(corner) == 1, part, 1.0 - part).prod(1)
+        a, b, c = (index + np.array(corner)).T
+        total += share * NOISE[((a * SPREAD[0]) ^ (b * SPREAD[1]) ^ (c * SPREAD[2])) + first & (len(NOISE) - 1)]
+    return total
+
+
+def twice(place: NDArray[np.floating], size: float, soft: float, first: int) -> NDArray[np.float64]:
+    """Return noise of two octaves at places (P, 3): features of ``size`` and half of it, faded if finer than ``soft``."""
+    coarse, fine = (float(np.clip(s / soft - 0.5, 0.0, 1.0)) for s in (size, 0.5 * size))
+    return coarse * rough(place / size, first) + 0.5 * fine * rough(place / (0.5 * size) + 0.37, first + 77)
+
+
 def paint_at(strokes: Strokes, brush: Brush, position: Any, soft: float) -> NDArray[np.float64]:
     """Return the paint at positions: a plain reference, stroke by stroke.
 
@@ -225,20 +299,23 @@ def paint_at(strokes: Strokes, brush: Brush, position: Any, soft: float) -> NDAr
         Colour times coverage, and coverage, from 0 to 1. (P, 4)
     """
     place = np.asarray(position, np.float64)
-    out, left = np.zeros((len(place), 4)), np.ones(len(place))
+    out, bare, through = np.zeros((len(place), 4)), np.ones(len(place)), np.ones((len(place), 3))
+    paper = twice(place, brush.tooth * strokes.unit, soft, USES["paper"]) if brush.grain > 0.0 else np.zeros(len(place))
     for q in range(len(strokes) - 1, -1, -1):
-        colour, alpha = _one(strokes, brush, q, place, soft)
-        alpha = np.where(left > 1.0 - OPAQUE, alpha, 0.0)
-        out[:, :3] += (left * alpha)[:, None] * colour
-        left *= 1.0 - alpha
-    out[:, 3] = 1.0 - left
+        colour, glaze, alpha = _one(strokes, brush, q, place, soft, paper)
+        alpha = np.where(through.max(1) > 1.0 - OPAQUE, alpha, 0.0)
+        out[:, :3] += through * (brush.body * alpha)[:, None] * colour
+        through *= 1.0 - alpha[:, None] * (1.0 - (1.0 - brush.body) * glaze)
+        bare *= 1.0 - alpha
+    out[:, :3] += (through - bare[:, None]) * np.array(brush.paper)
+    out[:, 3] = 1.0 - bare
     return out
 
 
 def _one(
-    strokes: Strokes, brush: Brush, q: int, place: NDArray[np.float64], soft: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the colour (P, 3) and the coverage (P,) of one stroke."""
+    strokes: Strokes, brush: Brush, q: int, place: NDArray[np.float64], soft: float, paper: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the colours of one stroke as body colour and as a glaze, both (P, 3), and its coverage (P,)."""
     rows = slice(int(strokes.start[q]), int(strokes.start[q + 1]))
     tangents, arcs, bends, widens = (a[rows].astype(np.float64) for a in strokes.frames)
     normals = strokes.normal[rows].astype(np.float64)
@@ -255,24 +332,55 @@ def _one(
     each = np.arange(len(place))
     u, v, r = arcs[best] + along[each, best], across[each, best], np.maximum(radius[each, best], 1e-6)
     first, count, length = int(strokes.seed[q]), float(strokes.bristles[q]), float(strokes.length[q])
-    wide = r * (1.0 + WAVY * noise(WAVE * u / r, first + USES["sides"]))
-    set_down = np.minimum(u / r + 1.0, 1.0)
-    lifted = np.minimum(((length - u) / r + 1.0 + RAGGED * noise(2.5 * v / r + 7.3, first + USES["end"])) / TAPER, 1.0)
-    there_too = (set_down > 0.0) & (lifted > 0.0) & np.isfinite(near[each, best])
-    taper = np.minimum(np.sqrt((set_down * (2.0 - set_down)).clip(0.0)), np.sqrt(lifted.clip(0.0)))
-    alpha = np.where(there_too, (0.5 + (wide * taper - np.abs(v)) / soft).clip(0.0, 1.0), 0.0)
-    x = v / wide
-    x = x + 0.2 * noise(0.3 * u / r, first + USES["phase"])
-    coarse, fine = ((r / (n * soft) - 0.5).clip(0.0, 1.0) for n in (count, FINER * count))
-    marks = coarse * noise(count * x, first + USES["coarse"])
-    marks = marks + 0.5 * fine * noise(FINER * count * x, first + USES["fine"])
-    slope = noise(count * x + 0.3, first + USES["coarse"]) - noise(count * x - 0.3, first + USES["coarse"])
-    alpha = alpha * (1.0 - (brush.dry * (0.25 + (u / max(length, 1e-6)).clip(0.0, 1.0)) * (0.5 - marks)).clip(0.0, 1.0))
-    streak = (0.5 + 0.8 * noise(0.6 * count * x + 17.0, first + USES["mixed"])).clip(0.0, 1.0) * brush.mixed
-    colour = strokes.colour[q] + streak[:, None] * (strokes.second[q] - strokes.colour[q])
+    wet = count < WET
+    flows = wet and brush.flow > 0.0
+    run = twice(place, FLOW * strokes.unit, soft, first) if flows else np.zeros(len(place))
+    shrunk = SHRUNK * brush.flow * (0.5 + 1.2 * run).clip(0.0, 1.0) if flows else np.zeros(len(place))
+    wide = r * (1.0 + WAVY * noise(WAVE * u / r, first + USES["sides"])) * (1.0 - shrunk)
+    alpha, inside = _outline(brush, u, v, r, wide, shrunk, length, first, soft)
+    alpha = np.where(np.isfinite(near[each, best]), alpha, 0.0)
+    part = (u / max(length, 1e-6)).clip(0.0, 1.0)
+    marks, slope, coarse = np.zeros(len(place)), np.zeros(len(place)), np.zeros(len(place))
+    streak = (0.5 + 1.2 * run).clip(0.0, 1.0)
+    if not wet:
+        x = v / wide + 0.2 * noise(0.3 * u / r, first + USES["phase"])
+        coarse, fine = ((r / (n * soft) - 0.5).clip(0.0, 1.0) for n in (count, FINER * count))
+        marks = coarse * noise(count * x, first + USES["coarse"])
+        marks = marks + 0.5 * fine * noise(FINER * count * x, first + USES["fine"])
+        slope = noise(count * x + 0.3, first + USES["coarse"]) - noise(count * x - 0.3, first + USES["coarse"])
+        gaps = brush.dry * (0.25 + part) * (0.5 - marks - brush.grain * STEEP * paper)
+        alpha = alpha * (1.0 - gaps.clip(0.0, 1.0))
+        streak = (0.5 + 0.8 * noise(0.6 * count * x + 17.0, first + USES["mixed"])).clip(0.0, 1.0)
+    alpha = (alpha - brush.grain * brush.body * (0.5 + STEEP * paper).clip(0.0, 1.0)).clip(0.0)
+    colour = strokes.colour[q] + (brush.mixed * streak)[:, None] * (strokes.second[q] - strokes.colour[q])
+    sharp = np.maximum(RIM * r, soft)
+    rim = brush.rim * RIM * r / sharp * np.exp(-inside / sharp) if wet else 0.0
     edge = np.sign(v) * ((np.abs(v) / wide - 0.45) / 0.55).clip(0.0, 1.0)
     toward = (sides[best] * np.array(brush.light)).sum(1)
-    gain = brush.relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks) - brush.rim * edge * edge
+    gain = brush.relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks) - rim
     gain = gain[:, None]
     lighter = colour + gain * (0.6 * (1.0 - colour) + 0.3 * colour)
-    return np.where(gain < 0.0, colour * (1.0 + gain), lighter).clip(0.0, 1.0), alpha
+    density = np.maximum(1.0 + rim + brush.flow * run + brush.grain * paper, LEAST_PIGMENT)
+    return np.where(gain < 0.0, colour * (1.0 + gain), lighter).clip(0.0, 1.0), colour ** density[:, None], alpha
+
+
+def _outline(
+    brush: Brush, u: NDArray[np.float64], v: NDArray[np.float64], r: NDArray[np.float64], wide: NDArray[np.float64],
+    shrunk: NDArray[np.float64], length: float, first: int, soft: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
+    """Return the coverage at coordinates along and across a stroke, and the distance inside its outline, both (P,)."""
+    lift, ragged = TAPER + brush.blunt * (1.0 - TAPER), RAGGED * (1.0 - brush.blunt)
+    set_down = np.minimum(u / r + 1.0 - shrunk, 1.0)
+    lifted = (length - u) / r + 1.0 - shrunk + ragged * noise(2.5 * v / r + 7.3, first + USES["end"])
+    lifted = np.minimum(lifted / lift, 1.0)
+    begins, ends = set_down * (2.0 - set_down), lifted * (1.0 + brush.blunt * (1.0 - lifted))
+    taper = np.minimum(begins, ends).clip(0.0)
+    edge = wide * np.sqrt(taper) - np.abs(v)
+    feather = brush.feather * r
+    alpha = (0.5 + (edge - 0.5 * feather) / (soft + feather)).clip(0.0, 1.0)
+    # Distance to the outline taper = (v / wide)^2, to first order.
+    rate = np.where(begins < ends, 2.0 - 2.0 * set_down, (1.0 + brush.blunt * (1.0 - 2.0 * lifted)) / lift)
+    rate = np.where(np.minimum(begins, ends) >= 1.0, 0.0, rate) / r
+    steep = np.sqrt(rate**2 + (2.0 * v / wide**2) ** 2)
+    inside = (taper - (v / wide) ** 2).clip(0.0) / np.maximum(steep, 1.0 / wide)
+    return np.where((set_down > 0.0) & (lifted > 0.0), alpha, 0.0), inside

@@ -42,6 +42,7 @@ def wet(strokes: Strokes, every: int = 1) -> Strokes:
     """The strokes, each ``every``-th one laid by a wet brush."""
     bristles = strokes.bristles.copy()
     bristles[::every] = 0.125
+    bristles[len(bristles) // 2 :: every] = 0.25
     return replace(strokes, bristles=bristles)
 
 

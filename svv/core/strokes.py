@@ -45,8 +45,11 @@ WET = 0.5
 FLOW, SHRUNK = 0.9, 0.8
 """Size of the irregularities of wet paint, in median widths of strokes, and how far they narrow it, in half widths."""
 
+FADE = 2.0
+"""How quickly washes end towards their depth, per depth: below and above a sheet there is no border."""
+
 RIM = 0.22
-"""Width of the darker rim of dried paint, in half widths."""
+"""Width of the darker rim of dried washes, in half median widths of strokes."""
 
 STEEP = 1.6
 """How sharply the tooth of paper separates peaks, which take chalk, from valleys."""
@@ -72,7 +75,7 @@ class Brush:
     mixed: float = 0.4
     """How far the two colours on a brush appear as streaks, in [0, 1]."""
     rim: float = 0.0
-    """How much darker the rims of strokes are, as of watercolour; negative for lighter ones."""
+    """How much darker the rims of washes are, as of watercolour; negative for lighter ones."""
     light: tuple[float, float, float] = (-0.447, 0.744, 0.496)
     """Unit vector to the light on the relief."""
     body: float = 1.0
@@ -138,7 +141,8 @@ class Strokes:
     second: Floats
     """Second colour on each brush. (N, 3)"""
     bristles: Floats
-    """Number of coarse bristle marks across each stroke; below :data:`WET`, the brush is wet. (N,)"""
+    """Number of coarse bristle marks across each stroke. Below :data:`WET`, the brush is wet, and strokes of the same
+    number that follow one another flow into one wash: 1/8, 2/8 or 3/8. (N,)"""
     seed: NDArray[np.int64]
     """Where each stroke's irregularities begin in :data:`NOISE`. (N,)"""
 
@@ -299,23 +303,89 @@ def paint_at(strokes: Strokes, brush: Brush, position: Any, soft: float) -> NDAr
         Colour times coverage, and coverage, from 0 to 1. (P, 4)
     """
     place = np.asarray(position, np.float64)
-    out, bare, through = np.zeros((len(place), 4)), np.ones(len(place)), np.ones((len(place), 3))
     paper = twice(place, brush.tooth * strokes.unit, soft, USES["paper"]) if brush.grain > 0.0 else np.zeros(len(place))
+    laid = _Laid(brush, soft, strokes.unit, paper)
     for q in range(len(strokes) - 1, -1, -1):
-        colour, glaze, alpha = _one(strokes, brush, q, place, soft, paper)
-        alpha = np.where(through.max(1) > 1.0 - OPAQUE, alpha, 0.0)
-        out[:, :3] += through * (brush.body * alpha)[:, None] * colour
-        through *= 1.0 - alpha[:, None] * (1.0 - (1.0 - brush.body) * glaze)
-        bare *= 1.0 - alpha
-    out[:, :3] += (through - bare[:, None]) * np.array(brush.paper)
-    out[:, 3] = 1.0 - bare
-    return out
+        mark = _one(strokes, brush, q, place, soft, paper)
+        here = (mark.alpha > 0.0) & (laid.through.max(1) > 1.0 - OPAQUE)
+        wash = float(strokes.bristles[q])
+        laid.finish(here & (laid.wash != wash))
+        if wash < WET:
+            laid.flow(here, wash, mark)
+        else:
+            density = np.maximum(1.0 + brush.grain * paper, LEAST_PIGMENT)
+            laid.lay(here, mark.colour, mark.alpha, mark.gain, density)
+    laid.finish(np.ones(len(place), bool))
+    paint = laid.paint + (laid.through - laid.bare[:, None]) * np.array(brush.paper)
+    return np.concatenate([paint, 1.0 - laid.bare[:, None]], 1)
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """One stroke's paint at positions."""
+
+    colour: NDArray[np.float64]
+    """(P, 3)"""
+    alpha: NDArray[np.float64]
+    """Coverage. (P,)"""
+    gain: NDArray[np.float64]
+    """How much lighter its relief is. (P,)"""
+    inside: NDArray[np.float64]
+    """Distance from its outline. (P,)"""
+    run: NDArray[np.float64]
+    """Density of wet paint. (P,)"""
+    radius: NDArray[np.float64]
+    """(P,)"""
+
+
+class _Laid:
+    """Paint of all strokes so far, from the top down, at positions."""
+
+    def __init__(self, brush: Brush, soft: float, unit: float, paper: NDArray[np.float64]) -> None:
+        self.brush, self.sharp, self.soft, self.grain = brush, max(0.5 * RIM * unit, soft), soft, brush.grain * paper
+        self.rim = brush.rim * 0.5 * RIM * unit / self.sharp
+        count = len(paper)
+        self.paint, self.through, self.bare = np.zeros((count, 3)), np.ones((count, 3)), np.ones(count)
+        self.wash, self.weights, self.colours = np.zeros(count), np.zeros(count), np.zeros((count, 3))
+        self.covers, self.deepest, self.runs = np.zeros(count), np.zeros(count), np.zeros(count)
+
+    def lay(
+        self, here: NDArray[np.bool_], colour: NDArray[np.float64], alpha: NDArray[np.float64],
+        gain: NDArray[np.float64], density: NDArray[np.float64],
+    ) -> None:  # fmt: skip
+        """Lay a colour under what is above, where ``here``."""
+        body, gain, alpha = self.brush.body, gain[:, None], np.where(here, alpha, 0.0)[:, None]
+        lighter = colour + gain * (0.6 * (1.0 - colour) + 0.3 * colour)
+        shown = np.where(gain < 0.0, colour * (1.0 + gain), lighter).clip(0.0, 1.0)
+        self.paint += self.through * alpha * body * shown
+        self.through *= 1.0 - alpha + alpha * (1.0 - body) * colour ** density[:, None]
+        self.bare *= 1.0 - alpha[:, 0]
+
+    def flow(self, here: NDArray[np.bool_], wash: float, mark: _Mark) -> None:
+        """Let a wet stroke flow into its wash: colours mix, and only the whole has an outline."""
+        weight = np.where(here, mark.alpha * (np.minimum(mark.inside / mark.radius, 1.0) ** 2 + 0.01), 0.0)
+        self.wash[here] = wash
+        self.weights += weight
+        self.colours += weight[:, None] * mark.colour
+        self.runs += weight * mark.run
+        self.covers[here] = np.maximum(self.covers, mark.alpha)[here]
+        self.deepest[here] = np.maximum(self.deepest, mark.inside)[here]
+
+    def finish(self, done: NDArray[np.bool_]) -> None:
+        """Lay the wash so far, where ``done``."""
+        done = done & (self.weights > 0.0)
+        weights = np.maximum(self.weights, 1e-12)
+        dark = self.rim * np.exp(-self.deepest / self.sharp)
+        density = np.maximum(1.0 + dark + self.brush.flow * self.runs / weights + self.grain, LEAST_PIGMENT)
+        self.lay(done, self.colours / weights[:, None], self.covers, -dark, density)
+        for state in (self.weights, self.colours, self.runs, self.covers, self.deepest, self.wash):
+            state[done] = 0.0
 
 
 def _one(
     strokes: Strokes, brush: Brush, q: int, place: NDArray[np.float64], soft: float, paper: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the colours of one stroke as body colour and as a glaze, both (P, 3), and its coverage (P,)."""
+) -> _Mark:
+    """Return the paint of one stroke."""
     rows = slice(int(strokes.start[q]), int(strokes.start[q + 1]))
     tangents, arcs, bends, widens = (a[rows].astype(np.float64) for a in strokes.frames)
     normals = strokes.normal[rows].astype(np.float64)
@@ -339,6 +409,10 @@ def _one(
     wide = r * (1.0 + WAVY * noise(WAVE * u / r, first + USES["sides"])) * (1.0 - shrunk)
     alpha, inside = _outline(brush, u, v, r, wide, shrunk, length, first, soft)
     alpha = np.where(np.isfinite(near[each, best]), alpha, 0.0)
+    if wet:
+        above = height[each, best]
+        deep = np.where(above > 0.0, strokes.outer[rows][best], strokes.inner[rows][best]).astype(np.float64)
+        alpha = alpha * (FADE * (1.0 - np.abs(above) / np.maximum(deep, 1e-9))).clip(0.0, 1.0)
     part = (u / max(length, 1e-6)).clip(0.0, 1.0)
     marks, slope, coarse = np.zeros(len(place)), np.zeros(len(place)), np.zeros(len(place))
     streak = (0.5 + 1.2 * run).clip(0.0, 1.0)
@@ -353,15 +427,10 @@ def _one(
         streak = (0.5 + 0.8 * noise(0.6 * count * x + 17.0, first + USES["mixed"])).clip(0.0, 1.0)
     alpha = (alpha - brush.grain * brush.body * (0.5 + STEEP * paper).clip(0.0, 1.0)).clip(0.0)
     colour = strokes.colour[q] + (brush.mixed * streak)[:, None] * (strokes.second[q] - strokes.colour[q])
-    sharp = np.maximum(RIM * r, soft)
-    rim = brush.rim * RIM * r / sharp * np.exp(-inside / sharp) if wet else 0.0
     edge = np.sign(v) * ((np.abs(v) / wide - 0.45) / 0.55).clip(0.0, 1.0)
     toward = (sides[best] * np.array(brush.light)).sum(1)
-    gain = brush.relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks) - rim
-    gain = gain[:, None]
-    lighter = colour + gain * (0.6 * (1.0 - colour) + 0.3 * colour)
-    density = np.maximum(1.0 + rim + brush.flow * run + brush.grain * paper, LEAST_PIGMENT)
-    return np.where(gain < 0.0, colour * (1.0 + gain), lighter).clip(0.0, 1.0), colour ** density[:, None], alpha
+    gain = brush.relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks)
+    return _Mark(colour, alpha, gain, inside, run, r)
 
 
 def _outline(

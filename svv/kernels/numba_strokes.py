@@ -12,7 +12,7 @@ from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
 from svv.core.strokes import (
-    FINER, FLOW, LEAST_PIGMENT, NOISE, OPAQUE, RAGGED, RIM, SHRUNK, SPREAD, STEEP, TAPER, USES, WAVE, WAVY, WET,
+    FADE, FINER, FLOW, LEAST_PIGMENT, NOISE, OPAQUE, RAGGED, RIM, SHRUNK, SPREAD, STEEP, TAPER, USES, WAVE, WAVY, WET,
 )  # fmt: skip
 
 SIDES, END, PHASE, COARSE, FINE, MIXED, PAPER = (
@@ -104,6 +104,19 @@ def _twice(table, x, y, z, size, soft, first):  # type: ignore[no-untyped-def]
     return found
 
 
+@njit(cache=True, fastmath=FAST_MATH)
+def _over(colour, alpha, gain, density, body, left, total):  # type: ignore[no-untyped-def]
+    """Lay one channel of a colour under what is above: returns what that lets through, and the sum of paint."""
+    kept = 1.0 - alpha
+    if body < 1.0:
+        kept += alpha * (1.0 - body) * colour**density
+    if gain < 0.0:
+        colour *= 1.0 + gain
+    else:
+        colour += gain * (0.6 * (1.0 - colour) + 0.3 * colour)
+    return left * kept, total + left * min(max(colour, 0.0), 1.0) * alpha * body
+
+
 @njit(parallel=True, cache=True, fastmath=FAST_MATH)
 def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would be a dozen parameters
     place, side, size, start, entries, table, where, normal, tangent, arc, bend, widen, radius, inner, outer, stroke,
@@ -117,6 +130,8 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
     relief, dry, mixed, rim, body, grain = look[0], look[1], look[2], look[3], look[4], look[5]
     tooth, flow, feather, blunt = look[6] * unit, look[7], look[8], look[9]
     lift, ragged, run_size = TAPER + blunt * (1.0 - TAPER), RAGGED * (1.0 - blunt), FLOW * unit
+    sharp = max(0.5 * RIM * unit, soft)
+    rim *= 0.5 * RIM * unit / sharp
     for p in prange(len(place)):
         a = min(max(int(place[p, 0] / side), 0), size - 1)
         b = min(max(int(place[p, 1] / side), 0), size - 1)
@@ -126,11 +141,12 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
         bare, red, green, blue = 1.0, 0.0, 0.0, 0.0
         left0, left1, left2 = 1.0, 1.0, 1.0
         paper = 0.0
+        wash, weights, deepest, covers, runs, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         if grain > 0.0:
             paper = _twice(table, place[p, 0], place[p, 1], place[p, 2], tooth, soft, PAPER)
         while i < end and (left0 > 1.0 - OPAQUE or left1 > 1.0 - OPAQUE or left2 > 1.0 - OPAQUE):
             q = stroke[entries[i]]
-            best, nearest, u, v = np.inf, -1, 0.0, 0.0
+            best, nearest, u, v, above = np.inf, -1, 0.0, 0.0, 0.0
             while i < end:
                 k = entries[i]
                 if stroke[k] != q:
@@ -153,7 +169,7 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
                 away = along * along + across * across
                 # Points are visited from the last to the first: of two equally near ones, the first counts.
                 if away <= best:
-                    best, nearest, u, v = away, k, along, across
+                    best, nearest, u, v, above = away, k, along, across, height
             if nearest < 0:
                 continue
             k = nearest
@@ -180,16 +196,11 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
             if alpha <= 0.0:
                 continue
             part = min(max(u / max(length[q], 1e-6), 0.0), 1.0)
-            marks, slope, coarse, dark = 0.0, 0.0, 0.0, 0.0
+            marks, slope, coarse = 0.0, 0.0, 0.0
             if wet:
+                deep = outer[k] if above > 0.0 else inner[k]
+                alpha *= min(max(FADE * (1.0 - abs(above) / max(deep, 1e-9)), 0.0), 1.0)
                 streak = min(max(0.5 + 1.2 * run, 0.0), 1.0) * mixed
-                if rim != 0.0:
-                    rate = 2.0 - 2.0 * set_down if begins < ends else (1.0 + blunt * (1.0 - 2.0 * lifted)) / lift
-                    rate = rate / r if taper < 1.0 else 0.0
-                    steep = np.sqrt(rate * rate + (2.0 * v / (wide * wide)) ** 2)
-                    inside = max(taper - (v / wide) ** 2, 0.0) / max(steep, 1.0 / wide)
-                    sharp = max(RIM * r, soft)
-                    dark = rim * RIM * r / sharp * np.exp(-inside / sharp)
             else:
                 n = bristles[q]
                 x = v / wide + 0.2 * _noise(table, 0.3 * u / r, first + PHASE)
@@ -205,32 +216,51 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
                 streak = min(max(0.5 + 0.8 * _noise(table, 0.6 * n * x + 17.0, first + MIXED), 0.0), 1.0) * mixed
             if grain > 0.0:
                 alpha = max(alpha - grain * body * min(max(0.5 + STEEP * paper, 0.0), 1.0), 0.0)
+            if alpha <= 0.0:
+                continue
+            if weights > 0.0 and bristles[q] != wash:  # what is above has been another wash
+                dark = rim * np.exp(-deepest / sharp)
+                density = max(1.0 + dark + flow * runs / weights + grain * paper, LEAST_PIGMENT)
+                left0, red = _over(c0 / weights, covers, -dark, density, body, left0, red)
+                left1, green = _over(c1 / weights, covers, -dark, density, body, left1, green)
+                left2, blue = _over(c2 / weights, covers, -dark, density, body, left2, blue)
+                bare *= 1.0 - covers
+                weights = 0.0
+            value0 = colour[q, 0] + streak * (second[q, 0] - colour[q, 0])
+            value1 = colour[q, 1] + streak * (second[q, 1] - colour[q, 1])
+            value2 = colour[q, 2] + streak * (second[q, 2] - colour[q, 2])
+            if wet:
+                rate = 2.0 - 2.0 * set_down if begins < ends else (1.0 + blunt * (1.0 - 2.0 * lifted)) / lift
+                rate = rate / r if taper < 1.0 else 0.0
+                steep = np.sqrt(rate * rate + (2.0 * v / (wide * wide)) ** 2)
+                inside = max(taper - (v / wide) ** 2, 0.0) / max(steep, 1.0 / wide)
+                weight = alpha * (min(inside / r, 1.0) ** 2 + 0.01)
+                if weights <= 0.0:
+                    wash, deepest, covers, runs, c0, c1, c2 = bristles[q], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                weights += weight
+                runs += weight * run
+                c0, c1, c2 = c0 + weight * value0, c1 + weight * value1, c2 + weight * value2
+                deepest, covers = max(deepest, inside), max(covers, alpha)
+                continue
             edge = min(max((abs(v) / wide - 0.45) / 0.55, 0.0), 1.0)
             edge = edge if v > 0.0 else -edge
             n0, n1, n2 = normal[k, 0], normal[k, 1], normal[k, 2]
             t0, t1, t2 = tangent[k, 0], tangent[k, 1], tangent[k, 2]
             toward = light[0] * (n1 * t2 - n2 * t1) + light[1] * (n2 * t0 - n0 * t2) + light[2] * (n0 * t1 - n1 * t0)
-            gain = relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks) - dark
-            density = max(1.0 + dark + flow * run + grain * paper, LEAST_PIGMENT)
-            for f in range(3):
-                value = colour[q, f] + streak * (second[q, f] - colour[q, f])
-                kept = 1.0 - alpha
-                if body < 1.0:
-                    kept += alpha * (1.0 - body) * value**density
-                if gain < 0.0:
-                    value *= 1.0 + gain
-                else:
-                    value += gain * (0.6 * (1.0 - value) + 0.3 * value)
-                value = min(max(value, 0.0), 1.0) * alpha * body
-                if f == 0:
-                    red += left0 * value
-                    left0 *= kept
-                elif f == 1:
-                    green += left1 * value
-                    left1 *= kept
-                else:
-                    blue += left2 * value
-                    left2 *= kept
+            gain = relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks)
+            density = max(1.0 + grain * paper, LEAST_PIGMENT)
+            left0, red = _over(value0, alpha, gain, density, body, left0, red)
+            left1, green = _over(value1, alpha, gain, density, body, left1, green)
+            left2, blue = _over(value2, alpha, gain, density, body, left2, blue)
             bare *= 1.0 - alpha
-        red, green, blue = red + (left0 - bare) * ground[0], green + (left1 - bare) * ground[1], blue + (left2 - bare) * ground[2]
-        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = red, green, blue, 1.0 - bare
+        if weights > 0.0:
+            dark = rim * np.exp(-deepest / sharp)
+            density = max(1.0 + dark + flow * runs / weights + grain * paper, LEAST_PIGMENT)
+            left0, red = _over(c0 / weights, covers, -dark, density, body, left0, red)
+            left1, green = _over(c1 / weights, covers, -dark, density, body, left1, green)
+            left2, blue = _over(c2 / weights, covers, -dark, density, body, left2, blue)
+            bare *= 1.0 - covers
+        out[p, 0] = red + (left0 - bare) * ground[0]
+        out[p, 1] = green + (left1 - bare) * ground[1]
+        out[p, 2] = blue + (left2 - bare) * ground[2]
+        out[p, 3] = 1.0 - bare

@@ -15,7 +15,7 @@ from svv.fields.networks import UnrestrictedField
 from svv.fields.region import Region
 from svv.fields.scene import Scene
 from svv.measure import give_memory_back
-from svv.options.making import MannerName, PaintOptions
+from svv.options.making import AskedHandName, MannerName, PaintOptions
 from svv.styles.features import FeatureNetwork, PatchFeatures
 from svv.styles.hand import Hand, measure_hand
 from svv.train.checkpoint import Checkpoint
@@ -23,7 +23,7 @@ from svv.train.config import StylizeSettings
 from svv.train.contrast import match_contrast
 from svv.train.ink import PAPER, Ink, Style, StyleInput
 from svv.train.loop import Loop, Running
-from svv.train.manner import manner_of
+from svv.train.manner import manner_of, technique_of
 from svv.train.painting import VIEWS, Start
 from svv.train.previews import Previews, Show
 from svv.train.start import is_laid, run_stage, started, targets_of
@@ -103,17 +103,23 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     return Order(styles, labels, masks, pairs, inks, stroke_size, regions, named, name, go_on, notes)
 
 
-def with_hands(order: Order, manner: MannerName, laid: bool) -> Order:
+def with_hands(order: Order, manner: MannerName, laid: bool, named: AskedHandName = "auto") -> Order:
     """Return the order with the hand of each region that is to be painted by strokes, and notes about the choice.
 
     Args:
         order: Styles of the regions.
         manner: How to paint; ``auto`` decides by :func:`svv.train.manner.manner_of`.
         laid: Whether paint can be laid at all (:func:`svv.train.start.is_laid`).
+        named: Technique of the strokes; ``auto`` decides by :func:`svv.train.manner.technique_of`, and any other asks
+            for strokes.
 
     Raises:
-        BadInput: Strokes are asked for where paint cannot be laid.
+        BadInput: Strokes are asked for where paint cannot be laid, or a technique of strokes together with pieces.
     """
+    if named != "auto":
+        if manner == "pieces":
+            raise BadInput(f"Pieces of a picture have its own hand: leave out --manner pieces, or --hand {named}.")
+        manner = "strokes"
     if not laid and manner == "strokes":
         raise BadInput("Strokes need paint on a lattice: train and stylize the scene with a preset other than 'paper'.")
     if not laid or manner == "pieces":
@@ -125,8 +131,15 @@ def with_hands(order: Order, manner: MannerName, laid: bool) -> Order:
         chosen, reason = manner_of(hand)
         if manner == "auto":
             notes.append(f"{order.labels[number]} is painted by {chosen}: {reason}. --manner chooses otherwise.")
-        if "strokes" in (manner, chosen):
-            found |= {region: hand for region, style in order.pairs.items() if style == number}
+        if "strokes" not in (manner, chosen):
+            continue
+        technique, why = technique_of(hand)
+        if named != "auto":
+            technique = named
+        elif technique != "oil":
+            notes.append(f"{order.labels[number]} is painted in the hand '{technique}': {why}. --hand chooses otherwise.")
+        hand = replace(hand, technique=technique)
+        found |= {region: hand for region, style in order.pairs.items() if style == number}
     return replace(order, hands=found, notes=notes)
 
 

@@ -165,8 +165,8 @@ def _stylize_alone(
     if order.inks and not is_laid(scene, chosen.stylize):
         raise BadInput("Ink needs paint on a lattice: train and stylize the scene with a preset other than 'paper'.")
     # A loss is for matching, so whoever passes one wants pieces unless strokes are asked for.
-    manner = "pieces" if loss is not None and asked.manner == "auto" else asked.manner
-    order = with_hands(order, manner, is_laid(scene, chosen.stylize))
+    manner = "pieces" if loss is not None and asked.manner == asked.hand == "auto" else asked.manner
+    order = with_hands(order, manner, is_laid(scene, chosen.stylize), asked.hand)
     network = None  # neither ink nor strokes are matched
     if len(order.inks) + len(order.hands) < len(order.pairs):
         network = load_features(asked.features, lambda _, label: progress(0.0, label))
@@ -177,7 +177,7 @@ def _stylize_alone(
         key = {"scene": scene.made, "styles": [s.name if isinstance(s, Ink) else np.asarray(s) for s in order.styles],
                "masks": order.masks, "pairs": sorted(order.pairs.items()), "go_on": asked.go_on,
                "settings": asdict(chosen.stylize), "loss": asdict(weights), "seed": asked.seed,
-               "strokes": [sorted(order.hands), asked.stroke_size],
+               "strokes": [sorted((k, hand.technique) for k, hand in order.hands.items()), asked.stroke_size],
                "features": network and network.title}  # fmt: skip
         saved = Checkpoint(checkpoint, key)
     work = Painting(scene, order, chosen.stylize, weights, network, asked.seed, saved, preview)
@@ -194,6 +194,7 @@ def _stylize_alone(
         styles={str(k): order.labels[v] for k, v in order.pairs.items()},
         masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
         manner={str(k): "ink" if k in order.inks else "strokes" if k in order.hands else "pieces" for k in order.pairs},
+        hand={str(k): hand.technique for k, hand in order.hands.items()},
         stroke_size=asked.stroke_size, strength=asked.strength, continued=work.refined,
         previews=[] if work.previews is None else work.previews.seconds,
         notes=[*order.notes, *work.notes, *([network.note] if network and network.note else [])],

@@ -1,4 +1,4 @@
-"""Paint of brush strokes at positions: :func:`svv.core.strokes.paint_at` through a grid of bins.
+"""Paint of brush strokes at positions: :func:`svv.core.stroke_reference.paint_at` through a grid of bins.
 
 Every bin lists the stroke points whose paint may reach into it, the topmost stroke first, so a position looks at few
 strokes and stops where they are opaque. Letters: P positions, N strokes, K points, B entries of bins. Compiled with
@@ -12,7 +12,22 @@ from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
 from svv.core.strokes import (
-    FADE, FINER, FLOW, LEAST_PIGMENT, NOISE, OPAQUE, RAGGED, RIM, SHRUNK, SPREAD, STEEP, TAPER, USES, WAVE, WAVY, WET,
+    FADE,
+    FINER,
+    FLOW,
+    LEAST_PIGMENT,
+    NOISE,
+    OPAQUE,
+    RAGGED,
+    RIM,
+    SHRUNK,
+    SPREAD,
+    STEEP,
+    TAPER,
+    USES,
+    WAVE,
+    WAVY,
+    WET,
 )  # fmt: skip
 
 SIDES, END, PHASE, COARSE, FINE, MIXED, PAPER = (

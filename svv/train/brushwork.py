@@ -123,7 +123,8 @@ class Painter:
                 parts.append(laid[0])
                 seen.append(laid[1])
         progress(1.0, "laying strokes")
-        return Brushwork(joined(parts), self.technique.brush_for(self.hand, self.ground), np.concatenate(seen)) if parts else None
+        brush = self.technique.brush_for(self.hand, self.ground)
+        return Brushwork(joined(parts), brush, np.concatenate(seen)) if parts else None
 
     def _crumpled(self, bends: Bends) -> NDArray[np.float64]:
         """Return how crumpled the surface is at the scale of a stroke, in [0, 1]. (S,)"""
@@ -227,18 +228,17 @@ class Painter:
         inner, outer = self.inner[nearest], self.outer[nearest]
         if layer.wash:  # broad strokes bridge what the surface bends below them
             deep = np.maximum(outer, SAG * radius).astype(np.float32)
-            inner, outer = np.where(inner < outer, inner, deep), deep
+            inner, outer = np.where(inner < outer, np.minimum(2.0 * inner, deep), deep), deep
         colour, second = self._colours(layer, seed, wanted)
         count = float(np.clip(1.0 + 1.2 * self.hand.bristles, 2.0, 6.0)) * min(layer.width, 1.6)
+        count = 0.125 * layer.wash if layer.wash else max(count, 1.5)
         return Strokes(
             where.astype(np.float32), np.ascontiguousarray(normal, np.float32), radius.astype(np.float32),
             inner, outer, start, colour, second,
-            np.full(len(seed), 0.125 * layer.wash if layer.wash else max(count, 1.5), np.float32), generator.integers(0, 1024, len(seed)),
+            np.full(len(seed), count, np.float32), generator.integers(0, 1024, len(seed)),
         )  # fmt: skip
 
-    def _colours(
-        self, layer: Layer, seed: NDArray[np.int64], wanted: NDArray[np.float64]
-    ) -> tuple[Floats, Floats]:
+    def _colours(self, layer: Layer, seed: NDArray[np.int64], wanted: NDArray[np.float64]) -> tuple[Floats, Floats]:
         """Return two colours of the picture for each stroke, RGB, both (N, 3): of glazes, what they let through."""
         from skimage.color import lab2rgb
 

@@ -129,15 +129,16 @@ def with_hands(order: Order, manner: MannerName, laid: bool, named: AskedHandNam
     for number in sorted({style for region, style in order.pairs.items() if region not in order.inks}):
         hand = measure_hand(np.asarray(order.styles[number], np.float32), order.masks[number])
         chosen, reason = manner_of(hand)
-        if manner == "auto":
+        technique, why = technique_of(hand) if named == "auto" else (named, "")
+        shown = named == "auto" and technique != "oil" and "strokes" in (manner, chosen)
+        if shown:
+            notes.append(
+                f"{order.labels[number]} is painted by strokes, as {technique}: {why}. --hand chooses otherwise."
+            )
+        elif manner == "auto":
             notes.append(f"{order.labels[number]} is painted by {chosen}: {reason}. --manner chooses otherwise.")
         if "strokes" not in (manner, chosen):
             continue
-        technique, why = technique_of(hand)
-        if named != "auto":
-            technique = named
-        elif technique != "oil":
-            notes.append(f"{order.labels[number]} is painted in the hand '{technique}': {why}. --hand chooses otherwise.")
         hand = replace(hand, technique=technique)
         found |= {region: hand for region, style in order.pairs.items() if style == number}
     return replace(order, hands=found, notes=notes)

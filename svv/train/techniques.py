@@ -120,7 +120,7 @@ TECHNIQUES: dict[HandName, Technique] = {
             Layer(1.6, 6.0, (0.40, 0.75), (-0.05, 1.1), 0.5, 0.25, lightest=0.22, wash=3, share=0.6),
         ),
         Brush(0.0, 0.0, 0.8, rim=1.3, body=0.0, grain=0.5, tooth=0.12, flow=0.45, blunt=1.0),
-        ground=(0.97, 93.0, 98.0), lightness=(68.0, 100.0),
+        ground=(0.97, 93.0, 98.0), lightness=(68.0, 100.0), chroma=0.9,
     ),
     "dots": Technique(
         (
@@ -147,7 +147,7 @@ TECHNIQUES: dict[HandName, Technique] = {
             Layer(1.8, 12.0, (0.40, 0.80), (0.06, 1.0), 1.0, 0.4),
             Layer(1.1, 9.0, (0.45, 1.2), (0.05, 1.3), 1.0, 0.3, accent=True),
         ),
-        Brush(0.05, 2.2, 0.3, grain=0.12, tooth=0.2),
+        Brush(0.05, 3.0, 0.3, grain=0.12, tooth=0.2),
     ),
     "pastel": Technique(
         (
@@ -155,10 +155,8 @@ TECHNIQUES: dict[HandName, Technique] = {
             Layer(0.8, 10.0, (0.38, 0.90), (0.03, 1.0), 1.2, 0.35),
             Layer(0.6, 9.0, (0.45, 1.4), (0.05, 1.3), 1.0, 0.3, accent=True),
         ),
-        Brush(0.0, 0.3, 0.3, grain=0.75, tooth=0.22, feather=0.6, blunt=0.5),
+        Brush(0.0, 0.3, 0.3, grain=0.9, tooth=0.28, feather=0.6, blunt=0.5),
         ground=(0.1, 28.0, 45.0), lightness=(40.0, 100.0),
     ),
 }  # fmt: skip
 """The techniques by name."""
-
-

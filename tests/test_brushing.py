@@ -288,8 +288,8 @@ def test_large_images_show_the_strokes_and_small_or_moving_ones_their_lattice(oi
     cells = scene.styled.resolutions[-1]
     near = scene.rig.orbit(9, 6 * cells, [3])[0]
     far = near.resized(cells // 2, cells // 2)
-    assert scene._resolving(near).resolved > 0.0
-    assert scene._resolving(far).resolved == 0.0
+    assert scene.resolving(near).resolved > 0.0
+    assert scene.resolving(far).resolved == 0.0
     still, moving = (s.render(near, "styled").rgba for s in (scene, scene.while_moving()))
     seen = still[..., 3] > 0.9
 

@@ -66,6 +66,9 @@ class Balls:
         region = np.where(np.isfinite(depth), 0, -1).astype(np.int16)
         return Rendering(rgba / np.float32(255), depth.astype(np.float32), region)
 
+    def resolving(self, camera: Camera) -> "Balls":
+        return self
+
 
 def views_of(n: int) -> ViewSet:
     cameras = sphere_cameras(n, (0.0, 0.0, 0.0), 4.0, np.radians(30), SIZE)
@@ -160,6 +163,25 @@ def test_parts_do_not_reward_pale_pictures() -> None:
     assert pale["rmse_part"] == pytest.approx(strong["rmse_part"], rel=0.02)
     assert strong["rmse_part"] == pytest.approx(2**0.5, rel=0.05)  # two independent variances against one
     assert pale["flip"] < strong["flip"]
+
+
+def test_warping_finely_tells_a_sharp_picture_from_a_restless_one(tmp_path: Path) -> None:
+    """A fine pattern in space that stands still: most of its error is the warp's, and averaging leaves little of it."""
+    scene, error = Balls(), {}
+    for oversample in (1, 2, 4):
+        how = replace(SHORT, intervals=(1,), oversample=oversample)
+        path = OrbitPath(scene, how, tmp_path / f"geometry{oversample}", f"of {oversample}")
+
+        def drawn(frame: int, path: OrbitPath = path) -> np.ndarray:
+            camera = path.cameras[frame]
+            origins, directions = camera.rays()
+            point = origins + directions * np.nan_to_num(scene.render(camera, "pcn").depth)[..., None]
+            return to_bytes(np.repeat(0.5 + 0.5 * np.sin(60.0 * point).prod(-1, keepdims=True), 3, -1))
+
+        error[oversample] = path.warp("depth", 0, 1).differences(drawn(0), drawn(1))["rmse_part"]
+    assert error[4] < 0.5 * error[2] < 0.25 * error[1]
+    with pytest.raises(BadInput, match="oversample"):
+        Protocol(oversample=9)
 
 
 def test_paint_on_a_surface_agrees_and_paint_on_the_screen_does_not(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from svv.bench.gpu.page import as_markdown, tables
 
 RESULTS = Path(__file__).with_name("gpu-h200.jsonl")
+LATER = Path(__file__).with_name("gpu-h100.jsonl")
 
 
 def printed(results: Path = RESULTS) -> str:

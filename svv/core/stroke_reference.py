@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from svv.core.strokes import (
-    FADE,
+    FADES,
     FINER,
     FLOW,
     LEAST_PIGMENT,
@@ -86,10 +86,11 @@ def paint_at(strokes: Strokes, brush: Brush, position: Any, soft: float) -> NDAr
     """
     place = np.asarray(position, np.float64)
     paper = twice(place, brush.tooth * strokes.unit, soft, USES["paper"]) if brush.grain > 0.0 else np.zeros(len(place))
-    laid = _Laid(brush, soft, strokes.unit, paper)
+    laid, nearer = _Laid(brush, soft, strokes.unit, paper), np.full(len(place), 1e-6)
     for q in range(len(strokes) - 1, -1, -1):
         mark = _one(strokes, brush, q, place, soft, paper)
         here = (mark.alpha > 0.0) & (laid.through.max(1) > 1.0 - OPAQUE)
+        nearer = np.where(here, np.maximum(nearer, mark.fade), nearer)
         wash = float(strokes.bristles[q])
         laid.finish(here & (laid.wash != wash))
         if wash < WET:
@@ -99,7 +100,8 @@ def paint_at(strokes: Strokes, brush: Brush, position: Any, soft: float) -> NDAr
             laid.lay(here, mark.colour, mark.alpha, mark.gain, density)
     laid.finish(np.ones(len(place), bool))
     paint = laid.paint + (laid.through - laid.bare[:, None]) * np.array(brush.paper)
-    return np.concatenate([paint, 1.0 - laid.bare[:, None]], 1)
+    found = np.concatenate([paint, 1.0 - laid.bare[:, None]], 1)
+    return np.asarray(found * (np.minimum(found[:, 3] / nearer, 1.0) / np.maximum(found[:, 3], 1e-6))[:, None])
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,8 @@ class _Mark:
     """(P, 3)"""
     alpha: NDArray[np.float64]
     """Coverage. (P,)"""
+    fade: NDArray[np.float64]
+    """How near it is in depth. (P,)"""
     gain: NDArray[np.float64]
     """How much lighter its relief is. (P,)"""
     inside: NDArray[np.float64]
@@ -190,10 +194,9 @@ def _one(
     shrunk = SHRUNK * brush.flow * (0.5 + 1.2 * run).clip(0.0, 1.0) if flows else np.zeros(len(place))
     wide, alpha, inside = _outline(brush, u, v, r, shrunk, length, first, soft)
     alpha = np.where(np.isfinite(near[each, best]), alpha, 0.0)
-    if wet:
-        above = height[each, best]
-        deep = np.where(above > 0.0, strokes.outer[rows][best], strokes.inner[rows][best]).astype(np.float64)
-        alpha = alpha * (FADE * (1.0 - np.abs(above) / np.maximum(deep, 1e-9))).clip(0.0, 1.0)
+    deep = height[each, best]
+    deep = np.where(deep > 0.0, deep / strokes.outer[rows][best], -deep / strokes.inner[rows][best])
+    fade = ((1.0 - deep) / FADES).clip(0.0, 1.0)
     part = (u / max(length, 1e-6)).clip(0.0, 1.0)
     marks, slope, coarse = np.zeros(len(place)), np.zeros(len(place)), np.zeros(len(place))
     streak = (0.5 + 1.2 * run).clip(0.0, 1.0)
@@ -211,7 +214,7 @@ def _one(
     edge = np.sign(v) * ((np.abs(v) / wide - 0.45) / 0.55).clip(0.0, 1.0)
     toward = (sides[best] * np.array(brush.light)).sum(1)
     gain = brush.relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks)
-    return _Mark(colour, alpha, gain, inside, run, r)
+    return _Mark(colour, alpha * fade, fade, gain, inside, run, r)
 
 
 def _outline(

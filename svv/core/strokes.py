@@ -36,6 +36,11 @@ TAPER = 1.8
 FINER = 2.7
 """Number of fine bristle marks to each coarse one."""
 
+FADES = 0.75
+"""Share of the reach above and below a stroke in which its paint fades, relative to that of strokes whose sheet is
+nearer: the two sides of a thin body keep their own strokes, and a sheet that lies deeper in one pixel than in the next
+does not change its paint at once."""
+
 OPAQUE = 0.99
 """Coverage from which nothing below is visible."""
 
@@ -44,9 +49,6 @@ WET = 0.5
 
 FLOW, SHRUNK = 0.9, 0.8
 """Size of the irregularities of wet paint, in median widths of strokes, and how far they narrow it, in half widths."""
-
-FADE = 4.0
-"""How quickly washes end towards their depth, per depth: below and above a sheet there is no border."""
 
 RIM = 0.22
 """Width of the darker rim of dried washes, in half median widths of strokes."""

@@ -17,12 +17,17 @@ from torch import Tensor
 from svv.core.strokes import Brush, Floats, Strokes
 from svv.errors import Progress, silent
 from svv.fields.stroke_paint import StrokePaint
+from svv.kernels import numba_sheets
+from svv.kernels.types import Samples
 
 NOBODY = 255
 """Owner of vertices that no painted region has."""
 
 AT_A_TIME = 1 << 17
 """Vertices that are painted between two reports of progress."""
+
+GAP, STEPS = 0.35, 1.5
+"""Distance of two samples along a ray that separates sheets: in widths of a stroke, and at least in sample steps."""
 
 
 @dataclass(eq=False)
@@ -35,6 +40,9 @@ class Brushed:
     """Region of each vertex, :data:`NOBODY` for none; None if the lattice also has other paint. (V,)"""
     flats: Floats = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     """Colour of each region where no stroke reaches, RGB. (R, 3)"""
+    glazes: Mapping[int, float] = field(default_factory=dict)
+    """How much the opacity of translucent regions is to follow their strokes. Only known when they are laid: the scene
+    keeps it as an edit of the region (:mod:`svv.fields.stroke_opacity`)."""
     _paints: dict[int, StrokePaint] = field(default_factory=dict)
 
     @property
@@ -63,24 +71,37 @@ class Brushed:
                 colours[piece] = paint(place[piece]).clip(0.0, 1.0)
         return np.asarray(colours, np.float32)
 
-    def over(self, colours: Tensor, position: Tensor, region: Tensor, roots: Mapping[int, int], pixel: float) -> Tensor:
-        """Return colours (S, 3) of samples with the strokes over them.
+    def over(self, colours: Tensor, samples: Samples, region: Tensor, roots: Mapping[int, int], pixel: float) -> Tensor:
+        """Return colours (S, 3) of samples with the strokes over them; a sheet of samples has one colour.
 
         Args:
             colours: Colours of the lattice: the ground, where no stroke reaches.
-            position: Box coordinates. (S, 3)
+            samples: Samples of rays.
             region: Region of each sample. (S,)
             roots: Region with strokes -> region whose strokes it has: parts that were split off have the whole's.
             pixel: Width of a pixel in box units.
         """
-        out = colours.clone()
+        apart = np.zeros(int(region.max()) + 1 if len(region) else 0)
         for own, root in roots.items():
-            rows = (region == own).nonzero()[:, 0]
-            if len(rows):
-                covered = self.paint(root, pixel).coverage(position[rows].cpu().numpy())
-                found = torch.from_numpy(covered).to(out.device)
-                out[rows] = found[:, :3] + (1.0 - found[:, 3:]) * out[rows]
+            if own < len(apart):
+                apart[own] = max(GAP * self.width(root), STEPS * samples.step)
+        numbers = region.cpu().numpy()
+        sheet, where = sheets_of(samples, numbers, apart)
+        of_sheet = np.empty(len(where), np.int64)
+        of_sheet[sheet[sheet >= 0]] = numbers[sheet >= 0]
+        covered = np.zeros((len(where), 4), np.float32)
+        for own, root in roots.items():
+            rows = np.flatnonzero(of_sheet == own)
+            covered[rows] = self.paint(root, pixel).coverage(where[rows])
+        painted = np.flatnonzero(sheet >= 0)
+        found = torch.from_numpy(covered[sheet[painted]]).to(colours.device)
+        rows, out = torch.from_numpy(painted).to(colours.device), colours.clone()
+        out[rows] = found[:, :3] + (1.0 - found[:, 3:]) * out[rows]
         return out
+
+    def width(self, region: int) -> float:
+        """Return the usual width of a region's strokes, in box units."""
+        return 2.0 * float(np.median(self.regions[region][0].radius))
 
     def to_file(self, name: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return plain values and arrays of a file, for a network of this name."""
@@ -117,3 +138,24 @@ class Brushed:
         if not all(0 <= k < NOBODY for k in regions) or len(flats) > NOBODY:
             raise ValueError("strokes belong to regions that cannot be")
         return cls(regions, owner, flats)
+
+
+def sheets_of(
+    samples: Samples, region: NDArray[np.int64], apart: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], Floats]:
+    """Return the sheet of each sample, -1 for none (S,), and mean positions (K, 3); see :func:`svv.core.sheets.sheets`.
+
+    Args:
+        samples: Samples of rays.
+        region: Region of each sample. (S,)
+        apart: Gap in box units that separates sheets of each region; 0 for a region without sheets. (G,)
+    """
+    position, sigma, skipped, start, count = (
+        getattr(samples, name).cpu().numpy() for name in ("position", "sigma", "skipped", "start", "count")
+    )
+    number = np.empty(len(start), np.int64)
+    numba_sheets.count_sheets(position, start, count, region, apart, number)
+    own, where = np.empty(len(position), np.int64), np.empty((int(number.sum()), 4))
+    first = np.cumsum(number) - number
+    numba_sheets.sheets(position, sigma, skipped, samples.step, start, count, region, apart, first, own, where)
+    return own, np.ascontiguousarray(where[:, :3], np.float32)

@@ -56,7 +56,7 @@ def draw(
     if any(r.edited_colour is not None for r in scene.regions):
         intensity, weights, offsets = palette_shading.material(surface.raw)
         colour = palette_shading.diffuse(intensity, weights, scene.edited_colours(offsets, here))
-    paint = scene.paint(samples.position, network, surface.region.long())
+    paint = scene.paint(samples, network, surface.region.long())
     surface = replace(surface, colour=scene.with_style(colour, surface.region, paint).contiguous())
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
     sigma = followed(scene, samples.sigma, surface.region, paint)

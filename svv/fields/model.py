@@ -20,6 +20,7 @@ from svv.fields.region import Region
 from svv.fields.rendering import Marching, RayCaster
 from svv.fields.time_steps import TimeSteps
 from svv.fields.value_function import ValueFunction
+from svv.kernels.types import Samples
 
 NETWORKS = ("base", "pcn", "styled")
 """Names of a scene's networks, the plainest first."""
@@ -167,17 +168,17 @@ class Model:
             colours[rows, root] = shift_colours(colours[rows, root, None], shown[None], target[None])[:, 0]
         return colours
 
-    def paint(self, position: Tensor, network: str, region: Tensor) -> Tensor | None:
-        """Return the UCN's colours (S, 3) at positions (S, 3), also of unstyled regions; None for other networks.
+    def paint(self, samples: Samples, network: str, region: Tensor) -> Tensor | None:
+        """Return the UCN's colours (S, 3) of samples, also of unstyled regions; None for other networks.
 
         Where strokes are to be resolved, those of each sample's region (S,) lie over these colours.
         """
         if network != "styled" or self.styled is None:
             return None
-        colours = self.styled(position)
+        colours = self.styled(samples.position)
         if not self.resolved or self.styled.brushed is None:
             return colours
-        return self.styled.brushed.over(colours, position, region, self.stroked, self.resolved)
+        return self.styled.brushed.over(colours, samples, region, self.stroked, self.resolved)
 
     @property
     def stroked(self) -> dict[int, int]:

@@ -100,8 +100,8 @@ class Scene(PaintedModel):
         layers = tuple(cast(Scene, layer).while_moving() for layer in self.layers)
         return replace(self, joined=max(self.joined, MOVING_JOINED), layers=layers, still=False)
 
-    def _resolving(self, camera: Camera) -> Scene:
-        """Return the scene as a still image shows it: with its strokes if the lattice is too coarse for them."""
+    def resolving(self, camera: Camera) -> Scene:
+        """Return the scene as a still image of a camera shows it: with its strokes if the lattice is too coarse."""
         if self.layers or self.styled is None or self.styled.brushed is None:
             return replace(self, still=False)
         box = self.occupancy.box
@@ -133,7 +133,7 @@ class Scene(PaintedModel):
         if network not in self.networks:
             raise BadInput(f"The scene has no network '{network}', only {', '.join(self.networks)}.")
         if network == "styled" and self.still:
-            return self._resolving(camera).render(camera, network, background, progress)
+            return self.resolving(camera).render(camera, network, background, progress)
         outlines, shape = network != "base" and any(r.outline for r in self.regions), (camera.height, camera.width)
         with gpu_errors(self.device):
             images = self._draw(camera, network, progress)
@@ -253,7 +253,7 @@ class Scene(PaintedModel):
         coefficients = None if coefficients is None else for_colours(coefficients, here)
         parts = self.palette_network(samples.position, geometry, directions, at, coefficients)
         region = of_colour(here, parts.region)
-        paint = self.paint(samples.position, network, region)
+        paint = self.paint(samples, network, region)
         sigma = followed(self, sigma, region, paint)
         if any(r.seen_opacity != 1.0 for r in self.regions):
             sigma = sigma * sigma.new_tensor([r.seen_opacity for r in self.regions])[region]

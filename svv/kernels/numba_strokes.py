@@ -12,7 +12,7 @@ from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
 from svv.core.strokes import (
-    FADE,
+    FADES,
     FINER,
     FLOW,
     LEAST_PIGMENT,
@@ -153,7 +153,7 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
         c = min(max(int(place[p, 2] / side), 0), size - 1)
         cell = (a * size + b) * size + c
         i, end = start[cell], start[cell + 1]
-        bare, red, green, blue = 1.0, 0.0, 0.0, 0.0
+        bare, red, green, blue, nearer = 1.0, 0.0, 0.0, 0.0, 0.0
         left0, left1, left2 = 1.0, 1.0, 1.0
         paper = 0.0
         wash, weights, deepest, covers, runs, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -210,11 +210,12 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
             alpha = min(max(0.5 + (edge - 0.5 * feather * r) / (soft + feather * r), 0.0), 1.0)
             if alpha <= 0.0:
                 continue
+            fade = min((1.0 - (above / outer[k] if above > 0.0 else -above / inner[k])) / FADES, 1.0)
+            if fade <= 0.0:
+                continue
             part = min(max(u / max(length[q], 1e-6), 0.0), 1.0)
             marks, slope, coarse = 0.0, 0.0, 0.0
             if wet:
-                deep = outer[k] if above > 0.0 else inner[k]
-                alpha *= min(max(FADE * (1.0 - abs(above) / max(deep, 1e-9)), 0.0), 1.0)
                 streak = min(max(0.5 + 1.2 * run, 0.0), 1.0) * mixed
             else:
                 n = bristles[q]
@@ -233,6 +234,8 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
                 alpha = max(alpha - grain * body * min(max(0.5 + STEEP * paper, 0.0), 1.0), 0.0)
             if alpha <= 0.0:
                 continue
+            nearer = max(nearer, fade)
+            alpha *= fade
             if weights > 0.0 and bristles[q] != wash:  # what is above has been another wash
                 dark = rim * np.exp(-deepest / sharp)
                 density = max(1.0 + dark + flow * runs / weights + grain * paper, LEAST_PIGMENT)
@@ -275,7 +278,10 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
             left1, green = _over(c1 / weights, covers, -dark, density, body, left1, green)
             left2, blue = _over(c2 / weights, covers, -dark, density, body, left2, blue)
             bare *= 1.0 - covers
-        out[p, 0] = red + (left0 - bare) * ground[0]
-        out[p, 1] = green + (left1 - bare) * ground[1]
-        out[p, 2] = blue + (left2 - bare) * ground[2]
-        out[p, 3] = 1.0 - bare
+        cover = 1.0 - bare
+        whole = min(cover / max(nearer, 1e-6), 1.0)
+        scale = whole / max(cover, 1e-6)
+        out[p, 0] = scale * (red + (left0 - bare) * ground[0])
+        out[p, 1] = scale * (green + (left1 - bare) * ground[1])
+        out[p, 2] = scale * (blue + (left2 - bare) * ground[2])
+        out[p, 3] = whole

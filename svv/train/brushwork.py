@@ -45,9 +45,15 @@ CRUMPLED = (0.22, 0.5)
 ROUGH = (0.12, 0.35)
 """Deviations of heights, in widths, from which they become wider, and at which they are widest."""
 
-DEEP, CELLS, GLAZE = 1.6, 2.5, 0.5
+DEEP, CELLS, GLAZE = 2.4, 3.5, 0.8
 """How deep paint reaches: in deviations of the visible depth and of heights; at least, in cells of the paint; and on
 what is wholly transparent, in widths."""
+
+CLEAR = 0.7
+"""Opacity of a sheet from which its two sides have tones of their own."""
+
+SIDES, BOTH = 6.0, 256
+"""Distance within which both sides of what is translucent share their tone, in widths, and largest number of points."""
 
 TONE, PLACE, CHANCE = 0.06, 0.15, 0.5
 """Difference in tone, in ranks, and distance in the picture, in its long side, that cost as much when a stroke's colour
@@ -99,7 +105,7 @@ class Painter:
         self.ground = self.technique.ground_for(hand)
         self.generator = np.random.default_rng(seed)
         bends = surface.bends(BENT * width)
-        self.tone = surface.tones(opacity, cells, width, bends.mean)
+        self.tone = self._of_both_sides(surface.tones(opacity, cells, width, bends.mean))
         """Tone of each point, from dark to light, evenly distributed over what is visible. (S,)"""
         self.map = PictureMap(hand, surface, self.tone, width, self.generator)
         self.tangent = self.map.flow(bends)
@@ -111,6 +117,20 @@ class Painter:
         edge = np.sqrt(spread) / 0.10
         self.accent = np.clip(np.maximum(2.2 * np.abs(self.tone - 0.5) - 0.3, edge), 0.0, 1.0)
         """How much each point calls for an accent. (S,)"""
+
+    def _of_both_sides(self, tone: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the tone, of what is translucent that of all sides together. (S,)
+
+        One sees through to the other side, and light strokes over dark ones of another hue would only be grey.
+        """
+        surface = self.surface
+        clear = 1.0 - (surface.alpha / CLEAR).clip(0.0, 1.0)
+        if not clear.any():
+            return tone
+        near = surface.tree.query(surface.points, BOTH, distance_upper_bound=SIDES * self.width, workers=-1)[1]
+        weight = np.append(surface.seen, 0.0)[near]
+        mean = (weight * np.append(tone, 0.0)[near]).sum(1) / np.maximum(weight.sum(1), 1e-12)
+        return surface.ranked(tone + clear * (surface.ranked(mean) - tone))
 
     def painted(self, progress: Progress) -> Brushwork | None:
         """Return the strokes; None if the surface is too small for any."""

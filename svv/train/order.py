@@ -70,8 +70,16 @@ class Order:
     """Hand of the picture of each region that is painted by strokes."""
 
     def painted(self, scene: Scene, colours: UnrestrictedField) -> Scene:
-        """Return the scene with these colours as the variant."""
-        return replace(scene, regions=self.regions).painted(colours, self.named, {}, self.name)
+        """Return the scene with these colours as the variant.
+
+        Where strokes are glazes, opacity follows them, unless it already does in a way that somebody chose.
+        """
+        glazes = {} if colours.brushed is None else colours.brushed.glazes
+        regions = tuple(
+            replace(r, stroke_opacity=glazes[k]) if k in glazes and r.stroke_opacity == 0.0 else r
+            for k, r in enumerate(self.regions)
+        )
+        return replace(scene, regions=regions).painted(colours, self.named, {}, self.name)
 
 
 def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -> Order:

@@ -219,10 +219,11 @@ def _brush(
         flats[k] = ground or (flats[k] if one.flat is None else one.flat)
     owner = np.where(region < 0, NOBODY, region).astype(np.uint8)
     works = {k: (one.work.strokes, one.work.brush) for k, one in found.items() if one.work is not None}
-    brushed = Brushed(works, owner, flats)
+    glazes = {k: one.glaze for k, one in found.items() if one.glaze > 0.0}
+    brushed = Brushed(works, owner, flats, glazes)
     theirs = np.isin(region, list(start.hands))
     colours[theirs] = brushed.baked(place, brushing.cell, part(progress, 0.65, 1.0))[theirs]
-    return brushed if left is None else Brushed({**works, **left}, None, flats)
+    return brushed if left is None else Brushed({**works, **left}, None, flats, glazes)
 
 
 def _kept_strokes(before: UnrestrictedField | None, kept: Sequence[int]) -> dict[int, tuple[Strokes, Brush]]:

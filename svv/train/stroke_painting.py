@@ -12,7 +12,7 @@ from svv.core.colour import colour_differences
 from svv.errors import Progress, part
 from svv.fields.scene import Scene
 from svv.styles.hand import Hand
-from svv.train.brushwork import Brushwork, Painter
+from svv.train.brushwork import CLEAR, Brushwork, Painter
 from svv.train.form import Floats, Form, form_of_opacity, grid_cells, opacity_grid
 from svv.train.stylize import StyledView
 from svv.train.toning import toned
@@ -31,6 +31,9 @@ OPAQUE, GLAZED = 0.6, 1.5
 """Opacity of a sheet below which strokes become larger, and by how much per opacity: through several sheets one sees
 several strokes, and only large ones remain strokes."""
 
+GLAZE = 0.7
+"""How much the opacity of what is hardly opaque follows its strokes: so much that they show, and no sample stands out."""
+
 SKY = 0.5
 """Fraction of the picture, from its top, whose light strokes give fog its colour."""
 
@@ -48,6 +51,8 @@ class PaintedRegion:
     """Colour of the wash, RGB. (3,)"""
     mean: NDArray[np.float64] | None
     """Mean colour that views show, CIELAB; None if hardly anything is visible. (3,)"""
+    glaze: float = 0.0
+    """How much the region's opacity is to follow the strokes, from 0 for what is opaque."""
 
 
 def stroke_width(scene: Scene, size: float) -> float:
@@ -110,8 +115,15 @@ class Brushing:
         work = painter.painted(part(progress, 0.5, 0.8))
         if work is None:
             return None
-        work, shown = toned(work, hand, self.views, region, self.cell)
-        return PaintedRegion(work, None, None if shown is None else shown.mean)
+        clear = 1.0 - min(alpha / CLEAR, 1.0)
+        work, shown = toned(work, hand, self.views, region, self.cell, clear)
+        glaze = round(GLAZE * clear / max(deep, 1.0), 2)
+        if glaze > 0.0:
+            self.notes.append(
+                f"Region {region} is translucent, so dark strokes are more opaque than light ones: svv edit"
+                " --stroke-opacity changes that (below 0 for dark backgrounds)."
+            )
+        return PaintedRegion(work, None, None if shown is None else shown.mean, glaze)
 
 
 def _median(surface: VisibleSurface, values: Floats) -> float:

@@ -21,17 +21,21 @@ from svv.train.form import Floats
 from svv.train.stylize import StyledView
 from svv.train.techniques import TECHNIQUES
 
-ROUNDS = 3
+ROUNDS = 5
 """Number of corrections, needed because colours are clipped."""
 
 VIEWS, MOST = 5, 20_000
 """Number of views in which a region is looked at, and maximum number of samples of each."""
 
-CONTRAST, CHROMA, SHIFT = (0.9, 1.7), (0.9, 1.2), 25.0
-"""Bounds of the factors on contrast and chroma, and largest change of lightness."""
+CONTRAST, CHROMA, CLEAR, SHIFT = (0.9, 1.7), (0.9, 1.2), 2.0, 25.0
+"""Bounds of the factors on contrast and chroma, the latter's largest value for what is hardly opaque, since the paper
+makes it pale; and largest change of lightness."""
 
 COVERED = 0.1
 """Alpha above which a pixel counts."""
+
+PAPER = 1.0
+"""Brightness of the paper behind what is translucent: images are shown over white by default."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +77,16 @@ class Looked:
         counts = self.alpha > COVERED
         if counts.sum() < 16:
             return None
-        mean = [np.bincount(self.pixel, self.weight * column) / self.alpha for column in colours.T]
-        lab = rgb2lab(np.stack(mean, 1)[counts].clip(0.0, 1.0))
-        return Shown(lab.mean(0), float(lab[:, 0].std()), float(np.hypot(lab[:, 1], lab[:, 2]).mean()))
+        alpha = self.alpha[counts]
+        over = [np.bincount(self.pixel, self.weight * c)[counts] + PAPER * (1.0 - alpha) for c in colours.T]
+        lab = rgb2lab(np.stack(over, 1).clip(0.0, 1.0))
+        mean = np.average(lab, axis=0, weights=alpha)
+        spread = np.sqrt(np.average(np.square(lab[:, 0] - mean[0]), weights=alpha))
+        return Shown(mean, float(spread), float(np.average(np.hypot(lab[:, 1], lab[:, 2]), weights=alpha)))
 
 
 def toned(
-    work: Brushwork, hand: Hand, views: Sequence[StyledView], region: int, soft: float
+    work: Brushwork, hand: Hand, views: Sequence[StyledView], region: int, soft: float, clear: float = 0.0
 ) -> tuple[Brushwork, Shown | None]:
     """Return strokes with the tone of their picture as views show them, and what the views then show.
 
@@ -89,6 +96,7 @@ def toned(
         views: Views from all around.
         region: Number of the region.
         soft: Width of soft edges in box units.
+        clear: How translucent the region's sheets are, from 0 to 1.
     """
     looked = Looked(views, region)
     paint = StrokePaint(work.strokes, work.brush, soft)
@@ -99,12 +107,13 @@ def toned(
     vivid = float(np.hypot(*hand.colours[:, 1:].T).mean())
     wanted = Shown(mean, float(light.std()), min(technique.chroma * vivid, technique.most_chroma))
     contrast, chroma, shift, found = 1.0, 1.0, 0.0, None
+    most = CHROMA[1] + (CLEAR - CHROMA[1]) * clear
     for _ in range(ROUNDS):
         found = looked.shown(paint(looked.where))
         if found is None:
             break
         contrast = float(np.clip(contrast * wanted.contrast / max(found.contrast, 1e-3), *CONTRAST))
-        chroma = float(np.clip(chroma * wanted.chroma / max(found.chroma, 1e-3), *CHROMA))
+        chroma = float(np.clip(chroma * wanted.chroma / max(found.chroma, 1e-3), CHROMA[0], most))
         shift = float(np.clip(shift + wanted.mean[0] - found.mean[0], -SHIFT, SHIFT))
         paint = paint.with_strokes(retoned(work.strokes, contrast, chroma, shift))
     return replace(work, strokes=paint.strokes), looked.shown(paint(looked.where))

@@ -75,8 +75,13 @@ class Protocol:
     """Numbers of frames from the first frame of a pair to its second."""
     flows: tuple[str, ...] = ("depth", "tvl1")
     """Kinds of flow: ``depth``, and estimators of :func:`svv.core.flow.estimated_flow`."""
+    oversample: int = 1
+    """Factor on ``size`` at which frames are drawn and warped; they are compared after averaging. Warping at 1
+    interpolates between pixels, which blurs a sharp picture however still it stands."""
 
     def __post_init__(self) -> None:
+        if not 1 <= self.oversample <= 4:
+            raise BadInput(f"--oversample must lie between 1 and 4, not {self.oversample}.")
         if self.orbit < 1 + max(self.intervals):
             raise BadInput(f"An orbit of {self.orbit} frames is too short for pairs {max(self.intervals)} apart.")
         if self.every < 1 or self.size < 16:
@@ -100,6 +105,8 @@ class Warp:
     flow: Array
     importance: Array
     mask: NDArray[np.bool_]
+    oversample: int = 1
+    """Factor by which both frames are larger than what is compared."""
 
     def moved(self, first: NDArray[np.uint8]) -> Array:
         """Warp the first frame's levels (h, w, 3) to the second camera; NaN where nothing arrives."""
@@ -112,18 +119,26 @@ class Warp:
         colour, because pale pictures always differ little. 0 is agreement, 1 no better than a plain colour. FLIP also
         depends on neighbours; for it, pixels that are not compared are white in both pictures.
         """
-        moved = self.moved(first)
-        there = second / 255.0
-        error = np.square(moved - there)[self.mask]
+        mask = self._averaged(self.mask[..., None].astype(np.float64))[..., 0] == 1.0
+        moved, there = (
+            self._averaged(np.where(self.mask[..., None], p, 0.0)) for p in (self.moved(first), second / 255.0)
+        )
+        error = np.square(moved - there)[mask]
         if not len(error):
             return {**dict.fromkeys(METRICS, float("nan")), "share": 0.0}
-        mean = there[self.mask].mean(axis=0)
-        shown = [np.where(self.mask[..., None], picture, 1.0) for picture in (moved, there, mean)]
-        mse, flip = float(error.mean()), float(flip_map(shown[0], shown[1])[self.mask].mean())
-        plain = float(np.square(there[self.mask] - mean).mean()) ** 0.5
-        plain_flip = float(flip_map(shown[2], shown[1])[self.mask].mean())
+        mean = there[mask].mean(axis=0)
+        shown = [np.where(mask[..., None], picture, 1.0) for picture in (moved, there, mean)]
+        mse, flip = float(error.mean()), float(flip_map(shown[0], shown[1])[mask].mean())
+        plain = float(np.square(there[mask] - mean).mean()) ** 0.5
+        plain_flip = float(flip_map(shown[2], shown[1])[mask].mean())
         parts = {"rmse_part": mse**0.5 / max(plain, TINY), "flip_part": flip / max(plain_flip, TINY)}
-        return {"rmse": mse**0.5, "mse": mse, "flip": flip, **parts, "share": float(self.mask.mean())}
+        return {"rmse": mse**0.5, "mse": mse, "flip": flip, **parts, "share": float(mask.mean())}
+
+    def _averaged(self, values: Array) -> Array:
+        """Average (h, w, C) over squares of ``oversample`` pixels."""
+        height, width, channels = values.shape
+        k = self.oversample
+        return np.asarray(values.reshape(height // k, k, width // k, k, channels).mean(axis=(1, 3)))
 
 
 def finely(scene: Scene) -> Scene:
@@ -145,7 +160,9 @@ class OrbitPath:
     def __init__(self, scene: Scene, protocol: Protocol, folder: Path, key: str, progress: Progress = silent) -> None:
         self.protocol, self.key = protocol, key_of_measure(key, FINE, RULES)
         self.folder = kept(folder, self.key)
-        self.cameras: list[Camera] = orbit(scene, protocol.orbit, protocol.size, protocol.size)
+        fine = protocol.size * protocol.oversample
+        self.cameras: list[Camera] = orbit(scene, protocol.orbit, fine, fine)
+        self.seen = orbit(scene, protocol.orbit, protocol.size, protocol.size)
         self.diameter = 2.0 * scene.rig.radius
         self.view = lru_cache(maxsize=32)(self._view)
         for number, frame in enumerate(protocol.frames):
@@ -163,8 +180,8 @@ class OrbitPath:
         return over_white(read_png(self.folder / f"{frame:04d}.png"))
 
     def render(self, scene: Scene, network: str, frame: int) -> NDArray[np.float32]:
-        """Render one frame of a scene as RGBA, straight alpha."""
-        return scene.render(self.cameras[frame], network).rgba
+        """Render one frame of a scene as RGBA, straight alpha; strokes are as soft as in a frame that is compared."""
+        return scene.resolving(self.seen[frame]).render(self.cameras[frame], network).rgba
 
     def _view(self, frame: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Return the depth, NaN where nothing counts as visible, and the mask of visible pixels."""
@@ -185,7 +202,7 @@ class OrbitPath:
             back = np.where(seen_there[..., None], back, np.nan)
         mask = is_consistent(back, flow) & ~is_motion_boundary(back)
         _, arrived = splatted(np.zeros((*seen.shape, 1)), flow, importance)
-        return Warp(flow, importance, mask & (arrived >= LEAST_ARRIVED))
+        return Warp(flow, importance, mask & (arrived >= LEAST_ARRIVED), self.protocol.oversample)
 
     def _estimated(self, kind: str, first: int, second: int) -> tuple[Array, Array, Array]:
         """Return flow there and back, and importance, estimated from the unstyled pictures; kept as half floats."""

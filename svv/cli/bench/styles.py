@@ -58,7 +58,7 @@ class Frames:
         str, typer.Option("--intervals", metavar="N,...", help="Distances between the frames of a pair.")
     ] = "1,10"
 
-    def protocol(self, flows: str) -> Protocol:
+    def protocol(self, flows: str, oversample: int = 1) -> Protocol:
         """Return the settings in the form that the layers below take."""
         from svv.bench.styles.path import Protocol
 
@@ -66,7 +66,8 @@ class Frames:
         for kind in kinds:
             if kind not in KINDS:
                 raise BadInput(f"--flows has no '{kind}'; choose from {', '.join(KINDS)}, separated by commas.")
-        return Protocol(self.orbit, self.size, self.every, parse_whole(self.intervals, "--intervals", 1), kinds)
+        intervals = parse_whole(self.intervals, "--intervals", 1)
+        return Protocol(self.orbit, self.size, self.every, intervals, kinds, oversample)
 
 
 ALL_FRAMES, FEW_FRAMES = Frames(), Frames(every=10)
@@ -102,6 +103,16 @@ def consistency(
     out: Out,
     frames: Frames = ALL_FRAMES,
     flows: Flows = "depth,tvl1",
+    oversample: Annotated[
+        int,
+        typer.Option(
+            "--oversample",
+            metavar="N",
+            min=1,
+            max=4,
+            help="Warp frames N times as large: between pixels, warping blurs sharp pictures.",
+        ),
+    ] = 1,
     which: Shown = Shown(),
     json: Json = None,
 ) -> None:
@@ -117,7 +128,7 @@ def consistency(
     from svv.io.atomic import check_writable, write_json
     from svv.io.made import digest
 
-    protocol = frames.protocol(flows)
+    protocol = frames.protocol(flows, oversample)
     if json is not None:
         check_writable(json)
     loaded = Scene.load(scene)

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from svv.core.strokes import Brush, Strokes, joined, noise, paint_at, straight_stroke
+from svv.core.stroke_reference import noise, paint_at
+from svv.core.strokes import Brush, Strokes, joined, straight_stroke
 from svv.fields.stroke_paint import GROUND, StrokePaint
 
 PLAIN = Brush(relief=0.0, dry=0.0, mixed=0.0)
@@ -38,10 +39,27 @@ def curved(seed: int, count: int = 12) -> Strokes:
     return joined(parts)
 
 
+def wet(strokes: Strokes, every: int = 1) -> Strokes:
+    """The strokes, each ``every``-th one laid by a wet brush."""
+    bristles = strokes.bristles.copy()
+    bristles[::every] = 0.125
+    bristles[len(bristles) // 2 :: every] = 0.25
+    return replace(strokes, bristles=bristles)
+
+
+BRUSHES = (
+    Brush(relief=0.5, dry=0.6, mixed=0.7, rim=0.3),
+    Brush(0.0, 0.0, 0.5, rim=0.6, body=0.0, grain=0.4, flow=0.4, blunt=1.0, ground=(0.9, 0.8, 0.7)),
+    Brush(0.2, 1.5, 0.3, rim=-0.2, body=0.6, grain=0.5, tooth=0.15, flow=0.2, feather=0.4, blunt=0.5),
+    Brush(0.0, 0.0, 0.3, grain=0.8, feather=0.3, ground=(0.1, 0.2, 0.3)),
+)
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("soft", [0.002, 0.012])
-def test_the_kernel_equals_the_reference(seed: int, soft: float) -> None:
-    strokes, brush = curved(seed), Brush(relief=0.5, dry=0.6, mixed=0.7, rim=0.3)
+@pytest.mark.parametrize("brush", BRUSHES)
+def test_the_kernel_equals_the_reference(seed: int, soft: float, brush: Brush) -> None:
+    strokes = wet(curved(seed), 2 + seed)
     place = np.random.default_rng(seed).uniform(0.15, 0.85, (6000, 3)).astype(np.float32)
     place[:3000] = strokes.where[np.arange(3000) % len(strokes.where)] + 0.02 * (place[:3000] - 0.5)
     expected, found = paint_at(strokes, brush, place, soft), StrokePaint(strokes, brush, soft).coverage(place)

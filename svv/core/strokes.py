@@ -5,7 +5,7 @@ coordinates along and across the stroke, from which follow its outline (round wh
 it is lifted), the marks of bristles and the relief of thick paint. Strokes lie over one another in order, as in
 Hertzmann (1998), and on the surface, as in Meier (1996), so they are the same from every side.
 
-This module is the definition and a plain reference; :mod:`svv.kernels.numba_strokes` computes the same quickly.
+:mod:`svv.core.stroke_reference` defines what they look like; :mod:`svv.kernels.numba_strokes` computes it quickly.
 Letters: N strokes, K points of strokes, P positions. Lengths are in box units.
 """
 
@@ -44,7 +44,25 @@ does not change its paint at once."""
 OPAQUE = 0.99
 """Coverage from which nothing below is visible."""
 
-USES = {"sides": 0, "end": 131, "phase": 257, "coarse": 401, "fine": 563, "mixed": 719}
+WET = 0.5
+"""Number of bristle marks below which a brush is full of water: it leaves no marks, does not run dry, and flows."""
+
+FLOW, SHRUNK = 0.9, 0.8
+"""Size of the irregularities of wet paint, in median widths of strokes, and how far they narrow it, in half widths."""
+
+RIM = 0.22
+"""Width of the darker rim of dried washes, in half median widths of strokes."""
+
+STEEP = 1.6
+"""How sharply the tooth of paper separates peaks, which take chalk, from valleys."""
+
+LEAST_PIGMENT = 0.05
+"""Least density of a glaze relative to its usual one."""
+
+SPREAD = (73_856_093, 19_349_663, 83_492_791)
+"""Factors that spread the cells of space over :data:`NOISE` (Teschner et al. 2003)."""
+
+USES = {"sides": 0, "end": 131, "phase": 257, "coarse": 401, "fine": 563, "mixed": 719, "paper": 887}
 """Offsets in :data:`NOISE`, so that a stroke's irregularities are independent of each other."""
 
 
@@ -59,18 +77,49 @@ class Brush:
     mixed: float = 0.4
     """How far the two colours on a brush appear as streaks, in [0, 1]."""
     rim: float = 0.0
-    """How much darker the rims of strokes are, as of watercolour; negative for lighter ones."""
+    """How much darker the rims of washes are, as of watercolour; negative for lighter ones."""
     light: tuple[float, float, float] = (-0.447, 0.744, 0.496)
     """Unit vector to the light on the relief."""
+    body: float = 1.0
+    """How far paint covers what is below, in [0, 1]; 0 is a glaze, which filters it: colours multiply."""
+    grain: float = 0.0
+    """How strongly the tooth of the paper shows, in [0, 1]: glazes settle in its valleys, chalk leaves them bare."""
+    tooth: float = 0.3
+    """Size of the tooth, in median widths of strokes, > 0."""
+    flow: float = 0.0
+    """How irregularly wet paint runs, in [0, 1]: its outline, and its density within."""
+    feather: float = 0.0
+    """Width of soft edges, in half widths, at least 0."""
+    blunt: float = 0.0
+    """Ends of strokes: from 0, lifted and ragged, to 1, as round as they begin."""
+    ground: tuple[float, float, float] | None = None
+    """Colour of the bare ground, RGB in [0, 1], such as paper; None for the nearest stroke's, a little darker."""
 
     @classmethod
     def from_json(cls, told: Mapping[str, Any]) -> Brush:
         """Return the brush of plain values; raises KeyError, TypeError or ValueError if they are not numbers."""
         relief, dry, mixed, rim = (float(told[name]) for name in ("relief", "dry", "mixed", "rim"))
         x, y, z = (float(value) for value in told["light"])
-        if not np.isfinite([relief, dry, mixed, rim, x, y, z]).all():
+        # Scenes of earlier versions have none of these: all of their paint is oil.
+        names = ("body", "grain", "tooth", "flow", "feather", "blunt")
+        body, grain, tooth, flow, feather, blunt = (float(told.get(name, getattr(cls, name))) for name in names)
+        ground = None
+        if told.get("ground") is not None:
+            red, green, blue = (float(value) for value in told["ground"])
+            ground = red, green, blue
+        numbers = [relief, dry, mixed, rim, x, y, z, body, grain, tooth, flow, feather, blunt, *(ground or ())]
+        if not np.isfinite(numbers).all():
             raise ValueError("a brush is not finite")
-        return cls(relief, dry, mixed, rim, (x, y, z))
+        if not all(0.0 <= part <= 1.0 for part in (body, grain, flow, blunt, *(ground or ()))):
+            raise ValueError("a brush is out of range")
+        if not tooth > 0.0 or feather < 0.0:
+            raise ValueError("a brush is out of range")
+        return cls(relief, dry, mixed, rim, (x, y, z), body, grain, tooth, flow, feather, blunt, ground)
+
+    @property
+    def paper(self) -> tuple[float, float, float]:
+        """Colour that glazes filter where there is no other paint: the ground's, white by default."""
+        return self.ground or (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +143,8 @@ class Strokes:
     second: Floats
     """Second colour on each brush. (N, 3)"""
     bristles: Floats
-    """Number of coarse bristle marks across each stroke. (N,)"""
+    """Number of coarse bristle marks across each stroke. Below :data:`WET`, the brush is wet, and strokes of the same
+    number that follow one another flow into one wash: 1/8, 2/8 or 3/8. (N,)"""
     seed: NDArray[np.int64]
     """Where each stroke's irregularities begin in :data:`NOISE`. (N,)"""
 
@@ -126,6 +176,11 @@ class Strokes:
         bend = np.where((index == first) | (index == last), 0.0, turned)
         widen = (self.radius[after] - self.radius[before]) / span
         return tuple(np.ascontiguousarray(a, np.float32) for a in (tangent, arc, bend, widen))  # type: ignore[return-value]
+
+    @cached_property
+    def unit(self) -> float:
+        """Median width of the strokes, in box units."""
+        return 2.0 * float(np.median(self.radius))
 
     @cached_property
     def length(self) -> Floats:
@@ -194,8 +249,8 @@ def straight_stroke(
     """Return one straight stroke between two places: the simplest record, for tests and examples.
 
     >>> stroke = straight_stroke((0.2, 0.5, 0.5), (0.8, 0.5, 0.5), 0.05)
-    >>> paint_at(stroke, Brush(0, 0, 0), [[0.5, 0.5, 0.5]], 0.01).round(2).tolist()
-    [[1.0, 0.0, 0.0, 1.0]]
+    >>> len(stroke), round(float(stroke.length[0]), 3)
+    (1, 0.6)
     """
     part = np.linspace(0.0, 1.0, points)[:, None]
     same = np.full(points, radius, np.float32)
@@ -205,84 +260,3 @@ def straight_stroke(
         np.tile(np.array(normal, np.float32), (points, 1)), same, same, same,
         np.array([0, points]), tint, tint, np.ones(1, np.float32), np.zeros(1, np.int64),
     )  # fmt: skip
-
-
-def noise(x: NDArray[np.floating], first: NDArray[np.integer] | int) -> NDArray[np.float64]:
-    """Return smooth noise in [-1, 1] at x, for a sequence that begins at ``first`` in :data:`NOISE`."""
-    low = np.floor(x)
-    part = x - low
-    part = part * part * (3.0 - 2.0 * part)
-    index = low.astype(np.int64) + first
-    left, right = NOISE[index % len(NOISE)], NOISE[(index + 1) % len(NOISE)]
-    return np.asarray(left + (right - left) * part, np.float64)
-
-
-def paint_at(strokes: Strokes, brush: Brush, position: Any, soft: float) -> NDArray[np.float64]:
-    """Return the paint at positions: a plain reference, stroke by stroke.
-
-    Args:
-        strokes: The strokes.
-        brush: How their paint looks.
-        position: Box coordinates. (P, 3)
-        soft: Width of the soft edges: the cell or pixel in which the paint is shown. Finer marks fade out.
-
-    Returns:
-        Colour times coverage, and coverage, from 0 to 1. (P, 4)
-    """
-    place = np.asarray(position, np.float64)
-    out, left, nearer = np.zeros((len(place), 4)), np.ones(len(place)), np.full(len(place), 1e-6)
-    for q in range(len(strokes) - 1, -1, -1):
-        colour, alpha, fade = _one(strokes, brush, q, place, soft)
-        seen = (left > 1.0 - OPAQUE) & (alpha > 0.0)
-        nearer = np.where(seen, np.maximum(nearer, fade), nearer)
-        alpha = np.where(seen, alpha * fade, 0.0)
-        out[:, :3] += (left * alpha)[:, None] * colour
-        left *= 1.0 - alpha
-    out[:, 3] = 1.0 - left
-    return np.asarray(out * (np.minimum(out[:, 3] / nearer, 1.0) / np.maximum(out[:, 3], 1e-6))[:, None])
-
-
-def _one(
-    strokes: Strokes, brush: Brush, q: int, place: NDArray[np.float64], soft: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the colour (P, 3) of one stroke, its coverage (P,) and how near it is in depth (P,)."""
-    rows = slice(int(strokes.start[q]), int(strokes.start[q + 1]))
-    tangents, arcs, bends, widens = (a[rows].astype(np.float64) for a in strokes.frames)
-    normals = strokes.normal[rows].astype(np.float64)
-    sides = np.cross(normals, tangents)
-    away = place[:, None] - strokes.where[rows]
-    height, along, across = ((away * axis).sum(2) for axis in (normals, tangents, sides))
-    across -= 0.5 * bends * along * along
-    radius = strokes.radius[rows] + widens * along
-    reach = 1.2 * strokes.radius[rows] + soft
-    there = (height <= strokes.outer[rows]) & (height >= -strokes.inner[rows]) & (np.abs(across) < reach)
-    there &= np.abs(along) < 2.0 * reach
-    near = np.where(there, along**2 + across**2, np.inf)
-    best = near.argmin(1)
-    each = np.arange(len(place))
-    u, v, r = arcs[best] + along[each, best], across[each, best], np.maximum(radius[each, best], 1e-6)
-    first, count, length = int(strokes.seed[q]), float(strokes.bristles[q]), float(strokes.length[q])
-    wide = r * (1.0 + WAVY * noise(WAVE * u / r, first + USES["sides"]))
-    set_down = np.minimum(u / r + 1.0, 1.0)
-    lifted = np.minimum(((length - u) / r + 1.0 + RAGGED * noise(2.5 * v / r + 7.3, first + USES["end"])) / TAPER, 1.0)
-    there_too = (set_down > 0.0) & (lifted > 0.0) & np.isfinite(near[each, best])
-    taper = np.minimum(np.sqrt((set_down * (2.0 - set_down)).clip(0.0)), np.sqrt(lifted.clip(0.0)))
-    alpha = np.where(there_too, (0.5 + (wide * taper - np.abs(v)) / soft).clip(0.0, 1.0), 0.0)
-    deep = height[each, best]
-    deep = np.where(deep > 0.0, deep / strokes.outer[rows][best], -deep / strokes.inner[rows][best])
-    fade = ((1.0 - deep) / FADES).clip(0.0, 1.0)
-    x = v / wide
-    x = x + 0.2 * noise(0.3 * u / r, first + USES["phase"])
-    coarse, fine = ((r / (n * soft) - 0.5).clip(0.0, 1.0) for n in (count, FINER * count))
-    marks = coarse * noise(count * x, first + USES["coarse"])
-    marks = marks + 0.5 * fine * noise(FINER * count * x, first + USES["fine"])
-    slope = noise(count * x + 0.3, first + USES["coarse"]) - noise(count * x - 0.3, first + USES["coarse"])
-    alpha = alpha * (1.0 - (brush.dry * (0.25 + (u / max(length, 1e-6)).clip(0.0, 1.0)) * (0.5 - marks)).clip(0.0, 1.0))
-    streak = (0.5 + 0.8 * noise(0.6 * count * x + 17.0, first + USES["mixed"])).clip(0.0, 1.0) * brush.mixed
-    colour = strokes.colour[q] + streak[:, None] * (strokes.second[q] - strokes.colour[q])
-    edge = np.sign(v) * ((np.abs(v) / wide - 0.45) / 0.55).clip(0.0, 1.0)
-    toward = (sides[best] * np.array(brush.light)).sum(1)
-    gain = brush.relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks) - brush.rim * edge * edge
-    gain = gain[:, None]
-    lighter = colour + gain * (0.6 * (1.0 - colour) + 0.3 * colour)
-    return np.where(gain < 0.0, colour * (1.0 + gain), lighter).clip(0.0, 1.0), alpha, fade

@@ -74,11 +74,13 @@ class StrokePaint:
         strokes, brush = self.strokes, self.brush
         out = np.empty((len(position), 4), np.float32)
         tangent, arc, bend, widen = strokes.frames
+        look = np.array([brush.relief, brush.dry, brush.mixed, brush.rim, brush.body, brush.grain, brush.tooth,
+                         brush.flow, brush.feather, brush.blunt])  # fmt: skip
         numba_strokes.paint(
             np.ascontiguousarray(position, np.float32), self.side, self.size, self.start, self.entries, NOISE,
             strokes.where, strokes.normal, tangent, arc, bend, widen, strokes.radius, strokes.inner, strokes.outer,
             strokes.stroke, strokes.length, strokes.colour, strokes.second, strokes.bristles, strokes.seed,
-            brush.relief, brush.dry, brush.mixed, brush.rim, np.array(brush.light), self.soft, out,
+            look, np.array(brush.light), np.array(brush.paper), strokes.unit, self.soft, out,
         )  # fmt: skip
         return out
 
@@ -91,6 +93,8 @@ class StrokePaint:
         return np.asarray(colours, np.float32)
 
     def ground(self, position: Floats) -> Floats:
-        """Return the colour of the ground at box coordinates: the nearest stroke's, a little darker. (P, 3)"""
+        """Return the colour of the ground at box coordinates: the brush's, or the nearest stroke's, darker. (P, 3)"""
+        if self.brush.ground is not None:
+            return np.tile(np.array(self.brush.ground, np.float32), (len(position), 1))
         nearest: NDArray[np.int64] = self._tree.query(position, workers=-1)[1]
         return np.asarray(GROUND * self.strokes.colour[self.strokes.stroke[nearest]], np.float32)

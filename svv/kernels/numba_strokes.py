@@ -1,4 +1,4 @@
-"""Paint of brush strokes at positions: :func:`svv.core.strokes.paint_at` through a grid of bins.
+"""Paint of brush strokes at positions: :func:`svv.core.stroke_reference.paint_at` through a grid of bins.
 
 Every bin lists the stroke points whose paint may reach into it, the topmost stroke first, so a position looks at few
 strokes and stops where they are opaque. Letters: P positions, N strokes, K points, B entries of bins. Compiled with
@@ -11,9 +11,29 @@ import numpy as np
 from numba import njit, prange
 
 from svv.core.fast_math import FAST_MATH
-from svv.core.strokes import FADES, FINER, NOISE, OPAQUE, RAGGED, TAPER, USES, WAVE, WAVY
+from svv.core.strokes import (
+    FADES,
+    FINER,
+    FLOW,
+    LEAST_PIGMENT,
+    NOISE,
+    OPAQUE,
+    RAGGED,
+    RIM,
+    SHRUNK,
+    SPREAD,
+    STEEP,
+    TAPER,
+    USES,
+    WAVE,
+    WAVY,
+    WET,
+)  # fmt: skip
 
-SIDES, END, PHASE, COARSE, FINE, MIXED = (USES[name] for name in ("sides", "end", "phase", "coarse", "fine", "mixed"))
+SIDES, END, PHASE, COARSE, FINE, MIXED, PAPER = (
+    USES[name] for name in ("sides", "end", "phase", "coarse", "fine", "mixed", "paper")
+)
+SPREAD0, SPREAD1, SPREAD2 = SPREAD
 LAST = len(NOISE) - 1
 
 
@@ -71,22 +91,77 @@ def _noise(table, x, first):  # type: ignore[no-untyped-def]
     return left + (right - left) * part
 
 
+@njit(cache=True, fastmath=FAST_MATH)
+def _rough(table, x, y, z, first):  # type: ignore[no-untyped-def]
+    a, b, c = np.floor(x), np.floor(y), np.floor(z)
+    x, y, z = x - a, y - b, z - c
+    x, y, z = x * x * (3.0 - 2.0 * x), y * y * (3.0 - 2.0 * y), z * z * (3.0 - 2.0 * z)
+    i, j, k = int(a), int(b), int(c)
+    total = 0.0
+    for m in range(2):
+        for n in range(2):
+            hashed = ((i + m) * SPREAD0) ^ ((j + n) * SPREAD1)
+            low = table[(hashed ^ (k * SPREAD2)) + first & LAST]
+            high = table[(hashed ^ ((k + 1) * SPREAD2)) + first & LAST]
+            total += (x if m == 1 else 1.0 - x) * (y if n == 1 else 1.0 - y) * (low + (high - low) * z)
+    return total
+
+
+@njit(cache=True, fastmath=FAST_MATH)
+def _twice(table, x, y, z, size, soft, first):  # type: ignore[no-untyped-def]
+    coarse, fine = min(max(size / soft - 0.5, 0.0), 1.0), min(max(0.5 * size / soft - 0.5, 0.0), 1.0)
+    found = 0.0
+    if coarse > 0.0:
+        found += coarse * _rough(table, x / size, y / size, z / size, first)
+    if fine > 0.0:
+        half = 0.5 * size
+        found += 0.5 * fine * _rough(table, x / half + 0.37, y / half + 0.37, z / half + 0.37, first + 77)
+    return found
+
+
+@njit(cache=True, fastmath=FAST_MATH)
+def _over(colour, alpha, gain, density, body, left, total):  # type: ignore[no-untyped-def]
+    """Lay one channel of a colour under what is above: returns what that lets through, and the sum of paint."""
+    kept = 1.0 - alpha
+    if body < 1.0:
+        kept += alpha * (1.0 - body) * colour**density
+    if gain < 0.0:
+        colour *= 1.0 + gain
+    else:
+        colour += gain * (0.6 * (1.0 - colour) + 0.3 * colour)
+    return left * kept, total + left * min(max(colour, 0.0), 1.0) * alpha * body
+
+
 @njit(parallel=True, cache=True, fastmath=FAST_MATH)
 def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would be a dozen parameters
     place, side, size, start, entries, table, where, normal, tangent, arc, bend, widen, radius, inner, outer, stroke,
-    length, colour, second, bristles, seed, relief, dry, mixed, rim, light, soft, out,
+    length, colour, second, bristles, seed, look, light, ground, unit, soft, out,
 ):  # fmt: skip
-    """Compute the paint at positions (P, 3); ``out`` (P, 4) receives colour times coverage, and coverage."""
+    """Compute the paint at positions (P, 3); ``out`` (P, 4) receives colour times coverage, and coverage.
+
+    ``look``: the brush's relief, dry, mixed, rim, body, grain, tooth, flow, feather and blunt (10,); ``ground``: its
+    paper (3,); ``unit``: median width of strokes.
+    """
+    relief, dry, mixed, rim, body, grain = look[0], look[1], look[2], look[3], look[4], look[5]
+    tooth, flow, feather, blunt = look[6] * unit, look[7], look[8], look[9]
+    lift, ragged, run_size = TAPER + blunt * (1.0 - TAPER), RAGGED * (1.0 - blunt), FLOW * unit
+    sharp = max(0.5 * RIM * unit, soft)
+    rim *= 0.5 * RIM * unit / sharp
     for p in prange(len(place)):
         a = min(max(int(place[p, 0] / side), 0), size - 1)
         b = min(max(int(place[p, 1] / side), 0), size - 1)
         c = min(max(int(place[p, 2] / side), 0), size - 1)
         cell = (a * size + b) * size + c
         i, end = start[cell], start[cell + 1]
-        left, red, green, blue, nearer = 1.0, 0.0, 0.0, 0.0, 0.0
-        while i < end and left > 1.0 - OPAQUE:
+        bare, red, green, blue, nearer = 1.0, 0.0, 0.0, 0.0, 0.0
+        left0, left1, left2 = 1.0, 1.0, 1.0
+        paper = 0.0
+        wash, weights, deepest, covers, runs, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if grain > 0.0:
+            paper = _twice(table, place[p, 0], place[p, 1], place[p, 2], tooth, soft, PAPER)
+        while i < end and (left0 > 1.0 - OPAQUE or left1 > 1.0 - OPAQUE or left2 > 1.0 - OPAQUE):
             q = stroke[entries[i]]
-            best, nearest, u, v, deep = np.inf, -1, 0.0, 0.0, 0.0
+            best, nearest, u, v, above = np.inf, -1, 0.0, 0.0, 0.0
             while i < end:
                 k = entries[i]
                 if stroke[k] != q:
@@ -109,65 +184,104 @@ def paint(  # type: ignore[no-untyped-def]  # long: one loop, whose state would 
                 away = along * along + across * across
                 # Points are visited from the last to the first: of two equally near ones, the first counts.
                 if away <= best:
-                    best, nearest, u, v, deep = away, k, along, across, height
+                    best, nearest, u, v, above = away, k, along, across, height
             if nearest < 0:
                 continue
             k = nearest
             r = max(radius[k] + widen[k] * u, 1e-6)
             u += arc[k]
             first = seed[q]
-            wide = r * (1.0 + WAVY * _noise(table, WAVE * u / r, first + SIDES))
-            set_down = min(u / r + 1.0, 1.0)
+            wet = bristles[q] < WET
+            run, shrunk = 0.0, 0.0
+            if wet and flow > 0.0:
+                run = _twice(table, place[p, 0], place[p, 1], place[p, 2], run_size, soft, first)
+                shrunk = SHRUNK * flow * min(max(0.5 + 1.2 * run, 0.0), 1.0)
+            wide = r * (1.0 + WAVY * _noise(table, WAVE * u / r, first + SIDES)) * (1.0 - shrunk)
+            set_down = min(u / r + 1.0 - shrunk, 1.0)
             if set_down <= 0.0:
                 continue
-            lifted = (length[q] - u) / r + 1.0 + RAGGED * _noise(table, 2.5 * v / r + 7.3, first + END)
-            lifted = min(lifted / TAPER, 1.0)
+            lifted = (length[q] - u) / r + 1.0 - shrunk + ragged * _noise(table, 2.5 * v / r + 7.3, first + END)
+            lifted = min(lifted / lift, 1.0)
             if lifted <= 0.0:
                 continue
-            taper = min(np.sqrt(max(set_down * (2.0 - set_down), 0.0)), np.sqrt(lifted))
-            alpha = min(max(0.5 + (wide * taper - abs(v)) / soft, 0.0), 1.0)
+            begins, ends = set_down * (2.0 - set_down), lifted * (1.0 + blunt * (1.0 - lifted))
+            taper = max(min(begins, ends), 0.0)
+            edge = wide * np.sqrt(taper) - abs(v)
+            alpha = min(max(0.5 + (edge - 0.5 * feather * r) / (soft + feather * r), 0.0), 1.0)
             if alpha <= 0.0:
                 continue
-            fade = min((1.0 - (deep / outer[k] if deep > 0.0 else -deep / inner[k])) / FADES, 1.0)
+            fade = min((1.0 - (above / outer[k] if above > 0.0 else -above / inner[k])) / FADES, 1.0)
             if fade <= 0.0:
+                continue
+            part = min(max(u / max(length[q], 1e-6), 0.0), 1.0)
+            marks, slope, coarse = 0.0, 0.0, 0.0
+            if wet:
+                streak = min(max(0.5 + 1.2 * run, 0.0), 1.0) * mixed
+            else:
+                n = bristles[q]
+                x = v / wide + 0.2 * _noise(table, 0.3 * u / r, first + PHASE)
+                coarse = min(max(r / (n * soft) - 0.5, 0.0), 1.0)
+                fine = min(max(r / (FINER * n * soft) - 0.5, 0.0), 1.0)
+                if coarse > 0.0:
+                    marks = coarse * _noise(table, n * x, first + COARSE)
+                    slope = _noise(table, n * x + 0.3, first + COARSE) - _noise(table, n * x - 0.3, first + COARSE)
+                if fine > 0.0:
+                    marks += 0.5 * fine * _noise(table, FINER * n * x, first + FINE)
+                gaps = dry * (0.25 + part) * (0.5 - marks - grain * STEEP * paper)
+                alpha *= 1.0 - min(max(gaps, 0.0), 1.0)
+                streak = min(max(0.5 + 0.8 * _noise(table, 0.6 * n * x + 17.0, first + MIXED), 0.0), 1.0) * mixed
+            if grain > 0.0:
+                alpha = max(alpha - grain * body * min(max(0.5 + STEEP * paper, 0.0), 1.0), 0.0)
+            if alpha <= 0.0:
                 continue
             nearer = max(nearer, fade)
             alpha *= fade
-            n = bristles[q]
-            x = v / wide + 0.2 * _noise(table, 0.3 * u / r, first + PHASE)
-            coarse = min(max(r / (n * soft) - 0.5, 0.0), 1.0)
-            fine = min(max(r / (FINER * n * soft) - 0.5, 0.0), 1.0)
-            marks, slope = 0.0, 0.0
-            if coarse > 0.0:
-                marks = coarse * _noise(table, n * x, first + COARSE)
-                slope = _noise(table, n * x + 0.3, first + COARSE) - _noise(table, n * x - 0.3, first + COARSE)
-            if fine > 0.0:
-                marks += 0.5 * fine * _noise(table, FINER * n * x, first + FINE)
-            run = min(max(u / max(length[q], 1e-6), 0.0), 1.0)
-            alpha *= 1.0 - min(max(dry * (0.25 + run) * (0.5 - marks), 0.0), 1.0)
-            streak = min(max(0.5 + 0.8 * _noise(table, 0.6 * n * x + 17.0, first + MIXED), 0.0), 1.0) * mixed
+            if weights > 0.0 and bristles[q] != wash:  # what is above has been another wash
+                dark = rim * np.exp(-deepest / sharp)
+                density = max(1.0 + dark + flow * runs / weights + grain * paper, LEAST_PIGMENT)
+                left0, red = _over(c0 / weights, covers, -dark, density, body, left0, red)
+                left1, green = _over(c1 / weights, covers, -dark, density, body, left1, green)
+                left2, blue = _over(c2 / weights, covers, -dark, density, body, left2, blue)
+                bare *= 1.0 - covers
+                weights = 0.0
+            value0 = colour[q, 0] + streak * (second[q, 0] - colour[q, 0])
+            value1 = colour[q, 1] + streak * (second[q, 1] - colour[q, 1])
+            value2 = colour[q, 2] + streak * (second[q, 2] - colour[q, 2])
+            if wet:
+                rate = 2.0 - 2.0 * set_down if begins < ends else (1.0 + blunt * (1.0 - 2.0 * lifted)) / lift
+                rate = rate / r if taper < 1.0 else 0.0
+                steep = np.sqrt(rate * rate + (2.0 * v / (wide * wide)) ** 2)
+                inside = max(taper - (v / wide) ** 2, 0.0) / max(steep, 1.0 / wide)
+                weight = alpha * (min(inside / r, 1.0) ** 2 + 0.01)
+                if weights <= 0.0:
+                    wash, deepest, covers, runs, c0, c1, c2 = bristles[q], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                weights += weight
+                runs += weight * run
+                c0, c1, c2 = c0 + weight * value0, c1 + weight * value1, c2 + weight * value2
+                deepest, covers = max(deepest, inside), max(covers, alpha)
+                continue
             edge = min(max((abs(v) / wide - 0.45) / 0.55, 0.0), 1.0)
             edge = edge if v > 0.0 else -edge
             n0, n1, n2 = normal[k, 0], normal[k, 1], normal[k, 2]
             t0, t1, t2 = tangent[k, 0], tangent[k, 1], tangent[k, 2]
             toward = light[0] * (n1 * t2 - n2 * t1) + light[1] * (n2 * t0 - n0 * t2) + light[2] * (n0 * t1 - n1 * t0)
-            gain = relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks) - rim * edge * edge
-            here = left * alpha
-            for f in range(3):
-                value = colour[q, f] + streak * (second[q, f] - colour[q, f])
-                if gain < 0.0:
-                    value *= 1.0 + gain
-                else:
-                    value += gain * (0.6 * (1.0 - value) + 0.3 * value)
-                value = min(max(value, 0.0), 1.0)
-                if f == 0:
-                    red += here * value
-                elif f == 1:
-                    green += here * value
-                else:
-                    blue += here * value
-            left *= 1.0 - alpha
-        cover = 1.0 - left
+            gain = relief * (toward * (0.7 * edge - 0.6 * coarse * slope) + 0.35 * marks)
+            density = max(1.0 + grain * paper, LEAST_PIGMENT)
+            left0, red = _over(value0, alpha, gain, density, body, left0, red)
+            left1, green = _over(value1, alpha, gain, density, body, left1, green)
+            left2, blue = _over(value2, alpha, gain, density, body, left2, blue)
+            bare *= 1.0 - alpha
+        if weights > 0.0:
+            dark = rim * np.exp(-deepest / sharp)
+            density = max(1.0 + dark + flow * runs / weights + grain * paper, LEAST_PIGMENT)
+            left0, red = _over(c0 / weights, covers, -dark, density, body, left0, red)
+            left1, green = _over(c1 / weights, covers, -dark, density, body, left1, green)
+            left2, blue = _over(c2 / weights, covers, -dark, density, body, left2, blue)
+            bare *= 1.0 - covers
+        cover = 1.0 - bare
         whole = min(cover / max(nearer, 1e-6), 1.0)
         scale = whole / max(cover, 1e-6)
-        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = scale * red, scale * green, scale * blue, whole
+        out[p, 0] = scale * (red + (left0 - bare) * ground[0])
+        out[p, 1] = scale * (green + (left1 - bare) * ground[1])
+        out[p, 2] = scale * (blue + (left2 - bare) * ground[2])
+        out[p, 3] = whole

@@ -18,6 +18,8 @@ LightingName = Literal["network", "phong", "auto"]
 DeviceName = Literal["cpu", "cuda", "auto"]
 MapperName = Literal["auto", "gpu", "cpu", "bricks"]
 MannerName = Literal["auto", "strokes", "pieces"]
+HandName = Literal["oil", "watercolour", "dots", "ink-wash", "dry-brush", "pastel"]
+AskedHandName = Literal["auto", "oil", "watercolour", "dots", "ink-wash", "dry-brush", "pastel"]
 NetworkName = Literal["base", "pcn", "styled"]
 PictureName = Literal["rgba", "depth", "region"]
 
@@ -148,6 +150,9 @@ class PaintOptions:
     manner: MannerName = "auto"
     """What paint is laid in: brush strokes, or pieces of the picture; auto paints the hand of a painter by strokes, and
     mosaics, prints, textures and photographs by pieces."""
+    hand: AskedHandName = "auto"
+    """The technique of the strokes; auto measures it in the picture: oil, watercolour, dots or ink wash. Any other word
+    asks for strokes."""
     strength: Annotated[float, Setting(metavar="F", panel="")] = 1.0
     """How strongly the style shows, above 0 and up to 1; can be edited afterwards."""
     go_on: Annotated[bool, Setting("--continue", panel="")] = False

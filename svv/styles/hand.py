@@ -9,7 +9,7 @@ Units: pixels are those of the picture as given; lightness and colours are CIELA
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from svv.core.structure_tensor import StructureTensor, structure_tensor
 from svv.errors import BadInput
+from svv.options.making import HandName
 
 Floats = NDArray[np.float32]
 
@@ -106,6 +107,8 @@ class Hand:
     """Anticlockwise angles of these strokes from the horizontal, in radians, in [0, pi). (N,)"""
     coherences: Floats
     """Consistency of the directions around them, in [0, 1]. (N,)"""
+    technique: HandName = field(default="oil", kw_only=True)
+    """The technique in which it is painted."""
 
     @property
     def length(self) -> float:

@@ -18,6 +18,7 @@ from svv.kernels import numba_tracing
 from svv.styles.hand import Hand
 from svv.train.form import Floats
 from svv.train.picture_map import PictureMap
+from svv.train.techniques import TECHNIQUES, Layer
 from svv.train.visible_surface import BENT, Bends, VisibleSurface
 
 STEP = 0.7
@@ -66,31 +67,11 @@ BROKEN, MOST_SCATTER = 1.4, 0.18
 largest value: with more, the form is lost."""
 
 
-@dataclass(frozen=True)
-class Layer:
-    """One layer of strokes; sizes are in widths of a main stroke."""
+SAG = 0.5
+"""How deep the paint of washes reaches at least, in half widths."""
 
-    width: float
-    length: float | None
-    """None for that of the picture's strokes."""
-    apart: tuple[float, float]
-    """Semi-axes of the ellipse that is free of other seeds: along, in lengths, and across, in widths."""
-    tone: tuple[float, float]
-    """Wanted tone: what is added to the surface's tone, and the factor on its distance from the middle."""
-    scatter: float
-    """Fraction of the picture's broken tone."""
-    most: float
-    """Difference in tone at which a stroke ends."""
-    accent: bool = False
-    """Whether strokes are only where tone is extreme or changes."""
-
-
-LAYERS = (
-    Layer(2.2, 9.0, (0.30, 0.62), (-0.10, 0.85), 0.3, 0.5),
-    Layer(1.0, None, (0.40, 0.74), (0.0, 1.0), 1.0, 0.3),
-    Layer(0.6, None, (0.45, 1.3), (0.0, 1.25), 1.0, 0.25, True),
-)
-"""The layers, from the lowest: ground, main strokes and accents."""
+DAB = 0.02
+"""Length of round dabs, in widths: a stroke has two points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +101,8 @@ class Painter:
         self, hand: Hand, surface: VisibleSurface, opacity: Floats, cells: int, width: float, cell: float, seed: int
     ) -> None:
         self.hand, self.surface, self.width = hand, surface, width
+        self.technique = TECHNIQUES[hand.technique]
+        self.ground = self.technique.ground_for(hand)
         self.generator = np.random.default_rng(seed)
         bends = surface.bends(BENT * width)
         self.tone = self._of_both_sides(surface.tones(opacity, cells, width, bends.mean))
@@ -152,23 +135,16 @@ class Painter:
     def painted(self, progress: Progress) -> Brushwork | None:
         """Return the strokes; None if the surface is too small for any."""
         parts, seen = [], []
-        for number, layer in enumerate(LAYERS):
-            progress(number / len(LAYERS), "laying strokes")
+        layers = self.technique.layers
+        for number, layer in enumerate(layers):
+            progress(number / len(layers), "laying strokes")
             laid = self._laid(layer)
             if laid is not None:
                 parts.append(laid[0])
                 seen.append(laid[1])
         progress(1.0, "laying strokes")
-        return Brushwork(joined(parts), self._brush(), np.concatenate(seen)) if parts else None
-
-    def _brush(self) -> Brush:
-        """Return how paint looks: thick where the picture's bristle marks are strong."""
-        hand = self.hand
-        return Brush(
-            relief=float(np.clip(hand.relief / 9.0, 0.08, 0.55)),
-            dry=float(np.clip(0.02 * hand.relief, 0.02, 0.15)),
-            mixed=float(np.clip(0.08 * hand.relief, 0.1, 0.5)),
-        )
+        brush = self.technique.brush_for(self.hand, self.ground)
+        return Brushwork(joined(parts), brush, np.concatenate(seen)) if parts else None
 
     def _crumpled(self, bends: Bends) -> NDArray[np.float64]:
         """Return how crumpled the surface is at the scale of a stroke, in [0, 1]. (S,)"""
@@ -200,18 +176,45 @@ class Painter:
     def _laid(self, layer: Layer) -> tuple[Strokes, NDArray[np.float64]] | None:
         """Return the strokes of a layer, and how visible they are (N,); None if there is no room for any."""
         surface, generator = self.surface, self.generator
-        ratio = layer.length or float(np.clip(LONGER * self.hand.elongation, *LENGTHS))
+        ratio = float(np.clip(LONGER * self.hand.elongation, *LENGTHS)) if layer.length is None else layer.length
         wide = layer.width * self.width * self.size
-        long = ratio * self.width * np.sqrt(self.size)
+        long = ratio * self.width * np.sqrt(self.size) if ratio > 0.0 else wide
         along, across = layer.apart[0] * long, np.maximum(layer.apart[1] * wide, 0.7 * surface.side)
         along = np.maximum(along, across)
         order = generator.permutation(len(surface))
+        order = order[self.tone[order] <= layer.lightest]
         if layer.accent:
             order = order[generator.random(len(order)) < self.accent[order]]
         kept = np.empty(len(surface), np.int64)
         points, normals = surface.points, surface.normals
         count = numba_tracing.seeds(order, points, normals, self.tangent, along, across, float(along.max()), kept)
         seed = kept[:count]
+        out, first, number = self._traced(layer, seed, wide, long)
+        fine = number >= 2
+        if not fine.any():
+            return None
+        seed, out, first, number = seed[fine], out[fine], first[fine], number[fine]
+        wanted = 0.5 + layer.tone[1] * (self.tone[seed] - 0.5) + layer.tone[0]
+        scatter = layer.scatter * min(BROKEN * self.hand.scatter, MOST_SCATTER)
+        wanted = np.clip(wanted + generator.normal(0.0, scatter, len(seed)), 0.01, 0.99)
+        # Lights lie over darks: the topmost strokes are the last and the lightest.
+        rank = np.argsort(generator.random(len(seed)) + 0.6 * wanted)
+        strokes = self._record(layer, seed[rank], out[rank], first[rank], number[rank], wanted[rank])
+        return strokes, surface.seen[seed[rank]].astype(np.float64)
+
+    def _traced(
+        self, layer: Layer, seed: NDArray[np.int64], wide: NDArray[np.float64], long: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+        """Return positions and normals along strokes (N, M, 6), their first row (N,) and number of rows (N,)."""
+        generator, surface, count = self.generator, self.surface, len(seed)
+        points, normals = surface.points, surface.normals
+        if layer.length == 0.0:
+            middle = np.concatenate([points[seed], normals[seed]], 1).astype(np.float64)
+            out = np.repeat(middle[:, None], 2, 1)
+            half = 0.5 * DAB * wide[seed, None] * self.tangent[seed]
+            out[:, 0, :3] -= half
+            out[:, 1, :3] += half
+            return out, np.zeros(count, np.int64), np.full(count, 2)
         step = STEP * wide[seed]
         share = generator.uniform(0.4, 0.6, count)
         length = long[seed] * generator.lognormal(0.0, 0.25, count)
@@ -224,17 +227,7 @@ class Painter:
             seed, steps, step, TURN, surface.side, surface.slot, points, normals, self.tangent, tone, layer.most,
             out, first, number,
         )  # fmt: skip
-        fine = number >= 2
-        if not fine.any():
-            return None
-        seed, out, first, number = seed[fine], out[fine], first[fine], number[fine]
-        wanted = 0.5 + layer.tone[1] * (self.tone[seed] - 0.5) + layer.tone[0]
-        scatter = layer.scatter * min(BROKEN * self.hand.scatter, MOST_SCATTER)
-        wanted = np.clip(wanted + generator.normal(0.0, scatter, len(seed)), 0.01, 0.99)
-        # Lights lie over darks: the topmost strokes are the last and the lightest.
-        rank = np.argsort(generator.random(len(seed)) + 0.6 * wanted)
-        strokes = self._record(layer, seed[rank], out[rank], first[rank], number[rank], wanted[rank])
-        return strokes, surface.seen[seed[rank]].astype(np.float64)
+        return out, first, number
 
     def _record(
         self, layer: Layer, seed: NDArray[np.int64], out: NDArray[np.float64], first: NDArray[np.int64],
@@ -251,16 +244,22 @@ class Painter:
         nearest = self.surface.tree.query(where)[1]
         each = generator.uniform(0.85, 1.15, len(seed))
         radius = 0.5 * layer.width * self.width * self.size[nearest] * each[row]
-        colour, second = self._colours(seed, wanted)
+        radius *= 1.0 - layer.swell * np.square(2.0 * index / (number[row] - 1) - 1.0)
+        inner, outer = self.inner[nearest], self.outer[nearest]
+        if layer.wash:  # broad strokes bridge what the surface bends below them
+            deep = np.maximum(outer, SAG * radius).astype(np.float32)
+            inner, outer = np.where(inner < outer, np.minimum(2.0 * inner, deep), deep), deep
+        colour, second = self._colours(layer, seed, wanted)
         count = float(np.clip(1.0 + 1.2 * self.hand.bristles, 2.0, 6.0)) * min(layer.width, 1.6)
+        count = 0.125 * layer.wash if layer.wash else max(count, 1.5)
         return Strokes(
             where.astype(np.float32), np.ascontiguousarray(normal, np.float32), radius.astype(np.float32),
-            self.inner[nearest], self.outer[nearest], start, colour, second,
-            np.full(len(seed), max(count, 1.5), np.float32), generator.integers(0, 1024, len(seed)),
+            inner, outer, start, colour, second,
+            np.full(len(seed), count, np.float32), generator.integers(0, 1024, len(seed)),
         )  # fmt: skip
 
-    def _colours(self, seed: NDArray[np.int64], wanted: NDArray[np.float64]) -> tuple[Floats, Floats]:
-        """Return two colours of the picture for each stroke, RGB, both (N, 3)."""
+    def _colours(self, layer: Layer, seed: NDArray[np.int64], wanted: NDArray[np.float64]) -> tuple[Floats, Floats]:
+        """Return two colours of the picture for each stroke, RGB, both (N, 3): of glazes, what they let through."""
         from skimage.color import lab2rgb
 
         hand, generator, surface = self.hand, self.generator, self.surface
@@ -273,4 +272,8 @@ class Painter:
         cost = np.square((hand.tones[among] - wanted[:, None]) / TONE) + np.square(away / PLACE)
         each = np.arange(len(seed))
         chosen = [among[each, (cost + CHANCE * generator.random(cost.shape)).argmin(1)] for _ in range(2)]
-        return tuple(np.asarray(lab2rgb(hand.colours[c]), np.float32).clip(0.0, 1.0) for c in chosen)  # type: ignore[return-value]
+        found = [lab2rgb(self.technique.coloured(hand.colours[c], generator)).clip(0.0, 1.0) for c in chosen]
+        if self.technique.brush.body < 1.0:
+            paper = np.maximum(np.array(self.ground or (1.0, 1.0, 1.0)), 0.05)
+            found = [(one / paper).clip(0.02, 1.0) ** layer.share for one in found]
+        return tuple(np.asarray(one, np.float32) for one in found)  # type: ignore[return-value]

@@ -360,11 +360,12 @@ def _check_used(options: PaintOptions, chosen: Preset) -> None:
         raise BadInput(
             f"The preset '{chosen.name}' matches no features: leave out --features, or paint with --preset paper."
         )
-    if options.manner != "auto" and matched:
-        raise BadInput(
-            f"The preset '{chosen.name}' matches features and lays neither strokes nor pieces: leave out --manner, or "
-            "choose another preset."
-        )
+    for name in ("manner", "hand"):
+        if getattr(options, name) != "auto" and matched:
+            raise BadInput(
+                f"The preset '{chosen.name}' matches features and lays neither strokes nor pieces: leave out --{name}, "
+                "or choose another preset."
+            )
 
 
 Options = TypeVar("Options", TrainOptions, PaletteOptions, PaintOptions)

@@ -12,10 +12,10 @@ from svv.errors import BadInput
 from svv.fields.networks import UnrestrictedField
 from svv.fields.region import Region
 from svv.fields.scene import Scene
-from svv.options.making import MannerName, PaintOptions
+from svv.options.making import AskedHandName, MannerName, PaintOptions
 from svv.styles.hand import Hand, measure_hand
 from svv.train.ink import Ink, Style, StyleInput
-from svv.train.manner import manner_of
+from svv.train.manner import manner_of, technique_of
 from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, style_pairs
 
 LEAST_STROKE, MOST_STROKE = 0.25, 4.0
@@ -99,13 +99,22 @@ def ordered(scene: Scene, inputs: Sequence[StyleInput], options: PaintOptions) -
     return Order(styles, labels, masks, pairs, inks, stroke_size, regions, named, name, go_on, notes)
 
 
-def with_hands(order: Order, manner: MannerName) -> Order:
+def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") -> Order:
     """Return the order with the hand of each region that is to be painted by strokes, and notes about the choice.
 
     Args:
         order: Styles of the regions.
         manner: How to paint; ``auto`` decides by :func:`svv.train.manner.manner_of`.
+        named: Technique of the strokes; ``auto`` decides by :func:`svv.train.manner.technique_of`, and any other asks
+            for strokes.
+
+    Raises:
+        BadInput: A technique of strokes is asked for together with pieces.
     """
+    if named != "auto":
+        if manner == "pieces":
+            raise BadInput(f"Pieces of a picture have its own hand: leave out --manner pieces, or --hand {named}.")
+        manner = "strokes"
     if manner == "pieces":
         return order
     found: dict[int, Hand] = {}
@@ -113,8 +122,16 @@ def with_hands(order: Order, manner: MannerName) -> Order:
     for number in sorted({style for region, style in order.pairs.items() if region not in order.inks}):
         hand = measure_hand(np.asarray(order.styles[number], np.float32), order.masks[number])
         chosen, reason = manner_of(hand)
-        if manner == "auto":
+        technique, why = technique_of(hand) if named == "auto" else (named, "")
+        shown = named == "auto" and technique != "oil" and "strokes" in (manner, chosen)
+        if shown:
+            notes.append(
+                f"{order.labels[number]} is painted by strokes, as {technique}: {why}. --hand chooses otherwise."
+            )
+        elif manner == "auto":
             notes.append(f"{order.labels[number]} is painted by {chosen}: {reason}. --manner chooses otherwise.")
-        if "strokes" in (manner, chosen):
-            found |= {region: hand for region, style in order.pairs.items() if style == number}
+        if "strokes" not in (manner, chosen):
+            continue
+        hand = replace(hand, technique=technique)
+        found |= {region: hand for region, style in order.pairs.items() if style == number}
     return replace(order, hands=found, notes=notes)

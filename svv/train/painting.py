@@ -215,7 +215,8 @@ def _brush(
     found = brushing.painted(start.hands, part(progress, 0.0, 0.65))
     flats = start.transferred.cpu().numpy().astype(np.float32)
     for k, one in found.items():
-        flats[k] = flats[k] if one.flat is None else one.flat
+        ground = None if one.work is None else one.work.brush.ground
+        flats[k] = ground or (flats[k] if one.flat is None else one.flat)
     owner = np.where(region < 0, NOBODY, region).astype(np.uint8)
     works = {k: (one.work.strokes, one.work.brush) for k, one in found.items() if one.work is not None}
     glazes = {k: one.glaze for k, one in found.items() if one.glaze > 0.0}

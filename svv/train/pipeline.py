@@ -166,8 +166,9 @@ def _stylize_alone(
     order, settings, network = ordered(scene, inputs, asked), chosen.stylize, None
     pieces = replace(pieces, size=round(pieces.size * asked.stroke_size))
     if not isinstance(settings, MatchSettings):
-        order = with_hands(order, asked.manner)
-        key = {"strokes": [sorted(order.hands), asked.stroke_size], "pieces": asdict(pieces)}
+        order = with_hands(order, asked.manner, asked.hand)
+        hands = sorted((k, hand.technique) for k, hand in order.hands.items())
+        key = {"strokes": [hands, asked.stroke_size], "pieces": asdict(pieces)}
         saved = _checkpoint_of(checkpoint, scene, order, asked, {**key, "settings": asdict(settings)})
         work: Laying | Matching = Laying(scene, order, settings, pieces, asked.seed, saved, preview)
     else:
@@ -191,6 +192,7 @@ def _stylize_alone(
         styles={str(k): order.labels[v] for k, v in order.pairs.items()},
         masked=sorted({order.labels[v] for v in order.pairs.values() if order.masks[v] is not None}),
         manner={str(k): order.manner(k) if network is None else "matched" for k in order.pairs},
+        hand={str(k): hand.technique for k, hand in order.hands.items()},
         stroke_size=asked.stroke_size, strength=asked.strength, continued=work.refined,
         previews=[] if work.previews is None else work.previews.seconds,
         notes=[*order.notes, *work.notes, *([network.note] if network and network.note else [])],

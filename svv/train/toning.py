@@ -19,6 +19,7 @@ from svv.styles.hand import Hand
 from svv.train.brushwork import Brushwork
 from svv.train.form import Floats
 from svv.train.stylize import StyledView
+from svv.train.techniques import TECHNIQUES
 
 ROUNDS = 5
 """Number of corrections, needed because colours are clipped."""
@@ -100,7 +101,11 @@ def toned(
     looked = Looked(views, region)
     paint = StrokePaint(work.strokes, work.brush, soft)
     light = hand.colours[:, 0]
-    wanted = Shown(hand.colours.mean(0), float(light.std()), float(np.hypot(*hand.colours[:, 1:].T).mean()))
+    technique = TECHNIQUES[hand.technique]
+    mean = hand.colours.mean(0).astype(np.float64)
+    mean[0] = np.clip(mean[0], *technique.lightness)
+    vivid = float(np.hypot(*hand.colours[:, 1:].T).mean())
+    wanted = Shown(mean, float(light.std()), min(technique.chroma * vivid, technique.most_chroma))
     contrast, chroma, shift, found = 1.0, 1.0, 0.0, None
     most = CHROMA[1] + (CLEAR - CHROMA[1]) * clear
     for _ in range(ROUNDS):

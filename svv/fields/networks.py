@@ -313,6 +313,11 @@ class UnrestrictedField(nn.Module):
         return self.colour_mlp is None
 
     @property
+    def unbaked(self) -> bool:
+        """Whether its table has not been computed yet."""
+        return self._unbaked is not None
+
+    @property
     def encoding(self) -> Encoding:
         """Its table. Where that follows from strokes, it is computed when it is first read: it takes a second or two."""
         encoding = self._modules["encoding"]

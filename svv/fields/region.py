@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
 
-
 MOST_RELIEF = 4.0
 """Largest factor on the relief of strokes."""
 

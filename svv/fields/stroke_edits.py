@@ -233,7 +233,8 @@ def _edited(
             at = shown_at(place[own])
             shown.owner = laid.owner.copy()
             shown.owner[own] = np.where(at < 0, laid.owner[own], at)
-        return shown.baked(place, cell)
+        known = None if network.unbaked else (laid, network.encoding.table.detach().cpu().numpy())
+        return shown.baked(place, cell, known=known)
 
     return network.with_strokes(shown, baked)
 

@@ -109,7 +109,7 @@ class PaintedModel(EditedModel):
         return replace(shown, regions=tuple(as_laid(r) if k in anew else r for k, r in enumerate(lit)))
 
     def _painted_anew(self, network: UnrestrictedField) -> set[int]:
-        """Return the regions with strokes that are not those of the painting shown, whose edits thus do not concern them."""
+        """Return the regions with strokes other than those shown now: edits of the old strokes do not concern them."""
         before, after = ({} if n is None or n.brushed is None else n.brushed.regions for n in (self.styled, network))
         other = {k for k, (strokes, _) in after.items() if k not in before or before[k][0] is not strokes}
         return {k for k, root in enumerate(self.roots) if root in other}

@@ -83,8 +83,9 @@ class PaintEdit(Request):
     light strokes, for dark backgrounds."""
     stroke_relief: Annotated[float | None, Setting(least=0, most=4, unset=1.0)] = None
     """Factor on the relief of brush strokes: 0 is flat paint, 1 as painted."""
-    stroke_width: Annotated[float | None, Setting(least=0.5, most=2, unset=1.0)] = None
-    """Factor on the width of brush strokes; for other widths lay them again with `svv stylize --stroke-size`."""
+    stroke_width: Annotated[float | None, Setting(slider=(0.5, 2.0), unset=1.0)] = None
+    """Factor on the width of brush strokes, from 0.5 to 2; for other widths lay them again with `svv stylize
+    --stroke-size`."""
     stroke_light: Annotated[
         tuple[float, ...] | None, Setting(metavar="AZ,EL|X,Y,Z|own", syntax="light on strokes", panel="")
     ] = None

@@ -1,4 +1,4 @@
-"""Palettes that strokes can be given afterwards (:mod:`svv.fields.stroke_edits`): those of pictures, or a few colours."""
+"""Palettes that strokes can be given afterwards (:mod:`svv.fields.stroke_edits`), of pictures or of a few colours."""
 
 from __future__ import annotations
 

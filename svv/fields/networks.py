@@ -319,7 +319,7 @@ class UnrestrictedField(nn.Module):
 
     @property
     def encoding(self) -> Encoding:
-        """Its table. Where that follows from strokes, it is computed when it is first read: it takes a second or two."""
+        """Its table. Where that follows from strokes, it is computed when it is first read, in a second or two."""
         encoding = self._modules["encoding"]
         assert isinstance(encoding, Encoding)
         if self._unbaked is not None:

@@ -137,8 +137,10 @@ def edited_strokes(strokes: Strokes, brush: Brush, region: Region) -> tuple[Stro
 
 
 def recoloured(strokes: Strokes, palette: Sequence[Sequence[float]], seed: int = 0) -> Strokes:
-    """Return strokes with colours of a palette: a stroke that is lighter than a fraction of them gets a colour that is
-    lighter than about that fraction of the palette.
+    """Return strokes with colours of a palette, whose tones follow one another as theirs do.
+
+    A stroke that is lighter than a fraction of them gets a colour that is lighter than about that fraction of the
+    palette.
 
     Args:
         strokes: The strokes.

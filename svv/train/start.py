@@ -107,7 +107,7 @@ def started(
     show = (lambda field: None) if previews is None else partial(previews.look, at_once=True)
     field = painted_start(scene, start, pixel, running.seed, progress, show, running.notes)
     seconds["paint"] = time.monotonic() - begin
-    if saved is not None:
+    if saved is not None and not start.hands:
         saved.finish("paint", {"seconds": seconds["paint"]}, _arrays(field))
     return field
 

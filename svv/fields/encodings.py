@@ -345,24 +345,41 @@ def _index_of(vertices: NDArray[np.bool_], rows: int) -> tuple[NDArray[np.int64]
     return first << 32 | stored, int(behind[-1])
 
 
-def places_of(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArray[np.float32]:
-    """Return box coordinates for looking up the vertices of a resolution, in raster order. (V, 3)
+def vertices_of(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArray[np.int64]:
+    """Return integer coordinates of the vertices that a lattice of this resolution has, in raster order. (V, 3)
 
-    Vertices are those of :class:`SparseLattice`, moved as in :meth:`SparseLattice.places_of_level`.
+    The result is a view of an array (3, V), whose rows are faster to read than its columns.
     """
-    fine = _resample(occupied, cells, resolution)
-    filled, vertices = np.pad(fine, 1).ravel(), _vertices(fine)
-    there = np.flatnonzero(vertices)
-    x, y, z = np.unravel_index(there, vertices.shape)
-    shape = [n + 1 for n in vertices.shape]
-    row, plane = shape[2], shape[1] * shape[2]
-    first = ((x + 1) * shape[1] + y + 1) * row + z + 1
-    away, left = np.zeros(len(there), np.uint8), np.arange(len(there))
+    vertices = _vertices(_resample(occupied, cells, resolution))
+    return np.stack(np.unravel_index(np.flatnonzero(vertices), vertices.shape)).T
+
+
+def places_of(
+    occupied: NDArray[np.uint8], cells: int, resolution: int, vertices: NDArray[np.int64] | None = None
+) -> NDArray[np.float32]:
+    """Return box coordinates for looking up vertices of a resolution, moved as by ``SparseLattice.places_of_level``.
+
+    Args:
+        occupied: Cells that hold something visible. (X, Y, Z)
+        cells: Cells per box unit of ``occupied``.
+        resolution: Cells per box unit of the vertices.
+        vertices: Integer coordinates (V, 3), by default of all from :func:`vertices_of`.
+
+    Returns:
+        (V, 3)
+    """
+    chosen = vertices_of(occupied, cells, resolution) if vertices is None else vertices
+    filled = np.pad(_resample(occupied, cells, resolution), 1)
+    plane, row = filled.shape[1] * filled.shape[2], filled.shape[2]
+    full = filled.ravel()
+    x, y, z = chosen.T
+    first = (x + 1) * plane + (y + 1) * row + z + 1
+    away, left = np.zeros(len(chosen), np.uint8), np.arange(len(chosen))
     for number, (i, j, k) in enumerate(itertools.product((0, 1), repeat=3)):
-        hit = filled[first[left] - i * plane - j * row - k]
+        hit = full[first[left] - i * plane - j * row - k]
         away[left[hit]] = number
         left = left[~hit]
-    out = np.empty((len(there), 3), np.float32)
+    out = np.empty((len(chosen), 3), np.float32)
     for axis, (at, bit) in enumerate(zip((x, y, z), (4, 2, 1), strict=True)):
         middle = at + np.where(away & bit, -0.5, 0.5)
         out[:, axis] = np.nextafter((at / resolution).astype(np.float32), (middle / resolution).astype(np.float32))

@@ -22,7 +22,7 @@ from svv.core import palette_shading
 from svv.core.strokes import Brush, Strokes
 from svv.errors import BadInput, Progress, part
 from svv.fields.brushed import NOBODY, Brushed
-from svv.fields.encodings import SparseLattice, places_of
+from svv.fields.encodings import SparseLattice, places_of, vertices_of
 from svv.fields.model import for_colours, of_colour
 from svv.fields.networks import UnrestrictedField
 from svv.fields.occupancy import Occupancy
@@ -224,23 +224,25 @@ def _owners(scene: Scene, cells: int, painted: Sequence[int]) -> NDArray[np.uint
     only the others are evaluated.
     """
     occupied, coarse = scene.occupancy.occupied, scene.occupancy.cells
-    place = places_of(occupied, coarse, cells)
+    vertices = vertices_of(occupied, coarse, cells)
     if len(painted) == 1:  # all of the lattice is its
-        return np.full(len(place), painted[0], np.uint8)
+        return np.full(len(vertices), painted[0], np.uint8)
     finer = cells // coarse
     if finer == 1 or (scene.parts is not None and scene.parts.active):
-        return _owners_at(scene, place, painted)
+        return _owners_at(scene, places_of(occupied, coarse, cells, vertices), painted)
     corners = np.full([n + 1 for n in occupied.shape], NOBODY, np.uint8)
-    vertex = np.rint(place * cells).astype(np.int64)
-    own = places_of(occupied, coarse, coarse)
-    corners[tuple(np.rint(own * coarse).astype(np.int64).T)] = _owners_at(scene, own, painted)
-    low, high = vertex // finer, -(-vertex // finer)
-    owner = corners[tuple(low.T)]
-    alike = np.ones(len(place), bool)
-    for chosen in itertools.product((low, high), repeat=3):
-        alike &= owner == corners[tuple(c[:, axis] for axis, c in enumerate(chosen))]
+    own = vertices_of(occupied, coarse, coarse)
+    corners[tuple(own.T)] = _owners_at(scene, places_of(occupied, coarse, coarse, own), painted)
+    _, height, depth = corners.shape
+    ends = [((v // finer).astype(np.int32), (-(-v // finer)).astype(np.int32)) for v in vertices.T]
+    found = corners.ravel()
+    owner, alike = np.empty(0, np.uint8), np.ones(len(vertices), bool)
+    for x, y, z in itertools.product(*ends):
+        there = found[(x * height + y) * depth + z]
+        owner = owner if len(owner) else there
+        alike &= owner == there
     mixed = np.flatnonzero(~alike)
-    owner[mixed] = _owners_at(scene, place[mixed], painted)
+    owner[mixed] = _owners_at(scene, places_of(occupied, coarse, cells, vertices[mixed]), painted)
     return owner
 
 

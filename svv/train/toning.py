@@ -23,7 +23,7 @@ from svv.train.stylize import StyledView
 ROUNDS = 3
 """Number of corrections, needed because colours are clipped."""
 
-VIEWS, MOST = 5, 8_000
+VIEWS, MOST = 5, 6_000
 """Number of views in which a region is looked at, and maximum number of samples of each."""
 
 CONTRAST, CHROMA, SHIFT = (0.9, 1.7), (0.9, 1.2), 25.0

@@ -12,12 +12,14 @@ from skimage.color import rgb2lab
 from svv.core.strokes import Brush, straight_stroke
 from svv.errors import BadInput, silent
 from svv.fields.brushed import NOBODY, Brushed
+from svv.fields.encodings import places_of
 from svv.fields.scene import Scene
 from svv.kernels import numba_tracing
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import Hand, measure_hand
 from svv.train.brushwork import NARROWEST, WIDEST, Painter
 from svv.train.ink import Ink, StyleInput
+from svv.train.painting import _owners, _owners_at
 from svv.train.picture_map import PictureMap
 from svv.train.pipeline import stylize_scene
 from svv.train.stroke_painting import alike, stroke_width
@@ -374,6 +376,16 @@ def test_twice_the_stroke_size_is_twice_the_width(balls: Scene) -> None:
         assert styled is not None and styled.brushed is not None
         widths.append(float(np.median(styled.brushed.regions[0][0].radius)))
     assert 1.4 < widths[1] / widths[0] < 2.3
+
+
+def test_owners_of_vertices_are_those_with_the_largest_palette_weight(balls: Scene) -> None:
+    occupied, cells = balls.occupancy.occupied, balls.occupancy.cells
+    found = _owners(balls, 2 * cells, [0, 1])
+    exact = _owners_at(balls, places_of(occupied, cells, 2 * cells), [0, 1])
+    assert set(np.unique(exact)) == {0, 1}
+    assert (found != exact).mean() < 1e-3
+    assert (_owners(balls, cells, [0, 1]) == _owners_at(balls, places_of(occupied, cells, cells), [0, 1])).all()
+    assert (_owners(balls, 2 * cells, [1]) == 1).all()
 
 
 def test_baked_paint_is_flat_where_no_stroke_reaches() -> None:

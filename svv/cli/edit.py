@@ -35,6 +35,8 @@ EDIT = (
     "svv edit painted.svv --show-variant ink --strength 0.5 --out faint.svv",
     "svv edit painted.svv --paint-light 1 --out lit.svv",
     "svv edit painted.svv --stroke-opacity 0.6 --out strokes.svv",
+    "svv edit painted.svv --region 0 --stroke-width 0.7 --stroke-relief 1.5 --out finer.svv",
+    "svv edit painted.svv --stroke-palette scream.jpg --stroke-light 60,30 --out other.svv",
     "svv edit painted.svv --outline 1 --outline-width 3 --out inked.svv",
 )
 """Examples in the help."""
@@ -90,7 +92,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     picture: PictureOptions = PictureOptions(),
     steps: Steps = Steps(),
 ) -> None:
-    """Edit a scene's regions: colour, opacity, light, outlines, visibility and connected parts. Nothing is trained.
+    """Edit a scene's regions: colour, opacity, light, strokes, outlines, visibility and parts. Nothing is trained.
 
     All changes made by one command form one step in the history of the scene file, which --undo reverts. --reset is
     applied first, then --split-at, the options that hide and show regions, and all others. --split-at makes the
@@ -112,8 +114,8 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         raise BadInput("Say which region with --region K; `svv info` lists them.")
     if region is not None and not (own or paint or outline):
         raise BadInput(
-            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --stroke-opacity or "
-            "--outline for the region."
+            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --outline or an edit "
+            "of its strokes, such as --stroke-width, for the region."
         )
     if not (request or any(vars(steps).values())):
         raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")

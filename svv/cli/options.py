@@ -153,6 +153,41 @@ def parse_light(text: str) -> dict[str, object]:
     )
 
 
+def parse_stroke_light(text: str, option: str) -> tuple[float, ...]:
+    """Return '-40,45', '-1,2,1' or 'own' as a direction in the world, of three numbers or none.
+
+    Two numbers are degrees to the right of and above the front of the volume.
+
+    Raises:
+        BadInput: The text has another form.
+    """
+    from svv.core.light import direction_of
+
+    if text == "own":
+        return ()
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 2 and abs(numbers[0]) <= 180.0 and abs(numbers[1]) <= 90.0:
+        return direction_of(*numbers)
+    if len(numbers) == 3:
+        return tuple(numbers)
+    raise BadInput(
+        f"{option} needs two angles as seen from the front ('-40,45': 40 degrees left, 45 up), a direction in the "
+        f"world ('-1,2,1') or 'own', not '{text}': the light on strokes stays where it is when the camera moves."
+    )
+
+
+def parse_stroke_palette(text: str) -> tuple[tuple[float, float, float], ...]:
+    """Return the palette of a picture or of colours; raises BadInput as :func:`.stroke_palette.palette_named` does."""
+    from svv.progress import shown
+    from svv.styles.stroke_palette import palette_named
+
+    with shown("Palette") as progress:
+        return palette_named(text, progress)
+
+
 def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
     """Return '15,60,full' as seconds, each once; ``full`` becomes None, which means no limit.
 

@@ -132,3 +132,17 @@ def blinn_phong(
     highlight = (side * (normal * half).sum(1)).clamp(min=LEAST_COSINE).pow(shininess)
     highlight = torch.where(cosine > 0.0, highlight, 0.0)
     return intensity * specular * highlight, ambient + intensity * diffuse * cosine
+
+
+def direction_of(azimuth: float, elevation: float) -> tuple[float, float, float]:
+    """Return the world direction of a fixed light from angles as seen from the front, which looks along -z.
+
+    Args:
+        azimuth: Degrees to the right.
+        elevation: Degrees above.
+
+    >>> [round(x, 3) for x in direction_of(90.0, 0.0)]
+    [1.0, 0.0, 0.0]
+    """
+    right, above = np.radians(azimuth), np.radians(elevation)
+    return float(np.sin(right) * np.cos(above)), float(np.sin(above)), float(np.cos(right) * np.cos(above))

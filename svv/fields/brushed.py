@@ -57,14 +57,27 @@ class Brushed:
             self._paints[region] = known = StrokePaint(*self.regions[region], soft)
         return known
 
-    def baked(self, place: Floats, cell: float, progress: Progress = silent) -> Floats:
-        """Return the colours of vertices at box coordinates (V, 3) of a lattice with cells of side ``cell``. (V, 3)"""
+    def baked(
+        self, place: Floats, cell: float, progress: Progress = silent, known: tuple[Brushed, Floats] | None = None
+    ) -> Floats:
+        """Return the colours of vertices of a lattice. (V, 3)
+
+        Args:
+            place: Box coordinates of the vertices. (V, 3)
+            cell: Side of the lattice's cells in box units.
+            progress: Called several times a second.
+            known: Another painting and its colours, from which regions with the same strokes are copied. (V, 3)
+        """
         assert self.owner is not None
         grey = np.full((NOBODY + 1 - len(self.flats), 3), 0.5, np.float32)
         colours = np.concatenate([self.flats, grey])[self.owner]
         for number, region in enumerate(self.regions):
+            mine = self.owner == region
+            if known is not None and known[0].regions.get(region) is self.regions[region]:
+                colours[mine] = known[1][mine]
+                continue
             paint = self.paint(region, cell)
-            own = np.flatnonzero((self.owner == region) & paint.is_near(place))
+            own = np.flatnonzero(mine & paint.is_near(place))
             for first in range(0, len(own), AT_A_TIME):
                 progress((number + first / len(own)) / len(self.regions), "painting")
                 piece = own[first : first + AT_A_TIME]

@@ -43,6 +43,10 @@ def _pairs_in(value: object, name: str) -> tuple[tuple[float, float], ...]:
     return tuple(pair_in(p, name) for p in list_in(value, len(value) if isinstance(value, list | tuple) else 0, name))
 
 
+def _vectors_in(value: object, name: str) -> tuple[tuple[float, float, float], ...]:
+    return tuple(vector_in(v, name) for v in list_in(value, len(value) if isinstance(value, list | tuple) else 0, name))
+
+
 def _wholes_in(value: object, name: str) -> tuple[int, ...]:
     return tuple(whole_in(v, name) for v in list_in(value, len(value) if isinstance(value, list | tuple) else 0, name))
 
@@ -55,6 +59,7 @@ _KINDS: Mapping[str, Callable[[object, str], object]] = {
     "tuple[float, float]": pair_in,
     "tuple[float, float, float]": vector_in,
     "tuple[tuple[float, float], ...]": _pairs_in,
+    "tuple[tuple[float, float, float], ...]": _vectors_in,
     "tuple[int, ...]": _wholes_in,
 }
 """Annotation of a field -> what turns the value in a file into one of that type."""

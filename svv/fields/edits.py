@@ -22,6 +22,7 @@ from svv.fields.model import Model
 from svv.fields.parts import counted
 from svv.fields.region import Region
 from svv.fields.splitting import piece_at
+from svv.fields.stroke_edits import checked_edits, said
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, SPLIT_LEVEL
 
 if TYPE_CHECKING:
@@ -209,6 +210,45 @@ class EditedModel(Model):
         if not -1.0 <= amount <= 1.0:
             raise BadInput(f"The opacity of strokes must lie between -1 and 1, not {amount}.")
         return self._changed_each(f"stroke opacity {amount:g}", regions, {"stroke_opacity": float(amount)})
+
+    @property
+    def regions_with_strokes(self) -> tuple[int, ...]:
+        """Numbers of the regions that are painted by strokes."""
+        return tuple(self.stroked)
+
+    def with_strokes(
+        self,
+        *regions: int,
+        relief: float | None = None,
+        width: float | None = None,
+        light: Sequence[float] | None = None,
+        palette: Sequence[Sequence[float]] | None = None,
+    ) -> Self:
+        """Return a scene with other strokes in these regions, by default in all that have any, without laying them.
+
+        Args:
+            regions: Numbers of the regions.
+            relief: Factor on the relief of thick paint, in [0, 4]. What is None does not change.
+            width: Factor on the width of strokes, in [0.5, 2].
+            light: World direction from which the relief is lit, x, y and z; empty for the painting's own.
+            palette: Colours that strokes of the same tone get, RGB in [0, 1] (C, 3), for example of another picture
+                (:func:`svv.styles.stroke_palette.palette_of`); empty for the painting's own.
+
+        Raises:
+            BadInput: A number, direction or colour is out of range, or a region does not exist or has no strokes.
+        """
+        edits = checked_edits(relief, width, light, palette)
+        there = self.regions_with_strokes
+        if regions:
+            self._check(*regions)
+        for region in regions:
+            if region not in there:
+                raise BadInput(f"Region {region} has no strokes to edit: paint it with svv stylize --manner strokes.")
+        if not there:
+            raise BadInput(
+                "No region of this painting has strokes to edit: paint it with svv stylize --manner strokes."
+            )
+        return self._changed(said(edits), dict.fromkeys(regions or there, edits))
 
     def with_outline(
         self,

@@ -164,15 +164,7 @@ class SparseLattice(Encoding):
         By its coordinates, a vertex on the far side of every occupied cell it belongs to lies in a cell that is not
         stored. Each vertex is therefore moved by one float32 step towards the middle of an occupied cell.
         """
-        resolution = self.resolutions[level]
-        filled = np.pad(_resample(occupied, cells, resolution), 1)
-        vertices = self.vertices_of_level(level, occupied, cells)
-        middle, found = vertices + 0.5, np.zeros(len(vertices), bool)
-        for offset in itertools.product((0, -1), repeat=3):
-            take = filled[tuple((vertices + offset + 1).T)] & ~found
-            middle[take] += offset
-            found |= take
-        return np.nextafter((vertices / resolution).astype(np.float32), (middle / resolution).astype(np.float32))
+        return places_of(occupied, cells, self.resolutions[level])
 
     def packed(self) -> dict[str, NDArray[Any]]:
         """Return the table as bytes: codes (V, F), and ``ends``, the range of each level's features (L, 2, F)."""
@@ -351,6 +343,47 @@ def _index_of(vertices: NDArray[np.bool_], rows: int) -> tuple[NDArray[np.int64]
     behind = np.cumsum(padded.sum(axis=1, dtype=np.int64))
     first = rows + np.concatenate([[0], behind[:-1]])
     return first << 32 | stored, int(behind[-1])
+
+
+def vertices_of(occupied: NDArray[np.uint8], cells: int, resolution: int) -> NDArray[np.int64]:
+    """Return integer coordinates of the vertices that a lattice of this resolution has, in raster order. (V, 3)
+
+    The result is a view of an array (3, V), whose rows are faster to read than its columns.
+    """
+    vertices = _vertices(_resample(occupied, cells, resolution))
+    return np.stack(np.unravel_index(np.flatnonzero(vertices), vertices.shape)).T
+
+
+def places_of(
+    occupied: NDArray[np.uint8], cells: int, resolution: int, vertices: NDArray[np.int64] | None = None
+) -> NDArray[np.float32]:
+    """Return box coordinates for looking up vertices of a resolution, moved as by ``SparseLattice.places_of_level``.
+
+    Args:
+        occupied: Cells that hold something visible. (X, Y, Z)
+        cells: Cells per box unit of ``occupied``.
+        resolution: Cells per box unit of the vertices.
+        vertices: Integer coordinates (V, 3), by default of all from :func:`vertices_of`.
+
+    Returns:
+        (V, 3)
+    """
+    chosen = vertices_of(occupied, cells, resolution) if vertices is None else vertices
+    filled = np.pad(_resample(occupied, cells, resolution), 1)
+    plane, row = filled.shape[1] * filled.shape[2], filled.shape[2]
+    full = filled.ravel()
+    x, y, z = chosen.T
+    first = (x + 1) * plane + (y + 1) * row + z + 1
+    away, left = np.zeros(len(chosen), np.uint8), np.arange(len(chosen))
+    for number, (i, j, k) in enumerate(itertools.product((0, 1), repeat=3)):
+        hit = full[first[left] - i * plane - j * row - k]
+        away[left[hit]] = number
+        left = left[~hit]
+    out = np.empty((len(chosen), 3), np.float32)
+    for axis, (at, bit) in enumerate(zip((x, y, z), (4, 2, 1), strict=True)):
+        middle = at + np.where(away & bit, -0.5, 0.5)
+        out[:, axis] = np.nextafter((at / resolution).astype(np.float32), (middle / resolution).astype(np.float32))
+    return out
 
 
 def _vertices(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:

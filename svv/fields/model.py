@@ -6,18 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.cameras import Camera, CameraRig
 from svv.core.colour import shift_colours
 from svv.core.light import COEFFICIENTS, Lamp
+from svv.core.strokes import Floats
 from svv.errors import BadInput
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
 from svv.fields.occupancy import Occupancy
 from svv.fields.parts import Parts
 from svv.fields.region import Region
 from svv.fields.rendering import Marching, RayCaster
+from svv.fields.stroke_edits import UNEDITED, edited_field, edits_of_strokes, entries_of
 from svv.fields.time_steps import TimeSteps
 from svv.fields.value_function import ValueFunction
 from svv.kernels.types import Samples
@@ -173,24 +177,51 @@ class Model:
 
         Where strokes are to be resolved, those of each sample's region (S,) lie over these colours.
         """
-        if network != "styled" or self.styled is None:
+        shown = self.paint_shown
+        if network != "styled" or shown is None:
             return None
-        colours = self.styled(samples.position)
-        if not self.resolved or self.styled.brushed is None:
+        colours = shown(samples.position)
+        if not self.resolved or shown.brushed is None:
             return colours
-        return self.styled.brushed.over(colours, samples, region, self.stroked, self.resolved)
+        return shown.brushed.over(colours, samples, region, self._with_strokes_of(shown), self.resolved)
 
     @property
     def stroked(self) -> dict[int, int]:
         """Regions with strokes, each with the number of the region whose strokes it has: itself, or its whole."""
+        return self._with_strokes_of(self.styled)
+
+    def _with_strokes_of(self, network: UnrestrictedField | None) -> dict[int, int]:
         found: dict[int, int] = {}
-        strokes = () if self.styled is None or self.styled.brushed is None else self.styled.brushed.regions
+        strokes = () if network is None or network.brushed is None else network.brushed.regions
         for number, region in enumerate(self.regions):
             if number in strokes:
                 found[number] = number
             elif region.part_of in found:
                 found[number] = found[region.part_of]
         return found
+
+    @property
+    def paint_shown(self) -> UnrestrictedField | None:
+        """The network ``styled`` with the edits of its strokes."""
+        roots = self.stroked
+        if self.styled is None or all(edits_of_strokes(self.regions[k]) == UNEDITED for k in roots):
+            return self.styled
+        parts = None if self.parts is None else (self.parts.digest, self.parts.active)
+        entries = entries_of(self.regions, roots)
+        return edited_field(self.styled, self.regions, entries, (str(self.device), parts), self._painted_at)
+
+    @torch.no_grad()
+    def _painted_at(self, place: Floats) -> NDArray[np.int64]:
+        """Return the painted region with the largest palette weight at box coordinates (V, 3), -1 for none. (V,)"""
+        assert self.palette_network is not None
+        painted, found = torch.tensor([r.style is not None for r in self.regions], device=self.device), []
+        for piece in torch.from_numpy(place).split(1 << 17):
+            position = piece.to(self.device)
+            here, weights = self.regions_at(position), self.palette_network.material(position)[1]
+            best, which = weights.masked_fill(~for_colours(painted, here), -1.0).max(dim=1)
+            region = which if here is None else here.gather(1, which[:, None])[:, 0]
+            found.append(torch.where(best > 0.0, region, -1).cpu().numpy())
+        return np.concatenate(found) if found else np.zeros(0, np.int64)
 
     def with_style(self, diffuse: Tensor, region: Tensor, paint: Tensor | None) -> Tensor:
         """Return diffuse colour (S, 3), replaced by the paint's (S, 3) where the sample's region (S,) is styled."""

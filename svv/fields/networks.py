@@ -5,7 +5,8 @@ Letters: S samples, P palette colours, G geometry features.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import copy
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
@@ -14,6 +15,7 @@ from torch import Tensor, nn
 
 from svv.core import palette_shading
 from svv.core.extinction import MOST_LOG_EXTINCTION
+from svv.core.strokes import Floats
 from svv.fields.brushed import Brushed
 from svv.fields.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.occupancy import Occupancy
@@ -292,17 +294,61 @@ class UnrestrictedField(nn.Module):
         self.colour_mlp: nn.Sequential | None = None
         self.brushed: Brushed | None = None
         """Strokes of which the lattice is made; None if it was painted otherwise."""
+        self.edited: dict[Hashable, UnrestrictedField] = {}
+        """The paint with edits of its strokes (:mod:`svv.fields.stroke_edits`)."""
+        self._unbaked: Callable[[Floats, float], Floats] | None = None
+        self._occupancy = occupancy
+        encoding: Encoding
         if direct:
             self.resolutions = self.resolutions[-1:]
-            self.encoding: Encoding = SparseLattice(occupancy.occupied, occupancy.cells, self.resolutions, 3)
+            encoding = SparseLattice(occupancy.occupied, occupancy.cells, self.resolutions, 3)
         else:
-            self.encoding = replace(settings, resolutions=self.resolutions).encode(occupancy)
-            self.colour_mlp = mlp(self.encoding.width, settings.width, 2, 3)
+            encoding = replace(settings, resolutions=self.resolutions).encode(occupancy)
+            self.colour_mlp = mlp(encoding.width, settings.width, 2, 3)
+        self._modules["encoding"] = encoding
 
     @property
     def direct(self) -> bool:
         """Whether the lattice holds the colours themselves."""
         return self.colour_mlp is None
+
+    @property
+    def unbaked(self) -> bool:
+        """Whether its table has not been computed yet."""
+        return self._unbaked is not None
+
+    @property
+    def encoding(self) -> Encoding:
+        """Its table. Where that follows from strokes, it is computed when it is first read, in a second or two."""
+        encoding = self._modules["encoding"]
+        assert isinstance(encoding, Encoding)
+        if self._unbaked is not None:
+            assert isinstance(encoding, SparseLattice)
+            place = encoding.places_of_level(0, self._occupancy.occupied, self._occupancy.cells)
+            colours = torch.from_numpy(self._unbaked(place, 1.0 / encoding.resolutions[0]))
+            with torch.no_grad():
+                encoding.table.copy_(colours)
+            self._unbaked = None
+        return encoding
+
+    def with_strokes(self, brushed: Brushed, baked: Callable[[Floats, float], Floats]) -> UnrestrictedField:
+        """Return a field with the same layout and other strokes; ``baked`` is as for :meth:`bake_later`."""
+        other, lattice = copy.copy(self), copy.copy(self._modules["encoding"])
+        assert isinstance(lattice, SparseLattice)
+        lattice._parameters = {"table": nn.Parameter(torch.zeros_like(lattice.table), requires_grad=False)}
+        other._modules = {**self._modules, "encoding": lattice}
+        other.edited = {}
+        other.bake_later(brushed, baked)
+        return other
+
+    def bake_later(self, brushed: Brushed, baked: Callable[[Floats, float], Floats]) -> None:
+        """Set the strokes of which the lattice is made, and compute its colours when they are first needed.
+
+        Args:
+            brushed: The strokes.
+            baked: Returns the colours of vertices at box coordinates (V, 3) of a lattice with cells of a side. (V, 3)
+        """
+        self.brushed, self._unbaked = brushed, baked
 
     def forward(self, position: Tensor) -> Tensor:
         """Return diffuse RGB in [0, 1]. (S, 3) -> (S, 3)"""

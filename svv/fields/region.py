@@ -7,6 +7,12 @@ from dataclasses import dataclass, replace
 
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
 
+MOST_RELIEF = 4.0
+"""Largest factor on the relief of strokes."""
+
+STROKE_WIDTHS = (0.5, 2.0)
+"""Bounds of the factor on the width of strokes: beyond them, their paths are too far apart or too close."""
+
 
 @dataclass(frozen=True)
 class Region:
@@ -51,6 +57,15 @@ class Region:
     stroke_opacity: float = 0.0
     """How far opacity follows the strokes, in [-1, 1]: above 0 dark strokes are more opaque, below 0 light ones."""
 
+    stroke_relief: float = 1.0
+    """Factor on the relief of its strokes, in [0, 4]: 0 shows flat paint."""
+    stroke_width: float = 1.0
+    """Factor on the width of its strokes, in [0.5, 2]; their paths stay."""
+    stroke_light: tuple[float, float, float] | None = None
+    """World direction from which the relief of its strokes is lit, a unit vector; None for the painting's own."""
+    stroke_palette: tuple[tuple[float, float, float], ...] = ()
+    """Colours that its strokes have instead, from dark to light, RGB in [0, 1]; empty for the painting's own."""
+
     layer: int = 0
     """Number of the transfer function that shows it, in a scene of several (:mod:`svv.fields.joined`)."""
 
@@ -63,6 +78,10 @@ class Region:
     """Width of the outlines, in pixels of an image of 800 x 800."""
     outline_colour: tuple[float, float, float] = OUTLINE_COLOUR
     """Colour of the outlines, RGB in [0, 1]."""
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.stroke_relief <= MOST_RELIEF and STROKE_WIDTHS[0] <= self.stroke_width <= STROKE_WIDTHS[1]):
+            raise ValueError("the relief or the width of strokes is out of range")
 
     @property
     def seen_opacity(self) -> float:

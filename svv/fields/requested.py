@@ -43,6 +43,8 @@ def with_edit(scene: Model, edit: SceneEdit, progress: Progress = silent) -> Mod
         result = result.with_paint_light(edit.paint.paint_light, *edit.of)
     if edit.paint.stroke_opacity is not None:
         result = result.with_stroke_opacity(edit.paint.stroke_opacity, *edit.of)
+    if edit.paint.of_strokes:
+        result = result.with_strokes(*edit.of, **edit.paint.of_strokes)
     if edit.outline:
         ink = edit.outline
         result = result.with_outline(ink.outline, *edit.outlined, width=ink.outline_width, colour=ink.outline_colour)

@@ -74,6 +74,7 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
         header["parts"] = {"cells": scene.parts.cells}
         tensors |= {f"parts.{name}": array for name, array in _packed(scene.parts, scene.occupancy).items()}
     named = _networks(scene) + [(f"variant{number}", other.network) for number, other in enumerate(scene.others)]
+    given = (*given, *_add_brushed(named, header, tensors, whole))
     for name, network in named:
         if network is not None:
             for key, value in network.state_dict().items():
@@ -82,7 +83,6 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
                 if key in given:
                     continue
                 tensors |= {key + suffix: array for suffix, array in encoding.packed().items()}
-    given = (*given, *_add_brushed(named, header, tensors, whole))
     if scene.steps is not None:
         header["steps"] = scene.steps.to_json()
         tensors |= scene.steps.to_arrays()
@@ -94,15 +94,22 @@ def arrays_of(scene: PaintedModel, packed: bool, whole: bool = True) -> tuple[di
 def _add_brushed(
     named: Sequence[tuple[str, nn.Module | None]], header: dict[str, Any], tensors: Arrays, whole: bool
 ) -> list[str]:
-    """Add the strokes of paintings; returns the arrays that a file need not have, because they follow from strokes."""
+    """Add the strokes of paintings; returns the tables that a file need not have, because they follow from strokes.
+
+    All other tables of paint are computed now if they have not been yet.
+    """
     follow: list[str] = []
     for name, network in named:
-        if isinstance(network, UnrestrictedField) and network.brushed is not None:
+        if not isinstance(network, UnrestrictedField):
+            continue
+        if whole or network.brushed is None or not network.brushed.complete:
+            _ = network.encoding
+        if network.brushed is not None:
             told, arrays = network.brushed.to_file(name)
             header.setdefault("brushed", {})[name] = told
             tensors |= arrays
             if network.brushed.complete and not whole:
-                follow += [f"{name}.encoding.table", f"{name}.encoding.table.ends"]
+                follow.append(f"{name}.encoding.table")
     return follow
 
 
@@ -170,7 +177,7 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
             arrays = {k: v for k, v in tensors.items() if k.startswith(f"{name}.")}
             state = {k: torch.from_numpy(v.astype(np.float32)) for k, v in arrays.items()}
             for key, encoding in _encodings(name, network):
-                if name in header.get("brushed", {}) and _add_strokes(name, network, header, tensors, occupancy):
+                if name in header.get("brushed", {}) and _add_strokes(name, network, header, tensors):
                     left_out.add(key)
                 packed = {k.removeprefix(key): v for k, v in arrays.items() if k.startswith(key)}
                 state = {k: v for k, v in state.items() if not k.startswith(key)}
@@ -199,20 +206,15 @@ def parts_of(header: dict[str, Any], tensors: Arrays) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _add_strokes(name: str, network: nn.Module, header: dict[str, Any], tensors: Arrays, occupancy: Occupancy) -> bool:
-    """Give a network its strokes, and the lattice of paint that follows from them if the file leaves that out.
-
-    Returns whether it does.
-    """
+def _add_strokes(name: str, network: nn.Module, header: dict[str, Any], tensors: Arrays) -> bool:
+    """Give a network its strokes; returns whether the file leaves out its lattice, which follows from them."""
     lattice = network.encoding
     if not isinstance(network, UnrestrictedField) or not isinstance(lattice, SparseLattice) or not network.direct:
         raise ValueError("strokes need paint on a lattice")
     network.brushed = Brushed.from_file(name, header["brushed"][name], tensors, len(lattice.table))
     if not network.brushed.complete or f"{name}.encoding.table" in tensors:
         return False
-    place = lattice.places_of_level(0, occupancy.occupied, occupancy.cells)
-    with torch.no_grad():
-        lattice.table.copy_(torch.from_numpy(network.brushed.baked(place, 1.0 / lattice.resolutions[0])))
+    network.bake_later(network.brushed, network.brushed.baked)
     return True
 
 

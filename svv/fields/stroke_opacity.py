@@ -74,13 +74,14 @@ def strokes_of(scene: Model) -> Tensor | None:
         g, k, y and b (regions, 4); None if no region's opacity follows strokes.
     """
     amounts = [0.0 if r.style is None else r.stroke_opacity * r.strength for r in scene.regions]
-    if scene.styled is None or not any(amounts):
+    paint = scene.paint_shown
+    if paint is None or not any(amounts):
         return None
-    known = _known.setdefault(scene.styled, {})
+    known = _known.setdefault(paint, {})
     parts = "" if scene.parts is None else scene.parts.digest
     key = (parts, *((amount, r.seen_opacity) for amount, r in zip(amounts, scene.regions, strict=True)))
     if key not in known:
-        known[key] = _solved(scene, scene.styled, amounts)
+        known[key] = _solved(scene, paint, amounts)
     return known[key]
 
 

@@ -12,7 +12,8 @@ from svv.fields.history import restyled
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import mean_lights
 from svv.fields.parts import counted
-from svv.fields.region import Region
+from svv.fields.region import Region, of_layer
+from svv.fields.stroke_edits import as_laid
 from svv.options.editing import SPLIT_LEVEL
 
 if TYPE_CHECKING:
@@ -103,9 +104,24 @@ class PaintedModel(EditedModel):
         rest = tuple(other for other in self.every_variant if other.name != name)
         every = tuple(styles.get(region) for region in range(len(self.regions)))
         shown = self._showing(Variant(name, network, every, made), rest)
-        means = mean_lights(self)
+        means, anew = mean_lights(self), self._painted_anew(network)
         lit = (replace(r, mean_light=means[root]) for r, root in zip(shown.regions, self.roots, strict=True))
-        return replace(shown, regions=tuple(lit))
+        return replace(shown, regions=tuple(as_laid(r) if k in anew else r for k, r in enumerate(lit)))
+
+    def _painted_anew(self, network: UnrestrictedField) -> set[int]:
+        """Return the regions with strokes other than those shown now: edits of the old strokes do not concern them."""
+        before, after = ({} if n is None or n.brushed is None else n.brushed.regions for n in (self.styled, network))
+        other = {k for k, (strokes, _) in after.items() if k not in before or before[k][0] is not strokes}
+        return {k for k, root in enumerate(self.roots) if root in other}
+
+    @property
+    def regions_with_strokes(self) -> tuple[int, ...]:
+        """Numbers of the regions that are painted by strokes."""
+        found: list[int] = []
+        for number, layer in enumerate((self, *self.layers)):
+            own = [k for k, region in enumerate(self.regions) if region.layer == number]
+            found += [own[k] for k in replace(layer, regions=of_layer(self.regions, number)).stroked]
+        return tuple(sorted(found))
 
     def split_at(self, point: Sequence[float], level: float = SPLIT_LEVEL, progress: Progress = silent) -> Self:
         """Return the scene with a connected part as a region of its own; see :meth:`EditedModel.split_at`."""

@@ -81,6 +81,27 @@ class PaintEdit(Request):
     stroke_opacity: Annotated[float | None, Setting(least=-1, most=1, unset=0.0)] = None
     """How much opacity follows the strokes: above 0, dark strokes are more opaque, for light backgrounds; below 0,
     light strokes, for dark backgrounds."""
+    stroke_relief: Annotated[float | None, Setting(least=0, most=4, unset=1.0)] = None
+    """Factor on the relief of brush strokes: 0 is flat paint, 1 as painted."""
+    stroke_width: Annotated[float | None, Setting(slider=(0.5, 2.0), unset=1.0)] = None
+    """Factor on the width of brush strokes, from 0.5 to 2; for other widths lay them again with `svv stylize
+    --stroke-size`."""
+    stroke_light: Annotated[
+        tuple[float, ...] | None, Setting(metavar="AZ,EL|X,Y,Z|own", syntax="light on strokes", panel="")
+    ] = None
+    """Direction from which the relief of strokes is lit: degrees to the right of and above the front of the volume, or
+    a vector in world coordinates; own is the painting's."""
+    stroke_palette: Annotated[
+        tuple[Colour, ...] | None,
+        Setting(metavar="IMG|gallery:NAME|'#rrggbb,...'|own", syntax="palette of strokes", panel=""),
+    ] = None
+    """Give strokes the colours of another picture, or these colours, keeping light and dark; own is the painting's."""
+
+    @property
+    def of_strokes(self) -> dict[str, Any]:
+        """The requested changes of strokes, as arguments of :meth:`svv.fields.edits.EditedModel.with_strokes`."""
+        named = {name: getattr(self, f"stroke_{name}") for name in ("relief", "width", "light", "palette")}
+        return {name: value for name, value in named.items() if value is not None}
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from svv.pv.panels import (
     outline_properties,
     part_properties,
     region_properties,
+    stroke_properties,
     takes_scene,
     takes_scenes,
 )
@@ -76,6 +77,7 @@ class SceneOutput(Keeping):
     text("Isolate", "Numbers of the only regions to show, such as 0, 2. Empty: all that are not hidden."),
     switch("ShowHidden", False, "Show regions that were hidden before this filter."),
     *properties_of(PaintEdit()),
+    *stroke_properties(),
     *outline_properties(),
     text("Variant", "Name of the painting to show; empty: the one that the scene came with."),
     integer(

@@ -80,7 +80,7 @@ def edit_in(values: Values) -> SceneEdit:
     return SceneEdit(
         {region: options_in(RegionEdit, values, name) for region, name in enumerate(rows)},
         options_in(LightEdit, values, light=places[values["LightFrom"]]),
-        options_in(PaintEdit, values),
+        options_in(PaintEdit, values, **_strokes_in(values)),
         # Width and colour have no meaning without an outline.
         outline if outline.outline is not None else OutlineEdit(),
         VisibilityEdit(
@@ -89,6 +89,18 @@ def edit_in(values: Values) -> SceneEdit:
         ),
         outlined=tuple(whole_numbers_in(values["OutlineRegions"], "Outline Regions")),
     )
+
+
+def _strokes_in(values: Values) -> dict[str, Any]:
+    """Return the edits of strokes that are no single number; raises BadInput if the palette cannot be read."""
+    found: dict[str, Any] = {}
+    if values["MoveStrokeLight"]:
+        found["stroke_light"] = tuple(values["StrokeLight"])
+    if values["StrokePalette"].strip():
+        from svv.styles.stroke_palette import palette_named
+
+        found["stroke_palette"] = palette_named(values["StrokePalette"].strip())
+    return found
 
 
 def told(scene: Scene) -> str:

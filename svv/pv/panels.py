@@ -236,6 +236,19 @@ def light_properties() -> Sequence[Property]:
     ])  # fmt: skip
 
 
+def stroke_properties() -> Sequence[Property]:
+    """Return the properties of brush strokes that are no single number."""
+    return [
+        switch("MoveStrokeLight", False, "Light the relief of brush strokes from another direction."),
+        *shown_where("MoveStrokeLight", 1, [
+            numbers("StrokeLight", (-0.447, 0.744, 0.496), "Direction (x, y, z) in world coordinates from which the "
+                    "relief of brush strokes is lit."),
+        ]),
+        text("StrokePalette", "Give brush strokes the colours of another picture, keeping light and dark: a file, "
+             "gallery:NAME, or colours such as #102040,#f0d090. Empty: no change; own: the painting's."),
+    ]  # fmt: skip
+
+
 def outline_properties() -> Sequence[Property]:
     """Return the properties of the outline: silhouettes and creases in ink."""
     return group("Outline", [

@@ -82,9 +82,10 @@ class Baker:
             self._matter = self._paint = None
             self._matter = same, matter_of(scene, grid, part(progress, 0.0, 0.6))
         matter, paint = self._matter[1], None
-        if network == "styled" and scene.styled is not None:
-            if self._paint is None or self._paint[0] is not scene.styled:
-                self._paint = scene.styled, paint_at(scene.styled, matter)
+        field = scene.paint_shown if network == "styled" else None
+        if field is not None:
+            if self._paint is None or self._paint[0] is not field:
+                self._paint = field, paint_at(field, matter)
             paint = self._paint[1]
         return baked(scene, matter, paint, network, options, part(progress, 0.6, 1.0))
 

@@ -8,6 +8,7 @@ along the weaker one, as a painter's do along a limb; where a surface is flat or
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -46,12 +47,21 @@ class Form:
     """Number of grid cells per box unit."""
     gradient: Floats
     """Gradient of the blurred opacity. (3, X, Y, Z)"""
-    axes: Floats
-    """Averaged outer products of the directions of weakest curvature, with a trace of at most 1. (6, X, Y, Z)"""
     filled: Floats
     """Blurred opacity of the wider surroundings: lower on ridges, higher in hollows. (X, Y, Z)"""
     up: NDArray[np.float64]
     """The world's up direction in the box. (3,)"""
+
+    @cached_property
+    def axes(self) -> Floats:
+        """Averaged outer products of the directions of weakest curvature, with a trace of at most 1. (6, X, Y, Z)"""
+        return stroke_axes(self.gradient, SPREAD * max(self.cells / CELLS, 0.5))
+
+    def normals(self, position: Floats) -> Floats:
+        """Return the outward unit normals at box coordinates. (S, 3)"""
+        at = np.asarray(position, np.float64).T * self.cells - 0.5
+        normal = -np.stack([map_coordinates(f, at, order=1, mode="nearest") for f in self.gradient], 1)
+        return _unit(normal.astype(np.float64)).astype(np.float32)
 
     def frames(self, position: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames that strokes follow at box coordinates (S, 3).
@@ -62,9 +72,7 @@ class Form:
         """
         at = np.asarray(position, np.float64).T * self.cells - 0.5
         look = [map_coordinates(f, at, order=1, mode="nearest") for f in (*self.gradient, *self.axes)]
-        normal = -np.stack(look[:3], 1).astype(np.float64)
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        normal = np.where(length > 1e-12, normal / np.maximum(length, 1e-12), (0.0, 0.0, 1.0))
+        normal = _unit(-np.stack(look[:3], 1).astype(np.float64))
         right, upward = tangents(normal, self.up)
         matrix = np.empty((len(normal), 3, 3))
         for value, (i, j) in zip(look[3:], SIX, strict=True):
@@ -86,6 +94,12 @@ class Form:
         """
         at = np.asarray(position, np.float64).T * self.cells - 0.5
         return np.asarray(map_coordinates(self.filled, at, order=1, mode="nearest"), np.float32)
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return vectors (S, 3) at length 1; those of length 0 become (0, 0, 1)."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), (0.0, 0.0, 1.0)))
 
 
 def tangents(normal: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -146,8 +160,7 @@ def form_of_opacity(opacity: Floats, cells: int, up: NDArray[np.float64] | tuple
     field = gaussian_filter(opacity, BLUR * max(scale, 0.5), mode="constant")  # nothing is beyond the box
     gradient = np.stack(np.gradient(field)).astype(np.float32)
     filled = gaussian_filter(opacity, WIDER * max(scale, 0.5), mode="constant")
-    axes = stroke_axes(gradient, SPREAD * max(scale, 0.5))
-    return Form(cells, gradient, axes, np.asarray(filled, np.float32), np.asarray(up, np.float64))
+    return Form(cells, gradient, np.asarray(filled, np.float32), np.asarray(up, np.float64))
 
 
 def stroke_axes(gradient: Floats, spread: float) -> Floats:

@@ -8,6 +8,7 @@ themselves.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -21,7 +22,7 @@ from svv.core import palette_shading
 from svv.core.strokes import Brush, Strokes
 from svv.errors import BadInput, Progress, part
 from svv.fields.brushed import NOBODY, Brushed
-from svv.fields.encodings import SparseLattice
+from svv.fields.encodings import SparseLattice, places_of, vertices_of
 from svv.fields.model import for_colours, of_colour
 from svv.fields.networks import UnrestrictedField
 from svv.fields.occupancy import Occupancy
@@ -31,7 +32,7 @@ from svv.train.form import Form, form_of
 from svv.train.ink import SURFACE, Drawing, Ink
 from svv.train.pieces import PieceStyle, resized
 from svv.train.quilt import RADIUS, Manner, Quilt
-from svv.train.stroke_painting import Brushing, stroke_width
+from svv.train.stroke_painting import Brushing, PaintedRegion, stroke_width
 from svv.train.stylize import UNSEEN, StyledView, visible_from
 
 MOST_VERTICES = 3_000_000
@@ -136,12 +137,14 @@ def painted_start(
     paint = painted_field(scene, finest(scene, start, pixel))
     lattice = paint.encoding
     assert isinstance(lattice, SparseLattice)
-    place, cell = lattice.places_of_level(0, occupancy.occupied, occupancy.cells), 1.0 / lattice.resolutions[0]
     styled = [k for k, r in enumerate(scene.regions) if before is not None and r.style is not None]
     painted = sorted([*inks, *start.hands, *targets])
     kept = [k for k in styled if k not in painted]
-    only_strokes = bool(painted) and not kept and set(painted) == set(start.hands)
-    region, colours = _owners(scene, start, place, painted, kept)
+    if painted and not kept and set(painted) == set(start.hands):
+        _paint_by_strokes(scene, start, paint, seed, progress, show, notes if notes is not None else [])
+        return paint
+    place, cell = lattice.places_of_level(0, occupancy.occupied, occupancy.cells), 1.0 / lattice.resolutions[0]
+    region, colours = _flat(scene, start.transferred, place, painted, kept, before)
     lattice.table.copy_(torch.from_numpy(colours))
     show(paint)
     views = _views_of(scene, start.views, painted, part(progress, 0.0, 0.1))
@@ -149,9 +152,7 @@ def painted_start(
     left = _kept_strokes(before, kept)
     if start.hands:
         brushing = Brushing(scene, views, start.size, cell, seed)
-        paint.brushed = _brush(
-            brushing, start, region, place, colours, None if only_strokes else left, part(progress, 0.0, 0.9)
-        )
+        paint.brushed = _brush(brushing, start, region, place, colours, left, part(progress, 0.0, 0.9))
         lattice.table.copy_(torch.from_numpy(colours))
         show(paint)
         progress = part(progress, 0.9, 1.0)
@@ -184,14 +185,87 @@ def painted_start(
     return paint
 
 
-def _owners(
-    scene: Scene, start: Start, place: NDArray[np.float32], painted: list[int], kept: list[int]
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the region that owns each place (V,), -1 for none, and its colour before anything is laid (V, 3)."""
-    if len(painted) == 1 and not kept and set(painted) == set(start.hands):  # all of the lattice is its
-        colours = np.tile(start.transferred[painted[0]].cpu().numpy(), (len(place), 1))
-        return np.full(len(place), painted[0], np.int64), colours
-    return _flat(scene, start.transferred, place, painted, kept, start.before)
+def _paint_by_strokes(
+    scene: Scene, start: Start, paint: UnrestrictedField, seed: int, progress: Progress,
+    show: Callable[[UnrestrictedField], None], notes: list[str],
+) -> None:  # fmt: skip
+    """Paint a scene of which all paint is strokes: its lattice follows from them, and waits until it is needed."""
+    cells = paint.resolutions[0]
+    owner = _owners(scene, cells, sorted(start.hands))
+    flats = start.transferred.cpu().numpy().astype(np.float32)
+    ground = Brushed({}, owner, flats)
+    paint.bake_later(ground, ground.baked)
+    show(paint)
+    views = _views_of(scene, start.views, sorted(start.hands), part(progress, 0.05, 0.25))
+    brushing = Brushing(scene, views, start.size, 1.0 / cells, seed)
+    works, flats, glazes = _worked(brushing.painted(start.hands, part(progress, 0.3, 1.0)), flats)
+    notes.extend(brushing.notes)
+    brushed = Brushed(works, owner, flats, glazes)
+    paint.bake_later(brushed, brushed.baked)
+    show(paint)
+    progress(1.0, "painting")
+
+
+def _worked(
+    found: Mapping[int, PaintedRegion], flats: NDArray[np.float32]
+) -> tuple[dict[int, tuple[Strokes, Brush]], NDArray[np.float32], dict[int, float]]:
+    """Return the strokes of regions, colours of all where no stroke reaches (R, 3), and how opacity follows strokes."""
+    flats = flats.copy()
+    for k, one in found.items():
+        ground = None if one.work is None else one.work.brush.ground
+        flats[k] = ground or (flats[k] if one.flat is None else one.flat)
+    works = {k: (one.work.strokes, one.work.brush) for k, one in found.items() if one.work is not None}
+    return works, flats, {k: one.glaze for k, one in found.items() if one.glaze > 0.0}
+
+
+@torch.no_grad()
+def _owners(scene: Scene, cells: int, painted: Sequence[int]) -> NDArray[np.uint8]:
+    """Return the painted region with the largest weight at each vertex of a lattice with ``cells`` cells. (V,)
+
+    Features are trilinear in the cells of the scene. A vertex whose cell has one owner at all corners has it as well;
+    only the others are evaluated.
+    """
+    occupied, coarse = scene.occupancy.occupied, scene.occupancy.cells
+    vertices = vertices_of(occupied, coarse, cells)
+    if len(painted) == 1:  # all of the lattice is its
+        return np.full(len(vertices), painted[0], np.uint8)
+    finer = cells // coarse
+    if finer == 1 or (scene.parts is not None and scene.parts.active):
+        return _owners_at(scene, places_of(occupied, coarse, cells, vertices), painted)
+    corners = np.full([n + 1 for n in occupied.shape], NOBODY, np.uint8)
+    own = vertices_of(occupied, coarse, coarse)
+    corners[tuple(own.T)] = _owners_at(scene, places_of(occupied, coarse, coarse, own), painted)
+    _, height, depth = corners.shape
+    ends = [((v // finer).astype(np.int32), (-(-v // finer)).astype(np.int32)) for v in vertices.T]
+    found = corners.ravel()
+    owner, alike = np.empty(0, np.uint8), np.ones(len(vertices), bool)
+    for x, y, z in itertools.product(*ends):
+        there = found[(x * height + y) * depth + z]
+        owner = owner if len(owner) else there
+        alike &= owner == there
+    mixed = np.flatnonzero(~alike)
+    owner[mixed] = _owners_at(scene, places_of(occupied, coarse, cells, vertices[mixed]), painted)
+    return owner
+
+
+def _owners_at(scene: Scene, place: NDArray[np.float32], painted: Sequence[int]) -> NDArray[np.uint8]:
+    """Return the painted region with the largest weight at box coordinates (V, 3), NOBODY for none. (V,)"""
+    assert scene.palette_network is not None
+    own = torch.tensor([k in painted for k in range(len(scene.regions))], device=scene.device)
+    found = np.empty(len(place), np.uint8)
+    for first in range(0, len(place), 1 << 17):
+        piece = slice(first, first + (1 << 17))
+        position = torch.from_numpy(place[piece]).to(scene.device)
+        weights, here = scene.palette_network.material(position)[1], scene.regions_at(position)
+        best = _best(weights, own, here).cpu().numpy()
+        found[piece] = np.where(best < 0, NOBODY, best)
+    return found
+
+
+def _best(weights: Tensor, own: Tensor, here: Tensor | None) -> Tensor:
+    """Return the region with the largest of the palette weights (S, P) among those marked in ``own``, -1: none. (S,)"""
+    best, which = weights.masked_fill(~for_colours(own, here), -1.0).max(dim=1)
+    return torch.where(best > 0.0, of_colour(here, which), -1)
 
 
 def _views_of(scene: Scene, count: int, painted: Sequence[int], progress: Progress) -> list[StyledView]:
@@ -206,24 +280,19 @@ def _views_of(scene: Scene, count: int, painted: Sequence[int], progress: Progre
 
 def _brush(
     brushing: Brushing, start: Start, region: NDArray[np.int64], place: NDArray[np.float32],
-    colours: NDArray[np.float32], left: Mapping[int, tuple[Strokes, Brush]] | None, progress: Progress,
+    colours: NDArray[np.float32], left: Mapping[int, tuple[Strokes, Brush]], progress: Progress,
 ) -> Brushed:  # fmt: skip
     """Paint the regions that have a hand by strokes, and write their paint into the colours of all places (V, 3).
 
-    ``left``: strokes of regions that keep their paint, beside which the lattice has other paint; None if it has not.
+    ``left``: strokes of regions that keep their paint, beside which the lattice has other paint.
     """
     found = brushing.painted(start.hands, part(progress, 0.0, 0.65))
-    flats = start.transferred.cpu().numpy().astype(np.float32)
-    for k, one in found.items():
-        ground = None if one.work is None else one.work.brush.ground
-        flats[k] = ground or (flats[k] if one.flat is None else one.flat)
+    works, flats, glazes = _worked(found, start.transferred.cpu().numpy().astype(np.float32))
     owner = np.where(region < 0, NOBODY, region).astype(np.uint8)
-    works = {k: (one.work.strokes, one.work.brush) for k, one in found.items() if one.work is not None}
-    glazes = {k: one.glaze for k, one in found.items() if one.glaze > 0.0}
-    brushed = Brushed(works, owner, flats, glazes)
+    brushed = Brushed(works, owner, flats)
     theirs = np.isin(region, list(start.hands))
     colours[theirs] = brushed.baked(place, brushing.cell, part(progress, 0.65, 1.0))[theirs]
-    return brushed if left is None else Brushed({**works, **left}, None, flats, glazes)
+    return Brushed({**works, **left}, None, flats, glazes)
 
 
 def _kept_strokes(before: UnrestrictedField | None, kept: Sequence[int]) -> dict[int, tuple[Strokes, Brush]]:
@@ -283,9 +352,7 @@ def _flat(
             found[there] = before(position[there])
             weights = weights.masked_fill(there[:, None], -1.0)
         colours[piece] = found.clamp(0.0, 1.0).cpu().numpy()
-        among = weights.masked_fill(~for_colours(own, here), -1.0)
-        best, which = among.max(dim=1)
-        region[piece] = torch.where(best > 0.0, of_colour(here, which), -1).cpu().numpy()
+        region[piece] = _best(weights, own, here).cpu().numpy()
     return region, colours
 
 

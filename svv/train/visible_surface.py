@@ -199,7 +199,7 @@ def visible_surface(
         return None
     middle, front, depth, weight = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     # In the middle of a thin sheet the opacity has no gradient: its side towards the viewer has.
-    normals = form.frames(front.astype(np.float32))[0]
+    normals = form.normals(front.astype(np.float32))
     side = max(SIDE * width, 1.0 / 400.0)
     kept, cube = _in_cubes(middle, side)
     count = np.bincount(cube, weight)

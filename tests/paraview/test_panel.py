@@ -13,6 +13,10 @@ from svv.fields.scene import Scene
 from svv.io.output import to_bytes
 from svv.io.viewset import ViewSet
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
+from svv.styles.gallery import gallery_picture
+from svv.train.ink import StyleInput
+from svv.train.pipeline import stylize_scene
+from tests.balls import SHORT
 from tests.cube import cube_scene, lit_cube_scene
 from tests.loose_balls import loose_balls
 
@@ -92,6 +96,25 @@ said["no variant"] = status(two)
     assert "outline 0.9, 8 px wide" in said["ink"][1] and said["ink"][2] > 0.01
     assert "whole numbers" in said["no regions"]
     assert said["variant"][1] == ["brush", "", ""] and "shown: ink" in said["variant"][0]
+
+
+def test_strokes_are_edited_where_there_are_any(inside, tmp_path: Path) -> None:
+    oil = StyleInput(gallery_picture("oil", 200), "oil")
+    stylize_scene(loose_balls(), [oil], SHORT, stroke_size=3.0)[0].save(tmp_path / "oil.svv")
+    said = inside("""
+edit = StyleRFEdit(Input=OpenDataFile(folder + "/oil.svv"), StrokeRelief=2.0, StrokeWidth=0.7, MoveStrokeLight=1)
+edit.StrokeLight, edit.StrokePalette, edit.SaveFile = [0, 0, 2], "#102040,#f0d090", folder + "/edited.svv"
+said["edited"] = status(edit)
+edit.SaveScene()
+edit.StrokeWidth = 3.0
+said["too wide"] = status(edit)
+plain = StyleRFEdit(Input=OpenDataFile(folder + "/cube.svv"), StrokeRelief=0.5)
+said["none"] = status(plain)
+""")
+    assert "stroke relief 2, stroke width 0.7, stroke light 0,0,1, stroke palette of 64 colours" in said["edited"]
+    region = Scene.load(tmp_path / "edited.svv").regions[0]
+    assert (region.stroke_relief, region.stroke_width, region.stroke_light) == (2.0, 0.7, (0.0, 0.0, 1.0))
+    assert "svv stylize --stroke-size" in said["too wide"] and "No region of this painting" in said["none"]
 
 
 def test_the_light_is_moved_where_it_can_be(inside, tmp_path: Path) -> None:

@@ -213,8 +213,10 @@ class Baker:
         paintings = self.scene.every_variant
         for number, variant in enumerate(paintings):
             progress(number / len(paintings), f"painting {variant.name}")
-            grid = self.grid(variant.network.encoding)
-            colours = torch.cat([variant.network(places) for places in grid.pieces()]).clamp(0.0, 1.0).numpy()
+            network = self.scene.with_variant(variant.name).paint_shown
+            assert network is not None
+            grid = self.grid(network.encoding)
+            colours = torch.cat([network(places) for places in grid.pieces()]).clamp(0.0, 1.0).numpy()
             self.found.append(Field.of(f"paint{number}", grid.resolution, self.stored(grid, colours, PAINT), unit=True))
 
     def light(self, progress: Progress) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.core.sheets import sheets
-from svv.core.strokes import Brush, joined, paint_at, straight_stroke
+from svv.core.stroke_reference import paint_at
+from svv.core.strokes import Brush, joined, straight_stroke
 from svv.fields.brushed import Brushed, sheets_of
 from svv.kernels.types import Samples
 
@@ -76,7 +77,7 @@ def test_a_sheet_has_one_colour_however_deep_it_is_sampled() -> None:
     samples = samples_of([9], gaps=0.0)
     position = torch.stack([torch.full((9,), 0.5), torch.full((9,), 0.1), torch.linspace(0.46, 0.56, 9)], 1)
     samples = replace(samples, position=position)
-    found = brushed.over(torch.zeros(9, 3), samples, torch.zeros(9, dtype=torch.int64), {0: 0}, 0.01)
+    found = brushed.over(torch.zeros(9, 3), samples, torch.zeros(9, dtype=torch.int64), {0: 0}, [0], 0.01)
     assert found.std(0).max() < 1e-6
 
 

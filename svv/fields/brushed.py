@@ -5,7 +5,7 @@ Letters: V vertices of the paint's lattice, S samples, R regions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -84,20 +84,24 @@ class Brushed:
                 colours[piece] = paint(place[piece]).clip(0.0, 1.0)
         return np.asarray(colours, np.float32)
 
-    def over(self, colours: Tensor, samples: Samples, region: Tensor, roots: Mapping[int, int], pixel: float) -> Tensor:
+    def over(
+        self, colours: Tensor | None, samples: Samples, region: Tensor, roots: Mapping[int, int],
+        wholes: Sequence[int], pixel: float,
+    ) -> Tensor:  # fmt: skip
         """Return colours (S, 3) of samples with the strokes over them; a sheet of samples has one colour.
 
         Args:
-            colours: Colours of the lattice: the ground, where no stroke reaches.
+            colours: Colours of the lattice, where no stroke reaches; None if all paint is strokes, so that it is not
+                needed.
             samples: Samples of rays.
             region: Region of each sample. (S,)
             roots: Region with strokes -> region whose strokes it has: parts that were split off have the whole's.
+            wholes: For each region of the scene, the region of which it is a part, or itself.
             pixel: Width of a pixel in box units.
         """
-        apart = np.zeros(int(region.max()) + 1 if len(region) else 0)
+        apart = np.zeros(len(wholes))
         for own, root in roots.items():
-            if own < len(apart):
-                apart[own] = max(GAP * self.width(root), STEPS * samples.step)
+            apart[own] = max(GAP * self.width(root), STEPS * samples.step)
         numbers = region.cpu().numpy()
         sheet, where = sheets_of(samples, numbers, apart)
         of_sheet = np.empty(len(where), np.int64)
@@ -105,10 +109,15 @@ class Brushed:
         covered = np.zeros((len(where), 4), np.float32)
         for own, root in roots.items():
             theirs = np.flatnonzero(of_sheet == own)
-            covered[theirs] = self.paint(root, pixel).coverage(where[theirs])
+            covered[theirs] = self.paint(root, pixel).over_ground(where[theirs])
+        if colours is None:
+            flats = np.stack([self.flats[k if k < len(self.flats) else whole] for k, whole in enumerate(wholes)])
+            out = torch.from_numpy(flats[numbers]).to(region.device)
+        else:
+            out = colours.clone()
         painted = np.flatnonzero(sheet >= 0)
-        found = torch.from_numpy(covered[sheet[painted]]).to(colours.device)
-        rows, out = torch.from_numpy(painted).to(colours.device), colours.clone()
+        found = torch.from_numpy(covered[sheet[painted]]).to(out.device)
+        rows = torch.from_numpy(painted).to(out.device)
         out[rows] = found[:, :3] + (1.0 - found[:, 3:]) * out[rows]
         return out
 

@@ -180,10 +180,11 @@ class Model:
         shown = self.paint_shown
         if network != "styled" or shown is None:
             return None
-        colours = shown(samples.position)
         if not self.resolved or shown.brushed is None:
-            return colours
-        return shown.brushed.over(colours, samples, region, self._with_strokes_of(shown), self.resolved)
+            return shown(samples.position)
+        colours = None if shown.brushed.complete else shown(samples.position)
+        roots = self._with_strokes_of(shown)
+        return shown.brushed.over(colours, samples, region, roots, self.roots, self.resolved)
 
     @property
     def stroked(self) -> dict[int, int]:

@@ -101,15 +101,21 @@ class Scene(PaintedModel):
         return replace(self, joined=max(self.joined, MOVING_JOINED), layers=layers, still=False)
 
     def resolving(self, camera: Camera) -> Scene:
-        """Return the scene as a still image of a camera shows it: with its strokes if the lattice is too coarse."""
-        if self.layers or self.styled is None or self.styled.brushed is None:
+        """Return the scene as a still image of a camera shows it: with its strokes.
+
+        Where other paint lies beside them, only if the lattice is too coarse for strokes.
+        """
+        if self.layers:
+            layers = tuple(cast(Scene, layer).resolving(camera) for layer in self.layers)
+            return replace(self, still=False, layers=layers)
+        if self.styled is None or self.styled.brushed is None:
             return replace(self, still=False)
         box = self.occupancy.box
         middle = np.asarray(box.bounds, np.float64).reshape(3, 2).mean(1)
         distance = max(float(np.linalg.norm(camera.position - middle)) - 0.25 * box.size, 0.1 * box.size)
         pixel = float(camera.pixel_at(distance)) / box.size
-        cell = 1.0 / self.styled.resolutions[-1]
-        return replace(self, still=False, resolved=SOFT * pixel if pixel < FINER * cell else 0.0)
+        finer = self.styled.brushed.complete or pixel < FINER / self.styled.resolutions[-1]
+        return replace(self, still=False, resolved=SOFT * pixel if finer else 0.0)
 
     def render(
         self,

@@ -98,6 +98,8 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
     asked = opacity.new_tensor(amounts)
     reach = LOG_FACTOR * MOST_DEVIATIONS * asked.abs()
     fade = float((opacity * (-reach).exp()).min())
+    by_strokes = network.brushed is not None and network.brushed.complete
+    shown = replace(scene, resolved=1.0 / network.resolutions[-1] if by_strokes else 0.0)
     views = []
     rig = scene.camera_rig
     for camera in () if rig is None else rig.sphere(LIGHT_VIEWS, LIGHT_VIEW_SIZE):
@@ -106,7 +108,9 @@ def _solved(scene: Model, network: UnrestrictedField, amounts: list[float]) -> T
         if len(samples):
             region = scene.region_of(samples.position, scene.palette_network.material(samples.position)[1])
             sigma = scene.base.extinction(samples) * opacity[region]
-            views.append((samples, sigma, region, brightness(network(samples.position))))
+            paint = shown.paint(samples, "styled", region)
+            assert paint is not None
+            views.append((samples, sigma, region, brightness(paint)))
 
     def summed(strokes: Tensor | None, powers: int = 1) -> Tensor:
         """Return sums over each region's samples of weight, weight times brightness, and so on. (powers, P)"""

@@ -92,6 +92,15 @@ class StrokePaint:
             colours[bare] += (1.0 - found[bare, 3:]) * self.ground(position[bare])
         return np.asarray(colours, np.float32)
 
+    def over_ground(self, position: Floats) -> Floats:
+        """Return colour times coverage, and coverage, of strokes and of the ground among them. (P, 4)"""
+        found = self.coverage(position)
+        bare = np.flatnonzero((found[:, 3] < BARE) & self.is_near(position))
+        if len(bare):
+            found[bare, :3] += (1.0 - found[bare, 3:]) * self.ground(position[bare])
+            found[bare, 3] = 1.0
+        return found
+
     def ground(self, position: Floats) -> Floats:
         """Return the colour of the ground at box coordinates: the brush's, or the nearest stroke's, darker. (P, 3)"""
         if self.brush.ground is not None:

@@ -121,12 +121,16 @@ def labelled(labels: Sequence[str], width: int, height: int = 44) -> Pixels:
 
 
 def write(name: str, pictures: Sequence[Pixels], below: bool = False, width: int = 0) -> None:
-    """Write pictures (height, width, 3), in [0, 1], side by side or below each other, in a white frame of a width."""
+    """Write pictures (height, width, 3), in [0, 1], side by side or below each other, in a white frame of a width.
+
+    Drawings, with few colours and sharp edges, are PNG files; the others are compressed.
+    """
     page = np.clip(np.concatenate(pictures, axis=0 if below else 1), 0.0, 1.0)
     spare = max(width - page.shape[1], 0)
     page = np.pad(page, ((0, 0), (spare // 2, spare - spare // 2), (0, 0)), constant_values=1.0)
     image = Image.fromarray(np.rint(255 * page).astype(np.uint8))
-    image.save(IMAGES / f"{name}.jpg", quality=90, subsampling=0, optimize=True, progressive=True)
+    how = {} if name.endswith(".png") else {"quality": 90, "subsampling": 0, "progressive": True}
+    image.save(IMAGES / name, optimize=True, **how)
 
 
 def showpiece(studio: Studio) -> None:
@@ -136,7 +140,7 @@ def showpiece(studio: Studio) -> None:
     pictures = [studio.volume_rendering(camera)]
     pictures += [drawn(studio.painted("demo", styles), camera) for styles in SHOWN.values()]
     row = np.concatenate([halved(picture) for picture in pictures], axis=1)
-    write("showpiece", [labelled(["volume rendering", *SHOWN], side), row], below=True, width=WIDTH)
+    write("showpiece.jpg", [labelled(["volume rendering", *SHOWN], side), row], below=True, width=WIDTH)
 
 
 def gallery(studio: Studio) -> None:
@@ -148,24 +152,24 @@ def gallery(studio: Studio) -> None:
         camera = view_of(scene, FRAMES[name], 2 * side)
         painted = [drawn(studio.painted(name, [hand]), camera) for hand in HANDS]
         rows.append(np.concatenate([halved(one) for one in (drawn(scene, camera, "pcn"), *painted)], axis=1))
-    write("gallery", rows, below=True, width=WIDTH)
+    write("gallery.jpg", rows, below=True, width=WIDTH)
 
 
 def stages(studio: Studio) -> None:
     """The result of each stage for the demo's volume, from the camera of one of its views."""
     views, scene = ViewSet.read(studio.demo / "views", "train"), studio.scene("demo")
     painted, number = Scene.load(studio.demo / "styled.svv"), 45
-    write("stage-views", [_shrunk(views, one) for one in (0, 20, 45, 70)])
+    write("stage-views.jpg", [_shrunk(views, one) for one in (0, 20, 45, 70)])
     seen = views.cameras[number]
     camera = Camera(seen.camera_to_world, ZOOM * seen.fov_x, SIZE, SIZE)
-    write("stage-base", [_shrunk(views, number), drawn(scene, camera, "base")])
+    write("stage-base.jpg", [_shrunk(views, number), drawn(scene, camera, "base")])
     regions = [drawn(scene.isolated(region), camera) for region in range(len(scene.regions))]
-    write("stage-palette", [drawn(scene, camera), *regions])
+    write("stage-palette.jpg", [drawn(scene, camera), *regions])
     sheet, vortex, shell = 0, 1, 2  # most visible first
     green = scene.edited(sheet, colour=(0.1, 0.55, 0.35))
     edits = (green, green.edited(shell, opacity=6.0), green.hidden(vortex))
-    write("stage-edits", [drawn(edited, camera) for edited in edits])
-    write("stage-painting", [drawn(painted.with_paint_light(0.0), camera), drawn(painted, camera)])
+    write("stage-edits.jpg", [drawn(edited, camera) for edited in edits])
+    write("stage-painting.jpg", [drawn(painted.with_paint_light(0.0), camera), drawn(painted, camera)])
     shutil.copy(studio.demo / "regions.png", IMAGES / "regions.png")
 
 
@@ -193,14 +197,14 @@ def ink(studio: Studio) -> None:
             stylize_scene(scene, [Ink(kind)], "draft", keep=(2,))[0].save(path)
         printed = Scene.load(path).with_outline(1.0, width=1.6)
         pictures.append(halved(drawn(printed, view_of(printed, FRAMES["demo"], 2 * SIZE))))
-    write("ink", pictures)
+    write("ink.png", pictures)
 
 
 def outlines(studio: Studio) -> None:
     """The demo's scene without and with outlines."""
     scene = studio.scene("demo")
     camera = view_of(scene, FRAMES["demo"], 2 * SIZE)
-    write("outlines", [halved(drawn(one, camera, "pcn")) for one in (scene, scene.with_outline(1.0))])
+    write("outlines.jpg", [halved(drawn(one, camera, "pcn")) for one in (scene, scene.with_outline(1.0))])
 
 
 def parts(studio: Studio) -> None:
@@ -210,7 +214,7 @@ def parts(studio: Studio) -> None:
     split = scene.split_at(scene.point_at(camera, (size // 2, size // 4)))
     lobe = len(split.regions) - 1
     shown = (scene, split.isolated(lobe), split.hidden(lobe), split.edited(lobe, colour=(0.1, 0.55, 0.35)))
-    write("parts", [halved(drawn(one, camera, "pcn")) for one in shown])
+    write("parts.jpg", [halved(drawn(one, camera, "pcn")) for one in shown])
 
 
 PICTURES: dict[str, Callable[[Studio], None]] = {

@@ -51,6 +51,9 @@ FRAMES = {"demo": 104, "gyroid": 125, "orbital": 125, "plume": 112}
 ZOOM = 0.56
 """Fraction of the field of view that the pictures show, because the views leave a margin around the volume."""
 
+LOBE = (0.0, 0.59, 0.0)
+"""A point in a lobe of the orbital."""
+
 SIZE = 420
 """Width and height of each picture of a stage, in pixels."""
 
@@ -211,7 +214,7 @@ def parts(studio: Studio) -> None:
     """The orbital; one of its lobes, which a click makes a region of its own, alone; without it; in green."""
     scene, size = studio.scene("orbital"), 2 * SIZE
     camera = view_of(scene, FRAMES["orbital"], size)
-    split = scene.split_at(scene.point_at(camera, (size // 2, size // 4)))
+    split = scene.split_at(LOBE)
     lobe = len(split.regions) - 1
     shown = (scene, split.isolated(lobe), split.hidden(lobe), split.edited(lobe, colour=(0.1, 0.55, 0.35)))
     write("parts.jpg", [halved(drawn(one, camera, "pcn")) for one in shown])

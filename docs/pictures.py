@@ -1,40 +1,105 @@
-"""The pictures of "How it works": the result of each stage for the demo's volume, seen from the same camera.
+"""The documentation's pictures of scenes, from the results of ``make demo``.
 
-Run ``make demo``, then ``.venv/bin/python -m docs.pictures demo`` in the checkout. This takes a few
-seconds and writes ``docs/images/stage-*.jpg`` from the views and scenes in the folder.
+``.venv/bin/python -m docs.pictures demo`` in the checkout writes them to ``docs/images``: the showpiece that opens the
+README, the gallery of hands and scenes, the stages of "How it works", the figures of the how-to guides. Trained and
+painted scenes are kept in ``build/pictures``, so that the command can be stopped and repeated; everything together
+takes a quarter of an hour of CPU time, most of it for the gallery. ``--only NAME`` makes some of them.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
+from docs import volumes
+from svv.bench.styles.exhibits import Exhibit, paint_figures
 from svv.core.cameras import Camera
+from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.views import make_views, render_views
+from svv.dvr.volumes import read_volume
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
+from svv.render.frames import orbit
+from svv.styles.gallery import gallery_picture
+from svv.train.ink import Ink, StyleInput
+from svv.train.pipeline import stylize_scene, train_scene
 
 IMAGES = Path(__file__).resolve().parent / "images"
+KEPT = IMAGES.parents[1] / "build" / "pictures"
 
-SIZE = 420
-"""Width and height of each picture, in pixels."""
+WIDTH = 1600
+"""Width of the showpiece and the gallery in pixels."""
 
-ZOOM = 0.55
+SHOWN = {"oil and impasto": ("oil", "impasto", "watercolour"), "pastel": ("pastel",), "charcoal": ("charcoal",)}
+"""Label -> pictures of the gallery for the regions in turn: the hands of the showpiece."""
+
+HANDS = ("oil", "impasto", "pastel", "watercolour", "charcoal", "pointillism")
+"""Pictures of the gallery whose hands the gallery's columns show."""
+
+SCENES = {"gyroid": volumes.gyroid, "orbital": volumes.orbital, "plume": volumes.plume}
+"""The gallery's rows, after the demo's scene."""
+
+FRAMES = {"demo": 104, "gyroid": 125, "orbital": 125, "plume": 112}
+"""View of each scene on the path of 181."""
+
+ZOOM = 0.56
 """Fraction of the field of view that the pictures show, because the views leave a margin around the volume."""
 
-WHITE = (1.0, 1.0, 1.0)
+LOBE = (0.0, 0.59, 0.0)
+"""A point in a lobe of the orbital."""
+
+SIZE = 420
+"""Width and height of each picture of a stage, in pixels."""
+
+WHITE, INK = (1.0, 1.0, 1.0), (60, 60, 60)
 
 Pixels = NDArray[np.float64]
 
 
-def write(name: str, pictures: list[Pixels]) -> None:
-    """Write pictures (height, width, 3), in [0, 1], side by side into one file."""
-    row = np.clip(np.concatenate(pictures, axis=1), 0.0, 1.0)
-    path = IMAGES / f"stage-{name}.jpg"
-    Image.fromarray(np.rint(255 * row).astype(np.uint8)).save(path, quality=88, optimize=True, progressive=True)
+class Studio:
+    """The demo's results, and what is trained and painted for the pictures."""
+
+    def __init__(self, demo: Path) -> None:
+        self.demo = demo
+        KEPT.mkdir(parents=True, exist_ok=True)
+
+    def scene(self, name: str) -> Scene:
+        """Return a scene, trained on few and small views unless it is there."""
+        path = self.demo / "scene.svv" if name == "demo" else KEPT / f"{name}.svv"
+        if not path.exists():
+            views, _ = make_views(*SCENES[name](), n=42, test=0, size=400, mapper="cpu")
+            train_scene(views, "draft")[0].save(path)
+        return Scene.load(path)
+
+    def painted(self, name: str, styles: Sequence[str]) -> Scene:
+        """Return a scene painted by strokes in the hands of pictures of the gallery, for its regions in turn."""
+        path = KEPT / f"{name}-{'-'.join(styles)}.svv"
+        if not path.exists():
+            given = [StyleInput(gallery_picture(style), style) for style in styles]
+            stylize_scene(self.scene(name), given, "draft", manner="strokes")[0].save(path)
+        return Scene.load(path)
+
+    def volume_rendering(self, camera: Camera) -> Pixels:
+        """Draw the demo's volume over white. (height, width, 3)"""
+        tf = TransferFunction.read(self.demo / "tf.json")
+        return over_white(render_views(read_volume(self.demo / "volume.vti"), tf, [camera], "cpu")[0])
+
+
+def view_of(scene: Scene, frame: int, size: int) -> Camera:
+    """Return the camera of a frame on the path of 181 that fills a picture of size x size."""
+    camera = orbit(scene, 181, size, size)[frame]
+    return Camera(camera.camera_to_world, ZOOM * camera.fov_x, size, size)
+
+
+def drawn(scene: Scene, camera: Camera, network: str | None = None) -> Pixels:
+    """Render a scene over white. (height, width, 3)"""
+    return np.asarray(scene.render(camera, network, WHITE).rgba[..., :3], np.float64)
 
 
 def over_white(rgba: NDArray[np.uint8]) -> Pixels:
@@ -43,27 +108,72 @@ def over_white(rgba: NDArray[np.uint8]) -> Pixels:
     return levels[..., :3] * levels[..., 3:] + (1 - levels[..., 3:])
 
 
-def main() -> None:
-    """Draw the pictures from the output folder of ``svv demo``."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("demo", type=Path, help="the folder of `svv demo`")
-    folder = parser.parse_args().demo
-    views = ViewSet.read(folder / "views", "train")
-    scene, painted = Scene.load(folder / "scene.svv"), Scene.load(folder / "styled.svv")
-    write("views", [_shrunk(views, number) for number in (0, 20, 45, 70)])
-    seen = views.cameras[45]
+def halved(picture: Pixels) -> Pixels:
+    """Return a picture at half its size, by means of 2 x 2 pixels."""
+    height, width = picture.shape[:2]
+    return picture.reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
+
+
+def labelled(labels: Sequence[str], width: int, height: int = 44) -> Pixels:
+    """Return a white strip with labels above columns of a width."""
+    strip = Image.new("RGB", (width * len(labels), height), "white")
+    pen, font = ImageDraw.Draw(strip), ImageFont.load_default(height // 2)
+    for column, label in enumerate(labels):
+        pen.text(((column + 0.5) * width, height / 2), label, INK, font, anchor="mm")
+    return np.asarray(strip, np.float64) / 255
+
+
+def write(name: str, pictures: Sequence[Pixels], below: bool = False, width: int = 0) -> None:
+    """Write pictures (height, width, 3), in [0, 1], side by side or below each other, in a white frame of a width.
+
+    Drawings, with few colours and sharp edges, are PNG files; the others are compressed.
+    """
+    page = np.clip(np.concatenate(pictures, axis=0 if below else 1), 0.0, 1.0)
+    spare = max(width - page.shape[1], 0)
+    page = np.pad(page, ((0, 0), (spare // 2, spare - spare // 2), (0, 0)), constant_values=1.0)
+    image = Image.fromarray(np.rint(255 * page).astype(np.uint8))
+    how = {} if name.endswith(".png") else {"quality": 90, "subsampling": 0, "progressive": True}
+    image.save(IMAGES / name, optimize=True, **how)
+
+
+def showpiece(studio: Studio) -> None:
+    """The demo's volume as rendered, and in three hands, from one camera."""
+    side = WIDTH // (1 + len(SHOWN))
+    camera = view_of(studio.scene("demo"), FRAMES["demo"], 2 * side)
+    pictures = [studio.volume_rendering(camera)]
+    pictures += [drawn(studio.painted("demo", styles), camera) for styles in SHOWN.values()]
+    row = np.concatenate([halved(picture) for picture in pictures], axis=1)
+    write("showpiece.jpg", [labelled(["volume rendering", *SHOWN], side), row], below=True, width=WIDTH)
+
+
+def gallery(studio: Studio) -> None:
+    """Every hand on every scene, whose own colours come first."""
+    side = WIDTH // (1 + len(HANDS))
+    rows = [labelled(["", *HANDS], side)]
+    for name in ("demo", *SCENES):
+        scene = studio.scene(name)
+        camera = view_of(scene, FRAMES[name], 2 * side)
+        painted = [drawn(studio.painted(name, [hand]), camera) for hand in HANDS]
+        rows.append(np.concatenate([halved(one) for one in (drawn(scene, camera, "pcn"), *painted)], axis=1))
+    write("gallery.jpg", rows, below=True, width=WIDTH)
+
+
+def stages(studio: Studio) -> None:
+    """The result of each stage for the demo's volume, from the camera of one of its views."""
+    views, scene = ViewSet.read(studio.demo / "views", "train"), studio.scene("demo")
+    painted, number = Scene.load(studio.demo / "styled.svv"), 45
+    write("stage-views.jpg", [_shrunk(views, one) for one in (0, 20, 45, 70)])
+    seen = views.cameras[number]
     camera = Camera(seen.camera_to_world, ZOOM * seen.fov_x, SIZE, SIZE)
-
-    def drawn(scene: Scene, network: str | None = None) -> Pixels:
-        return np.asarray(scene.render(camera, network, WHITE).rgba[..., :3], np.float64)
-
-    write("base", [_shrunk(views, 45), drawn(scene, network="base")])
-    regions = [drawn(scene.isolated(region)) for region in range(len(scene.regions))]
-    write("palette", [drawn(scene), *regions])
-    lines, shell = 0, 1  # most visible first
-    green = scene.edited(lines, colour=(0.1, 0.55, 0.35))
-    write("edits", [drawn(green), drawn(green.edited(shell, opacity=4.0)), drawn(green.hidden(shell))])
-    write("painting", [drawn(painted.with_paint_light(0.0)), drawn(painted)])
+    write("stage-base.jpg", [_shrunk(views, number), drawn(scene, camera, "base")])
+    regions = [drawn(scene.isolated(region), camera) for region in range(len(scene.regions))]
+    write("stage-palette.jpg", [drawn(scene, camera), *regions])
+    sheet, vortex, shell = 0, 1, 2  # most visible first
+    green = scene.edited(sheet, colour=(0.1, 0.55, 0.35))
+    edits = (green, green.edited(shell, opacity=6.0), green.hidden(vortex))
+    write("stage-edits.jpg", [drawn(edited, camera) for edited in edits])
+    write("stage-painting.jpg", [drawn(painted.with_paint_light(0.0), camera), drawn(painted, camera)])
+    shutil.copy(studio.demo / "regions.png", IMAGES / "regions.png")
 
 
 def _shrunk(views: ViewSet, number: int) -> Pixels:
@@ -71,6 +181,60 @@ def _shrunk(views: ViewSet, number: int) -> Pixels:
     margin = round((1 - ZOOM) / 2 * image.width)
     image = image.crop((margin, margin, image.width - margin, image.height - margin))
     return np.asarray(image.resize((SIZE, SIZE), Image.Resampling.LANCZOS), np.float64) / 255
+
+
+def figures(studio: Studio) -> None:
+    """What ``svv bench figures`` draws: regions alone, parts of one picture, edits after painting."""
+    styles = [f"gallery:{name}" for name in ("impasto", "oil", "pastel")]
+    how = Exhibit("draft", frame=FRAMES["demo"])
+    for path in paint_figures(studio.demo / "scene.svv", styles, KEPT / "figures", how):
+        shutil.copy(path, IMAGES / f"gallery-{path.name}")
+
+
+def ink(studio: Studio) -> None:
+    """The demo's scene in three inks, outlined."""
+    scene, pictures = studio.scene("demo").hidden(2), []
+    for kind in ("stippling", "hatching", "cross-hatching"):
+        path = KEPT / f"demo-{kind}.svv"
+        if not path.exists():
+            stylize_scene(scene, [Ink(kind)], "draft", keep=(2,))[0].save(path)
+        printed = Scene.load(path).with_outline(1.0, width=1.6)
+        pictures.append(halved(drawn(printed, view_of(printed, FRAMES["demo"], 2 * SIZE))))
+    write("ink.png", pictures)
+
+
+def outlines(studio: Studio) -> None:
+    """The demo's scene without and with outlines."""
+    scene = studio.scene("demo")
+    camera = view_of(scene, FRAMES["demo"], 2 * SIZE)
+    write("outlines.jpg", [halved(drawn(one, camera, "pcn")) for one in (scene, scene.with_outline(1.0))])
+
+
+def parts(studio: Studio) -> None:
+    """The orbital; one of its lobes, which a click makes a region of its own, alone; without it; in green."""
+    scene, size = studio.scene("orbital"), 2 * SIZE
+    camera = view_of(scene, FRAMES["orbital"], size)
+    split = scene.split_at(LOBE)
+    lobe = len(split.regions) - 1
+    shown = (scene, split.isolated(lobe), split.hidden(lobe), split.edited(lobe, colour=(0.1, 0.55, 0.35)))
+    write("parts.jpg", [halved(drawn(one, camera, "pcn")) for one in shown])
+
+
+PICTURES: dict[str, Callable[[Studio], None]] = {
+    one.__name__: one for one in (showpiece, gallery, stages, figures, ink, outlines, parts)
+}
+
+
+def main() -> None:
+    """Draw the pictures from the output folder of ``svv demo``."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("demo", type=Path, help="the folder of `svv demo`")
+    parser.add_argument("--only", action="append", choices=PICTURES, help="make these pictures; may be repeated")
+    asked = parser.parse_args()
+    studio = Studio(asked.demo)
+    for name in asked.only or PICTURES:
+        PICTURES[name](studio)
+        print(name, flush=True)
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ Render(view)
 
 VOLUME = """
 display.SetRepresentationType("Volume")
-ColorBy(display, ("POINTS", "concentration"))
+ColorBy(display, ("POINTS", "wave"))
 display.SetScalarBarVisibility(view, False)
 display.Shade = 1
 Render(view)
@@ -80,14 +80,14 @@ ImportPresets(os.path.abspath("tf.json"))
 """
 
 PRESET = """
-GetColorTransferFunction("concentration").ApplyPreset("demo", True)
-GetOpacityTransferFunction("concentration").ApplyPreset("demo", True)
+GetColorTransferFunction("wave").ApplyPreset("demo", True)
+GetOpacityTransferFunction("wave").ApplyPreset("demo", True)
 Render(view)
 """
 
 STYLE = """
 painting = FindSource("StyleRFStylizedView1")
-painting.StyleFiles = [os.path.abspath("woodcut.png")]
+painting.StyleFiles = [os.path.abspath("oil.png")]
 painting.FollowCamera = 1
 SetActiveSource(painting)
 """

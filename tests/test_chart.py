@@ -357,12 +357,12 @@ class Sources(HTMLParser):
 
 @pytest.mark.slow
 def test_a_small_chart_of_a_volume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from svv.dvr.demo_volume import demo_transfer_function, demo_volume
     from svv.io.atomic import write_json
     from svv.job.demo import _write_volume
+    from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
-    _write_volume(tmp_path / "ball.vti", demo_volume(24))
-    write_json(tmp_path / "tf.json", [demo_transfer_function().to_dict()])
+    _write_volume(tmp_path / "ball.vti", stirred_volume(24))
+    write_json(tmp_path / "tf.json", [stirred_transfer_function().to_dict()])
     out = tmp_path / "out"
     arguments = [str(tmp_path / "ball.vti"), "--tf", str(tmp_path / "tf.json"), "--presets", "draft", "--encodings",
                  "lattice", "--kernels", "auto,reference", "--lighting", "auto", "--time-limits", "1", "--sizes", "32",

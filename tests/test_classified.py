@@ -19,7 +19,6 @@ from svv.core.box import Box
 from svv.core.classified import ClassifiedVolume, ValueRange
 from svv.core.extinction import EMPTY_LOG_EXTINCTION, OPAQUE_LOG_EXTINCTION
 from svv.dvr.classify import classified
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import from_array, set_geometry
 from svv.dvr.stage import set_stage
 from svv.dvr.transfer_functions import TransferFunction
@@ -36,6 +35,7 @@ from svv.train.config import PRESETS, ReconstructSettings
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from svv.train.reconstruct import Reconstruction
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 
 def alpha_of(extinction: ClassifiedVolume, camera) -> np.ndarray:  # type: ignore[no-untyped-def]
@@ -55,14 +55,14 @@ def alpha_of(extinction: ClassifiedVolume, camera) -> np.ndarray:  # type: ignor
     "turn", ["as it is", "turned, stretched and far away", "mirrored"], ids=["plain", "turned", "mirrored"]
 )
 def test_it_dims_rays_as_the_ray_caster_does(turn: str) -> None:
-    image = demo_volume(48)
+    image = stirred_volume(48)
     if turn != "as it is":
         c, s = np.cos(0.5), np.sin(0.5)
         axes = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) * (3e-3, 4e-3, 5e-3)
         if turn == "mirrored":
             axes[:, 0] *= -1.0
         set_geometry(image, axes, np.array([100.0, -7.0, 3.0]))
-    views, _ = make_views(image, demo_transfer_function(), n=4, size=96, mapper="cpu", step=0.125)
+    views, _ = make_views(image, stirred_transfer_function(), n=4, size=96, mapper="cpu", step=0.125)
     assert views.classified is not None
     for camera, drawn in zip(views.cameras, views.images, strict=True):
         error = alpha_of(views.classified, camera) - drawn[..., 3] / 255.0
@@ -120,7 +120,7 @@ def test_occupied_cells_are_those_with_a_visible_vertex(
 
 @pytest.fixture(scope="module")
 def views() -> tuple[ViewSet, ViewSet]:
-    train, test = make_views(demo_volume(32), demo_transfer_function(), n=20, size=96, test=3, mapper="cpu")
+    train, test = make_views(stirred_volume(32), stirred_transfer_function(), n=20, size=96, test=3, mapper="cpu")
     assert test is not None
     return train, test
 

@@ -237,7 +237,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def test_the_demo_leaves_what_it_promises(finished: Path) -> None:
     there = {path.name for path in finished.iterdir()}
     assert there >= {
-        "volume.vti", "tf.json", "watercolour.png", "woodcut.png", "impasto.png", "views", "scene.svv",
+        "volume.vti", "tf.json", "oil.png", "impasto.png", "watercolour.png", "views", "scene.svv",
         "recoloured.svv", "styled.svv", "orbit", "orbit.mp4", "contact.png", "unseen.png", "regions.png", "report.html",
         "scene.html",
     }  # fmt: skip

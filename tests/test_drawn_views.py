@@ -12,7 +12,6 @@ import pytest
 
 pytest.importorskip("vtkmodules")
 
-from svv.dvr.demo_volume import demo_transfer_function
 from svv.dvr.mappers import CpuMapper
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.io.drawn_views import RECORD
@@ -21,6 +20,7 @@ from svv.io.viewset import ViewSet
 from svv.job.source import VolumeSource
 from svv.job.stages import fingerprint
 from svv.options.making import ViewOptions
+from tests.stirred_volume import stirred_transfer_function
 from tests.volume_files import write_function, write_volume
 
 OPTIONS = ViewOptions(n=4, test=2, size=32, mapper="cpu")
@@ -86,7 +86,7 @@ def test_views_of_something_else_are_drawn_again(
         source.make_views(tmp_path / "out", OPTIONS, stop_after(4))
     options = ViewOptions(n=4, test=2, size=33 if what == "size" else 32, mapper="cpu")
     if what == "transfer function":
-        write_function(tmp_path / "tf.json", demo_transfer_function().mapped(0.9, 0.0))
+        write_function(tmp_path / "tf.json", stirred_transfer_function().mapped(0.9, 0.0))
     if what == "volume":
         write_volume(tmp_path / "ball.vti", 25)
     cast.clear()

@@ -13,11 +13,11 @@ from svv.core.cameras import Camera, look_at, sphere_cameras
 from svv.core.directions import geodesic_directions
 from svv.core.shading import Shading
 from svv.dvr import mappers
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import from_array
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views, render_views
 from svv.errors import BadInput
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 MIDDLE, RADIUS = np.array([11.0, 9.0, 10.0]), 6.0
 FLAT = Shading(False)
@@ -78,10 +78,10 @@ def test_both_ray_casters_see_the_same_in_parallel() -> None:
 
 
 def test_leaving_out_what_is_empty_changes_next_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    volume = demo_volume(32)
+    volume = stirred_volume(32)
     cameras = sphere_cameras(12, (0.3, 0, 0), 4.5, 0.5, 64, 2.2)
     cameras += [replace(c, centre=(20.0, 40.0)) for c in cameras[:3]]
-    tf = demo_transfer_function()
+    tf = stirred_transfer_function()
     fast = render_views(volume, tf, cameras, "cpu", step=0.5)
     monkeypatch.setattr(mappers.CpuMapper, "_skip_empty_rays", lambda *_: None)
     whole = render_views(volume, tf, cameras, "cpu", step=0.5)

@@ -17,7 +17,6 @@ from svv.bricks.source import ArraySource
 from svv.bricks.written import write_meta
 from svv.core.cameras import CameraRig
 from svv.core.shading import Shading
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import from_array, index_to_world, level_of_image, set_geometry, to_array
 from svv.dvr.large import LargeVolume, memory_allowed, open_volume, straight
 from svv.dvr.stage import set_stage
@@ -26,6 +25,7 @@ from svv.dvr.views import make_views, render_views
 from svv.dvr.volumes import read_volume
 from svv.errors import BadInput, silent
 from svv.io.viewset import ViewSet
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SHADINGS = {"ParaView's": Shading(), "glossy": Shading(ambient=0.2, diffuse=0.6, specular=0.5, specular_power=8.0)}
 AXES = {
@@ -40,7 +40,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def tf() -> TransferFunction:
-    return demo_transfer_function().mapped(255.0, 0.0)
+    return stirred_transfer_function().mapped(255.0, 0.0)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
@@ -48,7 +48,7 @@ def tf() -> TransferFunction:
 @pytest.mark.parametrize("shading", SHADINGS)
 def test_images_are_those_of_vtk(shading: str, axes: str, projection: str) -> None:
     """Mean difference below one level; the rest is VTK's 15-bit arithmetic, which rounds up at each sample."""
-    image = demo_volume(64, levels=255)
+    image = stirred_volume(64, levels=255)
     set_geometry(image, AXES[axes], np.array([5.0, 6.0, 7.0]))
     stage = set_stage(image, tf())
     x, y, z = stage.centre.tolist()
@@ -139,7 +139,7 @@ def test_a_file_without_bricks_is_read_as_a_whole(tmp_path: Path) -> None:
 
 
 def test_the_overview_and_the_range_are_those_of_the_volume() -> None:
-    image = demo_volume(24, levels=255)
+    image = stirred_volume(24, levels=255)
     matrix = index_to_world(image)
     volume = LargeVolume(ArraySource(to_array(image), matrix[:3, :3], matrix[:3, 3]), 1 << 20)
     assert np.array_equal(to_array(volume.overview), to_array(image))

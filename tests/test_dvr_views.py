@@ -19,13 +19,13 @@ from svv.core.cameras import Camera, look_at, orbit_cameras, sphere_cameras
 from svv.core.directions import geodesic_directions
 from svv.core.shading import Shading
 from svv.dvr import mappers
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import from_array, index_to_world, to_array
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views, render_views
 from svv.errors import BadInput, Cancelled
 from svv.io.view_meta import known
 from svv.io.viewset import read_meta
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 FLAT = Shading(on=False)
 
@@ -74,8 +74,8 @@ def rotation(seed: int) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def demo() -> vtkImageData:
-    return demo_volume(24)
+def stirred() -> vtkImageData:
+    return stirred_volume(24)
 
 
 @pytest.mark.parametrize("opacity", [0.003, 0.02, 0.1, 0.5, 0.9])
@@ -170,13 +170,15 @@ def test_anisotropic_grids_show_the_same_world() -> None:
     assert differ(coarse, render_views(from_array(blob(0.5), (1, 1, 0.5)), ramp(1.0), cameras, "cpu")) < 3
 
 
-def test_leaving_out_what_is_empty_changes_next_to_nothing(monkeypatch: pytest.MonkeyPatch, demo: vtkImageData) -> None:
+def test_leaving_out_what_is_empty_changes_next_to_nothing(
+    monkeypatch: pytest.MonkeyPatch, stirred: vtkImageData
+) -> None:
     """Where all rays are cast, and all the way, a view is the same to a tenth of what half a voxel's step costs."""
     cameras = sphere_cameras(12, (0.3, 0, 0), 4.5, 0.5, 64)
-    tf = demo_transfer_function()
-    fast, fine = render_views(demo, tf, cameras, "cpu"), render_views(demo, tf, cameras, "cpu", step=0.125)
+    tf = stirred_transfer_function()
+    fast, fine = render_views(stirred, tf, cameras, "cpu"), render_views(stirred, tf, cameras, "cpu", step=0.125)
     monkeypatch.setattr(mappers.CpuMapper, "_skip_empty_rays", lambda *_: None)
-    whole = render_views(demo, tf, cameras, "cpu")
+    whole = render_views(stirred, tf, cameras, "cpu")
     assert ((fast[..., 3] > 0) == (whole[..., 3] > 0)).mean() > 0.9999  # no outline is cut
     error, price = (np.square(on_white(fast) - on_white(other)).mean() for other in (whole, fine))
     assert error < 0.1 * price
@@ -313,8 +315,8 @@ def test_the_whole_volume_can_fill_the_frame() -> None:
     assert far.bounds == near.bounds
 
 
-def test_without_a_function_two_ranges_are_shown(demo: vtkImageData) -> None:
-    train, test = make_views(demo, None, n=3, size=32)
+def test_without_a_function_two_ranges_are_shown(stirred: vtkImageData) -> None:
+    train, test = make_views(stirred, None, n=3, size=32)
     assert test is None and 0.02 < (train.images[..., 3] > 0).mean() < 0.9
 
 
@@ -372,15 +374,15 @@ def test_without_opengl_the_gpu_is_refused_with_what_to_install(monkeypatch: pyt
         render_views(from_array(blob()), ramp(), sphere_cameras(3, (0, 0, 0), 60, 0.6, 8), "gpu")
 
 
-def test_the_demo_volume_is_always_the_same(demo: vtkImageData) -> None:
-    first, second = to_array(demo), to_array(demo_volume(24))
+def test_the_stirred_volume_is_always_the_same(stirred: vtkImageData) -> None:
+    first, second = to_array(stirred), to_array(stirred_volume(24))
     np.testing.assert_array_equal(first, second)
     assert first.dtype == np.float32 and first.min() >= 0 and first.max() <= 1 and first.max() > 0.9
-    assert np.abs(to_array(demo_volume(24, seed=1)) - first).max() > 0.1
+    assert np.abs(to_array(stirred_volume(24, seed=1)) - first).max() > 0.1
     # Three visible ranges, each of them there.
-    tf = demo_transfer_function()
+    tf = stirred_transfer_function()
     ranges = tf.visible_ranges(0.0, 1.0)
     assert len(ranges) == 3
     assert all(((first > low) & (first < high)).mean() > 0.002 for low, high in ranges)
     with pytest.raises(BadInput, match="16 voxels"):
-        demo_volume(8)
+        stirred_volume(8)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from svv.core.shading import Shading
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.views import make_views
 from svv.errors import Cancelled
 from svv.fields.rendering import composite, ended, march
@@ -22,6 +21,7 @@ from svv.train.lighting import LEAST, change_aside, light_by_trial, shows_light
 from svv.train.loop import Running
 from svv.train.pipeline import stylize_scene, train_scene
 from tests.cube import cube_scene
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(
@@ -35,9 +35,11 @@ SHORT = replace(
 @pytest.fixture(scope="module", params=[True, False], ids=["shaded", "unshaded"])
 def trained(request: pytest.FixtureRequest) -> tuple[bool, ViewSet, Scene, str]:
     """Whether the views are shaded, the views, the scene, and what it says of its lighting."""
-    tf = demo_transfer_function()
+    tf = stirred_transfer_function()
     tf = replace(tf, opacities=(tf.opacities[0], *tf.opacities[4:]))  # without the translucent shell
-    views, _ = make_views(demo_volume(32), tf, n=24, size=96, test=0, mapper="cpu", shading=Shading(on=request.param))
+    views, _ = make_views(
+        stirred_volume(32), tf, n=24, size=96, test=0, mapper="cpu", shading=Shading(on=request.param)
+    )
     scene, report = train_scene(views, SHORT, lighting="network")
     (said,) = [note for note in report["notes"] if "lighting network" in note]
     return request.param, views, scene, said

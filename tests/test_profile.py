@@ -16,20 +16,20 @@ from svv.bench.profile.table import STAGES, Profile, as_text, profile_of
 from svv.bench.profile.watch import NETWORKS, Watch
 from svv.bench.profile.work import Watched, Work, watched
 from svv.cli.app import app
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.views import make_views
 from svv.errors import BadInput, silent
 from svv.fields.encodings import SparseLattice
 from svv.fields.networks import mlp
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import kernels_of
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 CEILINGS = Ceilings(bytes=1e9, operations=1e10, half_operations=None, gathers=1e8, far_gathers=1e7)
 
 
 @pytest.fixture(scope="module")
 def views() -> ViewSet:
-    return make_views(demo_volume(24), demo_transfer_function(), n=12, size=48, test=0, mapper="cpu")[0]
+    return make_views(stirred_volume(24), stirred_transfer_function(), n=12, size=48, test=0, mapper="cpu")[0]
 
 
 def test_the_floor_is_what_takes_longest() -> None:

@@ -1,8 +1,8 @@
 """Learn a scene from a volume
 ===========================
 
-A volume and its transfer function become views, and views become a scene. The volume is the demo's: a shell around
-field lines around a ring, stirred by a turbulent flow.
+A volume and its transfer function become views, and views become a scene. The volume is the demo's: a knotted
+vortex and the sheet that it bounds, in a ball of superfluid.
 """
 
 import svv

@@ -2,7 +2,7 @@
 
 ``python docs/measurements/baked.py SCENE.svv VOLUME.vti TF.json`` prints, for each resolution, the PSNR of three views
 of the baked scene against our own images of it, both without light, and the time of each relative to drawing the
-original volume without shading. ``demo`` instead of VOLUME.vti is the demo's volume; it needs no TF.json.
+original volume without shading. ``stirred`` instead of VOLUME.vti is the stirred volume; it needs no TF.json.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from PIL import Image
 from svv.core.cameras import Camera
 from svv.core.colour import over
 from svv.core.shading import Shading
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import as_volume, to_array
 from svv.dvr.mappers import CpuMapper
 from svv.dvr.stage import set_stage
@@ -31,6 +30,7 @@ from svv.options.baking import BakeOptions
 from svv.render.baked import Baker
 from svv.render.frames import orbit
 from tests.baked_views import BakedCaster
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 FRAMES = (20, 76, 130)
 """Views of the orbit of 181 that are compared."""
@@ -59,8 +59,8 @@ def psnr(one: np.ndarray, other: np.ndarray) -> float:
 
 def original(volume: str, tf: Path | None) -> CpuMapper:
     """Return the ray caster of the volume that the scene was learned from, without shading."""
-    if volume == "demo":
-        image, function = demo_volume(), demo_transfer_function()
+    if volume == "stirred":
+        image, function = stirred_volume(), stirred_transfer_function()
     else:
         image = as_volume(read_volume(volume))
         function = TransferFunction.read(tf)

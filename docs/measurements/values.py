@@ -1,6 +1,6 @@
 """Compare scenes that learn their features with scenes that are functions of their volume's values.
 
-python docs/measurements/values.py [NAME=VOLUME,TF.json ...]    # by default the demo's volume
+python docs/measurements/values.py [NAME=VOLUME,TF.json ...]    # by default the stirred volume
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.grids import from_array
 from svv.dvr.views import make_views
 from svv.io.viewset import ViewSet
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 
 def row(name: str, train: ViewSet, test: ViewSet, encoding: str) -> str:
@@ -53,9 +53,9 @@ def flow(time: float, voxels: int = 64) -> vtkImageData:
 
 if __name__ == "__main__":
     print("| volume | encoding | base network, dB | palette network, dB | training, CPU | an image, CPU | file |")
-    for word in sys.argv[1:] or ["demo"]:
+    for word in sys.argv[1:] or ["stirred"]:
         name, _, files = word.partition("=")
-        volume, tf = files.split(",") if files else (demo_volume(), demo_transfer_function())
+        volume, tf = files.split(",") if files else (stirred_volume(), stirred_transfer_function())
         train, test = make_views(volume, tf, n=60, test=10, size=240, mapper="cpu")
         assert test is not None
         for encoding in ("lattice", "values"):

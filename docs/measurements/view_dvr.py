@@ -1,8 +1,8 @@
 """Time scenes' images beside VTK's ray caster, alternating in one process, 800 x 800 pixels.
 
-python docs/measurements/view_dvr.py TF01.svv demo.svv
+python docs/measurements/view_dvr.py TF01.svv stirred.svv
 
-The volume is the demo's, 128^3 voxels, with an opaque transfer function of one range and with its own, translucent one.
+The volume is the stirred one, 128^3 voxels, with an opaque transfer function of one range and its own translucent one.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import numpy as np
 
 from svv.core.cameras import Camera, sphere_cameras
 from svv.core.shading import Shading
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.stage import set_stage
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import open_caster
 from svv.fields.scene import Scene
 from svv.render.frames import orbit
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SIZE, ROUNDS = 800, 10
 
@@ -33,8 +33,8 @@ OPAQUE = TransferFunction(
 
 
 def by_vtk(function: TransferFunction) -> Callable[[], object]:
-    """Return what draws the demo's volume once."""
-    stage = set_stage(demo_volume(128), function)
+    """Return what draws the stirred volume once."""
+    stage = set_stage(stirred_volume(128), function)
     caster, _ = open_caster(stage, "cpu", Shading())
     camera = sphere_cameras(3, stage.centre, 4.2, np.radians(30.0), SIZE)[0]
     return lambda: caster.render(camera)
@@ -49,7 +49,7 @@ def by_us(path: str) -> Callable[[], object]:
 
 def main() -> None:
     """Draw all in turn, and print medians and ranges."""
-    draw = {"VTK, opaque": by_vtk(OPAQUE), "VTK, translucent": by_vtk(demo_transfer_function())}
+    draw = {"VTK, opaque": by_vtk(OPAQUE), "VTK, translucent": by_vtk(stirred_transfer_function())}
     draw |= {path: by_us(path) for path in sys.argv[1:]}
     taken: dict[str, list[float]] = {name: [] for name in draw}
     for number in range(ROUNDS + 1):

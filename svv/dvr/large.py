@@ -42,8 +42,8 @@ ENTRIES = 1 << 14
 
 WANTED, COARSEST = 0.5, 1.0
 """Largest side of the drawn level's voxels, in pixels: where the level fits into memory, and otherwise. Means of voxels
-lose what is thinner than they are: against 2 x 2 rays per pixel of the finest level, the demo's volume has 32 dB with
-voxels of one pixel, 38 with voxels of half a pixel, and 41 with a ray per pixel of the finest level itself."""
+lose what is thinner than they are: against 2 x 2 rays per pixel of the finest level, a volume of thin tubes has 32 dB
+with voxels of one pixel, 38 with voxels of half a pixel, and 41 with a ray per pixel of the finest level itself."""
 
 BRICK_BYTES = 2.2
 """Bytes per voxel in memory besides its value: its normal, and what bricks share at their borders."""

@@ -12,12 +12,8 @@ from svv.job.source import VolumeSource
 from svv.job.stages import Show, Stages, unseen
 from svv.job.steps import JobSettings
 
-STYLES = ("woodcut", "watercolour", "impasto")
-"""Gallery pictures for the field lines, the shell and the ring (:data:`svv.styles.gallery.GALLERY`)."""
-
-OPACITIES = {"shell": 0.04, "lines": 0.95, "ring": 0.98}
-"""Opacities of the regions. Paint needs surfaces: strokes in fog still look like fog (see
-:func:`svv.dvr.demo_volume.demo_transfer_function`)."""
+STYLES = ("oil", "impasto", "watercolour")
+"""Gallery pictures for the sheet, the vortex and the shell (:data:`svv.styles.gallery.GALLERY`), most visible first."""
 
 
 def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show = unseen) -> Path:
@@ -43,7 +39,7 @@ def run_demo(out: Path, settings: JobSettings, resolution: int = 128, show: Show
     stages.do(
         "input",
         "Volume and styles",
-        {"resolution": resolution, "styles": STYLES, **OPACITIES},
+        {"resolution": resolution, "styles": STYLES},
         [volume, tf, *styles],
         lambda progress: generate(out, resolution, progress),
     )
@@ -57,7 +53,7 @@ def generate(out: Path, resolution: int = 128, progress: Progress = silent) -> N
 
     progress(0.0, "volume")
     _write_volume(out / "volume.vti", demo_volume(resolution))
-    write_json(out / "tf.json", [demo_transfer_function(**OPACITIES).to_dict()])  # a list, as ParaView exports presets
+    write_json(out / "tf.json", [demo_transfer_function().to_dict()])  # a list, as ParaView exports presets
     for index, name in enumerate(STYLES):
         progress((index + 1) / (len(STYLES) + 1), name)
         write_png(out / f"{name}.png", gallery_picture(name))

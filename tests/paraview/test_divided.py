@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from svv.pv.start import ParaView
-from tests.paraview.demo_files import write_demo
 from tests.paraview.filter_script import VOLUME
+from tests.paraview.stirred_files import write_stirred
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "paraview_scripts"
 MEAN = 0.1
@@ -242,7 +242,7 @@ def test_trouble_on_any_rank_is_one_sentence_and_the_ranks_work_on(mpiexec: Call
 
 @pytest.mark.slow
 def test_the_whole_job_runs_on_ranks(mpiexec: Callable, tmp_path: Path) -> None:
-    write_demo(tmp_path)
+    write_stirred(tmp_path)
     arguments = [tmp_path / "volume.vti", "--tf", tmp_path / "tf.json", "--preset", "draft", "--views", 8, "--test", 2]
     arguments += ["--size", 64, "--time-limit", 3, "--orbit", 2, "--orbit-size", 48, "--out", tmp_path / "out"]
     mpiexec(SCRIPTS / "stylize_volume.py", *arguments)

@@ -13,10 +13,10 @@ import pytest
 
 from svv.core.cameras import Camera
 from svv.core.shading import Shading
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.dvr.views import render_views
 from svv.render.pictures import read_png
-from tests.paraview.demo_files import write_demo
+from tests.paraview.stirred_files import write_stirred
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SCRIPT = Path(__file__).resolve().parents[2] / "paraview_scripts" / "extract_views.py"
 SIZE, LONG = 96, 300.0
@@ -26,7 +26,7 @@ SIZE, LONG = 96, 300.0
 def made(pvpython, tmp_path_factory) -> Path:
     """A folder with a volume, its transfer function, and ``small.cdb``, drawn on black and on white too."""
     folder = tmp_path_factory.mktemp("extracts")
-    write_demo(folder)
+    write_stirred(folder)
     done = pvpython(
         SCRIPT, folder / "volume.vti", "--tf", folder / "tf.json", "--phi", 6, "--theta", 5, "--size", SIZE,
         "--black-and-white", "--out", folder / "small.cdb",
@@ -66,8 +66,8 @@ def test_images_show_what_the_angles_say_with_the_alpha_of_the_volume(made: Path
     """Against the CPU ray caster, whose alpha comes from memory: no window and no background is involved."""
     rows = rows_of(made / "small.cdb")
     cameras = [camera_at(made / "small.cdb", float(row["phi"]), float(row["theta"])) for row in rows]
-    function = demo_transfer_function().mapped(255.0, 0.0)
-    truth = render_views(demo_volume(32, levels=255), function, cameras, "cpu", Shading(on=False)).astype(float)
+    function = stirred_transfer_function().mapped(255.0, 0.0)
+    truth = render_views(stirred_volume(32, levels=255), function, cameras, "cpu", Shading(on=False)).astype(float)
     images = np.stack([read_png(made / "small.cdb" / row["FILE_png"]) for row in rows]).astype(float)
     off = np.abs(images[..., 3] - truth[..., 3]).mean(axis=(1, 2))
     others = np.abs(images[:, None, ..., 3] - truth[None, ..., 3]).mean(axis=(2, 3))

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from svv.dvr.demo_volume import demo_transfer_function, demo_volume
 from svv.io.output import write_png
 from svv.styles.textures import style_picture
+from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SCRIPT = """
 from paraview.simple import *
@@ -74,7 +74,7 @@ done("ready")
 
 
 def write_input(folder: Path, resolution: int, opaque: bool) -> tuple[Path, Path, Path]:
-    """A volume, its transfer function and a style picture, as the demo generates them.
+    """The stirred volume, its transfer function and a style picture.
 
     ``opaque`` leaves the translucent shell out, which takes a few seconds of training for fog.
     """
@@ -83,9 +83,9 @@ def write_input(folder: Path, resolution: int, opaque: bool) -> tuple[Path, Path
     writer = vtkXMLImageDataWriter()
     writer.SetDataModeToBinary()
     writer.SetFileName(str(folder / "volume.vti"))
-    writer.SetInputData(demo_volume(resolution))
+    writer.SetInputData(stirred_volume(resolution))
     assert writer.Write()
-    tf = demo_transfer_function()
+    tf = stirred_transfer_function()
     if opaque:
         tf = replace(tf, opacities=(tf.opacities[0], *tf.opacities[4:]))
     (folder / "tf.json").write_text(json.dumps([tf.to_dict()]))

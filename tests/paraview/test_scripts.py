@@ -14,7 +14,7 @@ from svv.fields.scene import Scene
 from svv.io.output import write_png
 from svv.render.pictures import read_png
 from svv.styles.textures import style_picture
-from tests.paraview.demo_files import write_demo
+from tests.paraview.stirred_files import write_stirred
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "paraview_scripts"
 QUICK = ("--preset", "draft", "--time-limit", 2, "--views", 12, "--test", 2, "--size", 96)
@@ -25,7 +25,7 @@ SMALL = ("--orbit", 3, "--orbit-size", 48)
 def made(pvpython, tmp_path_factory) -> Path:
     """A folder with a volume, its function, a style, and what stylize_volume.py makes of them."""
     folder = tmp_path_factory.mktemp("scripts")
-    write_demo(folder)
+    write_stirred(folder)
     write_png(folder / "brush.png", style_picture("brush strokes", 64))
     write_png(folder / "dots.png", style_picture("stippling", 64))
     done = pvpython(

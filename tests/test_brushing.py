@@ -284,8 +284,9 @@ def test_a_painting_without_its_strokes_is_damaged(oil: tuple[Scene, dict]) -> N
             Scene.from_arrays(header, {k: v for k, v in tensors.items() if k != name})
 
 
-def test_still_images_show_the_strokes_and_moving_ones_their_lattice(oil: tuple[Scene, dict]) -> None:
-    scene = Scene.from_bytes(oil[0].to_bytes())
+def test_still_images_show_the_strokes_and_moving_ones_their_lattice(oil: tuple[Scene, dict], tmp_path: Path) -> None:
+    oil[0].save(tmp_path / "oil.svv")
+    scene = Scene.load(tmp_path / "oil.svv")
     assert scene.styled is not None and scene.styled.unbaked
     cells = scene.styled.resolutions[-1]
     near = scene.rig.orbit(9, 6 * cells, [3])[0]

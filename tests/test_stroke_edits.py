@@ -66,8 +66,8 @@ def image(scene: Scene, size: int = 64) -> np.ndarray:
 
 
 def bare(scene: Scene) -> Scene:
-    """The scene without light: paint as it is."""
-    return replace(scene, regions=tuple(replace(r, lighting=0.0) for r in scene.regions))
+    """The scene without light, and with its own opacity: paint as it is."""
+    return replace(scene, regions=tuple(replace(r, lighting=0.0, stroke_opacity=0.0) for r in scene.regions))
 
 
 def of_ball(picture: np.ndarray, left: bool) -> np.ndarray:
@@ -284,6 +284,8 @@ def test_a_loaded_painting_is_baked_when_it_is_first_shown(oil: Scene, tmp_path:
     scene.hidden(0).shown(0).with_strokes(width=0.8).save(tmp_path / "b.svv")
     assert scene.styled.unbaked
     image(scene)
+    assert scene.styled.unbaked  # still images show the strokes themselves
+    image(scene.while_moving())
     assert not scene.styled.unbaked
     network = Scene.load(tmp_path / "a.svv").styled
     assert network is not None

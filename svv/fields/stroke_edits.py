@@ -219,7 +219,7 @@ def _edited(
     flats[: len(laid.flats)] = laid.flats
     for number, root in entries.items():
         palette = regions[number].stroke_palette
-        flats[number] = np.mean(palette, axis=0) if palette else flats[root]
+        flats[number] = np.mean(palette, axis=0) if palette else laid.flats[root]
     shown = Brushed(works, laid.owner, flats)
     split = any(number != root for number, root in entries.items())
 

@@ -25,6 +25,7 @@ from svv.dvr.views import make_views, render_views
 from svv.dvr.volumes import read_volume
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
+from svv.options.making import AskedHandName, PaintOptions
 from svv.render.frames import orbit
 from svv.styles.gallery import gallery_picture
 from svv.train.ink import Ink, StyleInput
@@ -36,11 +37,15 @@ KEPT = IMAGES.parents[1] / "build" / "pictures"
 WIDTH = 1600
 """Width of the showpiece and the gallery in pixels."""
 
-SHOWN = {"oil and impasto": ("oil", "impasto", "watercolour"), "pastel": ("pastel",), "charcoal": ("charcoal",)}
-"""Label -> pictures of the gallery for the regions in turn: the hands of the showpiece."""
+SHOWN = {"oil and impasto": ("oil", "impasto"), "watercolour": ("watercolour",), "ink wash": ("ink-wash",)}
+"""Label -> pictures of the gallery for the regions in turn: the hands of the showpiece, whose shell is left as it is."""
 
-HANDS = ("oil", "impasto", "pastel", "watercolour", "charcoal", "pointillism")
-"""Pictures of the gallery whose hands the gallery's columns show."""
+HANDS = {"oil": "auto", "impasto": "auto", "watercolour": "auto", "ink-wash": "auto", "pointillism": "auto",
+         "pastel": "pastel"}  # fmt: skip
+"""Pictures of the gallery that the gallery's columns show -> hand in which they are painted."""
+
+SHELL = 2
+"""The demo's region that surrounds the others."""
 
 SCENES = {"gyroid": volumes.gyroid, "orbital": volumes.orbital, "plume": volumes.plume}
 """The gallery's rows, after the demo's scene."""
@@ -77,12 +82,14 @@ class Studio:
             train_scene(views, "draft")[0].save(path)
         return Scene.load(path)
 
-    def painted(self, name: str, styles: Sequence[str]) -> Scene:
+    def painted(self, name: str, styles: Sequence[str], hand: AskedHandName = "auto") -> Scene:
         """Return a scene painted by strokes in the hands of pictures of the gallery, for its regions in turn."""
         path = KEPT / f"{name}-{'-'.join(styles)}.svv"
         if not path.exists():
             given = [StyleInput(gallery_picture(style), style) for style in styles]
-            stylize_scene(self.scene(name), given, "draft", manner="strokes")[0].save(path)
+            keep = (SHELL,) if name == "demo" else ()
+            how = PaintOptions(preset="draft", manner="strokes", hand=hand, keep=keep)
+            stylize_scene(self.scene(name), given, how)[0].save(path)
         return Scene.load(path)
 
     def volume_rendering(self, camera: Camera) -> Pixels:
@@ -153,7 +160,7 @@ def gallery(studio: Studio) -> None:
     for name in ("demo", *SCENES):
         scene = studio.scene(name)
         camera = view_of(scene, FRAMES[name], 2 * side)
-        painted = [drawn(studio.painted(name, [hand]), camera) for hand in HANDS]
+        painted = [drawn(studio.painted(name, [style], hand), camera) for style, hand in HANDS.items()]
         rows.append(np.concatenate([halved(one) for one in (drawn(scene, camera, "pcn"), *painted)], axis=1))
     write("gallery.jpg", rows, below=True, width=WIDTH)
 

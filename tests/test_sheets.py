@@ -29,8 +29,7 @@ def samples_of(counts: list[int], seed: int = 0, gaps: float = 0.3) -> Samples:
     start = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
     sigma, skipped = (rng.uniform(0.0, most, total).astype(np.float32) for most in (60.0, 0.3))
     arrays = position, sigma, skipped, ray.astype(np.int32), start, np.array(counts, np.int64)
-    tail = torch.zeros(len(counts))
-    return Samples(*(torch.from_numpy(a) for a in arrays), tail, STEP)  # type: ignore[arg-type]
+    return Samples(*map(torch.from_numpy, arrays), torch.zeros(len(counts)), STEP)  # type: ignore[arg-type, call-arg]
 
 
 def weights_of(samples: Samples) -> np.ndarray:

@@ -249,9 +249,10 @@ def test_a_named_hand_is_honoured_and_kept_in_the_file(balls: Scene, tmp_path: P
     assert set(report["manner"].values()) == {"strokes"} and set(report["hand"].values()) == {"watercolour"}
     scene.save(tmp_path / "painted.svv")
     again = Scene.load(tmp_path / "painted.svv")
-    assert scene.styled is not None and again.styled is not None
-    assert scene.styled.brushed is not None and again.styled.brushed is not None
-    brushes = [{k: brush for k, (_, brush) in s.styled.brushed.regions.items()} for s in (scene, again)]
+    brushes = []
+    for one in (scene, again):
+        assert one.styled is not None and one.styled.brushed is not None
+        brushes.append({k: brush for k, (_, brush) in one.styled.brushed.regions.items()})
     assert brushes[0] == brushes[1] and all(brush.body == 0.0 for brush in brushes[0].values())
 
 

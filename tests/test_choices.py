@@ -198,7 +198,9 @@ def test_paint_has_cells_of_its_own() -> None:
     assert cells > scene.settings.resolutions[-1]
     again, camera = Scene.from_bytes(painted.to_bytes()), views_of("opaque, one region").cameras[2].resized(48, 48)
     assert again.settings == painted.settings
-    np.testing.assert_allclose(again.render(camera).rgba, painted.render(camera).rgba, atol=0.05)
+    # Extinctions are stored in fewer bits, so at the border of two strokes a pixel may show the other one.
+    away = np.abs(again.render(camera).rgba - painted.render(camera).rgba).max(-1)
+    assert away.mean() < 2e-3 and (away > 0.05).mean() < 2e-3
 
 
 def test_why_a_training_stopped_there_and_whether_more_would_help() -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,10 +23,10 @@ from svv.bench.styles.rival_frames import frame_alone
 from svv.bench.styles.rivals import arf_like
 from svv.bench.styles.table import averaged, victories
 from svv.cli import app as cli
-from svv.core.cameras import Camera, CameraRig, sphere_cameras
+from svv.core.cameras import sphere_cameras
 from svv.core.palette import PaletteSettings, extract_palette
 from svv.errors import BadInput, Cancelled, silent
-from svv.fields.scene import Rendering, Scene
+from svv.fields.scene import Scene
 from svv.io.output import to_bytes
 from svv.io.viewset import ViewSet
 from svv.styles.features import load_features
@@ -34,40 +34,10 @@ from svv.train.config import PRESETS, MatchSettings, Preset, StylizeSettings
 from svv.train.pipeline import train_scene
 from svv.train.style_loss import StyleLossSettings, StyleTarget
 from tests.solid_ball import solid_ball
+from tests.two_balls import Balls, two_balls
 
 SIZE = 48
 SHORT = Protocol(size=SIZE, every=80, flows=("depth",))
-
-
-def two_balls(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """An opaque red and an opaque blue ball without light: straight RGBA (H, W, 4) uint8, and distances (H, W)."""
-    origins, directions = camera.rays()
-    nearest, image = np.full(directions.shape[:2], np.inf), np.zeros((*directions.shape[:2], 4))
-    for centre, colour in (((-0.35, 0, 0), (0.9, 0.1, 0.1)), ((0.35, 0, 0), (0.1, 0.2, 0.9))):
-        towards = np.array(centre) - origins
-        along = (towards * directions).sum(-1)
-        inside = 0.3**2 - ((towards - along[..., None] * directions) ** 2).sum(-1)
-        distance = along - np.sqrt(np.maximum(inside, 0.0))
-        hit = (inside > 0) & (distance < nearest)
-        image[hit], nearest = (*colour, 1.0), np.where(hit, distance, nearest)
-    return np.asarray((image * 255).round(), np.uint8), np.where(np.isfinite(nearest), nearest, np.nan)
-
-
-@dataclass(frozen=True)
-class Balls:
-    """What the measures ask of a scene, with exact depths."""
-
-    stride: float = 1.0
-    joined: float = 0.0
-    rig: ClassVar = CameraRig((0.0, 0.0, 0.0), 4.0, float(np.radians(30)))
-
-    def render(self, camera: Camera, network: str) -> Rendering:
-        rgba, depth = two_balls(camera)
-        region = np.where(np.isfinite(depth), 0, -1).astype(np.int16)
-        return Rendering(rgba / np.float32(255), depth.astype(np.float32), region)
-
-    def resolving(self, camera: Camera) -> Balls:
-        return self
 
 
 def views_of(n: int) -> ViewSet:

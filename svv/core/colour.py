@@ -128,3 +128,18 @@ def colour_differences(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDAr
 
     first, second = (rgb2lab(np.clip(np.asarray(c, np.float64), 0.0, 1.0)[None])[0] for c in (a, b))
     return np.asarray(deltaE_ciede2000(first[:, None], second[None]), np.float64)
+
+
+def lab_to_rgb(lab: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return the nearest RGB of CIELAB colours, of which edits may lie outside the gamut. (..., 3)
+
+    Colours beyond those that light can have are first made less blue-yellow: they have no XYZ (scikit-image warns).
+
+    >>> (100 * lab_to_rgb(np.array([[50.0, 0.0, 0.0], [20.0, 0.0, 150.0]]))).round().astype(int).tolist()
+    [[47, 47, 47], [24, 18, 0]]
+    """
+    from skimage.color import lab2rgb
+
+    light = lab[..., 0].clip(0.0, 100.0)
+    most = 200.0 * light / 116.0  # where Z is 0
+    return np.asarray(lab2rgb(np.stack([light, lab[..., 1], np.minimum(lab[..., 2], most)], -1)), np.float32).clip(0, 1)

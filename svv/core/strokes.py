@@ -197,7 +197,9 @@ class Strokes:
         across = np.stack([self.radius, self.inner, self.outer], 1)
         scale = float(across.max(initial=1e-9))
         where = np.rint(self.where.clip(0.0, 1.0) * 65535.0).astype(np.int64)
-        points = [where >> 8, where & 255, np.rint(self.normal * 127.0) + 128.0]
+        # The largest component is 127, so that unpacked tables are packed as they were.
+        largest = np.maximum(np.abs(self.normal).max(1, keepdims=True), 1e-9)
+        points = [where >> 8, where & 255, np.rint(self.normal / largest * 127.0) + 128.0]
         points += [np.rint(np.sqrt(across / scale) * 255.0).clip(1, 255)]
         colours = np.rint(np.concatenate([self.colour, self.second], 1) * 255.0)
         marks = np.stack(

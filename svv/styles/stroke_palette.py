@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.core.colour import lab_to_rgb
 from svv.errors import BadInput, Progress, silent
 from svv.fields.stroke_edits import PALETTE_SIZE, luminance
 from svv.styles.gallery import open_style
@@ -64,10 +65,8 @@ def palette_of(picture: NDArray[np.floating]) -> Palette:
     Raises:
         BadInput: The picture cannot be measured (:func:`svv.styles.hand.measure_hand`).
     """
-    from skimage.color import lab2rgb
-
     hand = measure_hand(picture)
-    every = np.clip(lab2rgb(hand.colours[np.argsort(hand.tones, kind="stable")]), 0.0, 1.0)
+    every = lab_to_rgb(hand.colours[np.argsort(hand.tones, kind="stable")])
     chosen = every[((np.arange(PALETTE_SIZE) + 0.5) * len(every) / PALETTE_SIZE).astype(np.int64)]
     return _sorted(chosen)
 
@@ -78,13 +77,13 @@ def mixed(colours: Sequence[Sequence[float]]) -> Palette:
     Args:
         colours: RGB in [0, 1]. (C, 3)
     """
-    from skimage.color import lab2rgb, rgb2lab
+    from skimage.color import rgb2lab
 
     given = np.asarray(_sorted(np.asarray(colours, np.float64)))
     lab = rgb2lab(given)
     at = np.linspace(0.0, len(lab) - 1.0, PALETTE_SIZE)
     between = np.stack([np.interp(at, np.arange(len(lab)), column) for column in lab.T], 1)
-    return _sorted(np.clip(lab2rgb(between), 0.0, 1.0))
+    return _sorted(lab_to_rgb(between))
 
 
 def _sorted(colours: NDArray[np.floating]) -> Palette:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.core.colour import lab_to_rgb
 from svv.core.strokes import Brush, Strokes, joined
 from svv.errors import Progress
 from svv.kernels import numba_tracing
@@ -260,8 +261,6 @@ class Painter:
 
     def _colours(self, layer: Layer, seed: NDArray[np.int64], wanted: NDArray[np.float64]) -> tuple[Floats, Floats]:
         """Return two colours of the picture for each stroke, RGB, both (N, 3): of glazes, what they let through."""
-        from skimage.color import lab2rgb
-
         hand, generator, surface = self.hand, self.generator, self.surface
         around = surface.points[seed] + generator.normal(0.0, self.width, (len(seed), 3))
         patch = self.map.tree.query(around)[1]
@@ -272,7 +271,7 @@ class Painter:
         cost = np.square((hand.tones[among] - wanted[:, None]) / TONE) + np.square(away / PLACE)
         each = np.arange(len(seed))
         chosen = [among[each, (cost + CHANCE * generator.random(cost.shape)).argmin(1)] for _ in range(2)]
-        found = [lab2rgb(self.technique.coloured(hand.colours[c], generator)).clip(0.0, 1.0) for c in chosen]
+        found = [lab_to_rgb(self.technique.coloured(hand.colours[c], generator)) for c in chosen]
         if self.technique.brush.body < 1.0:
             paper = np.maximum(np.array(self.ground or (1.0, 1.0, 1.0)), 0.05)
             found = [(one / paper).clip(0.02, 1.0) ** layer.share for one in found]

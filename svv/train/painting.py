@@ -214,7 +214,12 @@ def _worked(
     for k, one in found.items():
         ground = None if one.work is None else one.work.brush.ground
         flats[k] = ground or (flats[k] if one.flat is None else one.flat)
-    works = {k: (one.work.strokes, one.work.brush) for k, one in found.items() if one.work is not None}
+    # As a file keeps them, so that a scene shows the same before it is saved and afterwards.
+    works = {
+        k: (Strokes.unpacked(one.work.strokes.packed()), one.work.brush)
+        for k, one in found.items()
+        if one.work is not None
+    }
     return works, flats, {k: one.glaze for k, one in found.items() if one.glaze > 0.0}
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.colour import colour_differences
+from svv.core.colour import colour_differences, lab_to_rgb
 from svv.errors import Progress, part
 from svv.fields.scene import Scene
 from svv.styles.hand import Hand
@@ -135,21 +135,17 @@ def _median(surface: VisibleSurface, values: Floats) -> float:
 
 def _washed(hand: Hand) -> PaintedRegion:
     """Return an even wash: the mean of the lighter strokes in the upper part of the picture."""
-    from skimage.color import lab2rgb
-
     top = hand.places[:, 1] >= (1.0 - SKY) * float(hand.places[:, 1].max())
     light = hand.colours[top & (hand.tones >= np.median(hand.tones[top]))].mean(0)
-    return PaintedRegion(None, np.asarray(lab2rgb(light), np.float32), light)
+    return PaintedRegion(None, lab_to_rgb(light), light)
 
 
 def alike(means: Mapping[int, NDArray[np.float64]]) -> list[str]:
     """Return a sentence about each two regions whose mean colours, CIELAB, differ by less than :data:`APART`."""
-    from skimage.color import lab2rgb
-
     regions = sorted(means)
     if len(regions) < 2:
         return []
-    colours = np.stack([lab2rgb(means[k]) for k in regions])
+    colours = np.stack([lab_to_rgb(means[k]) for k in regions])
     away = colour_differences(colours, colours)
     return [
         f"Regions {a} and {b} are hard to tell apart (CIEDE2000 {away[i, j]:.0f}): give one of them another style."

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.core.colour import lab_to_rgb
 from svv.core.strokes import Brush
 from svv.options.making import HandName
 from svv.styles.hand import Hand
@@ -81,14 +82,12 @@ class Technique:
 
     def ground_for(self, hand: Hand) -> tuple[float, float, float] | None:
         """Return the colour of the bare ground, RGB; None for the strokes' own."""
-        from skimage.color import lab2rgb
-
         if self.ground is None:
             return None
         part, low, high = self.ground
         lab = hand.colours[np.abs(hand.tones - part) <= 0.03].mean(0).astype(np.float64)
         lab = np.array([np.clip(lab[0], low, high), *(0.5 * lab[1:])])
-        red, green, blue = (float(v) for v in lab2rgb(lab).clip(0.0, 1.0))
+        red, green, blue = (float(v) for v in lab_to_rgb(lab))
         return red, green, blue
 
     def coloured(self, lab: NDArray[np.float64], generator: np.random.Generator) -> NDArray[np.float64]:

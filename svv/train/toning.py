@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.core.colour import lab_to_rgb
 from svv.core.strokes import Strokes
 from svv.fields.stroke_paint import StrokePaint
 from svv.styles.hand import Hand
@@ -121,7 +122,7 @@ def toned(
 
 def retoned(strokes: Strokes, contrast: float, chroma: float, shift: float) -> Strokes:
     """Return strokes with factors on the contrast of lightness and on chroma, and with another mean lightness."""
-    from skimage.color import lab2rgb, rgb2lab
+    from skimage.color import rgb2lab
 
     both = [rgb2lab(colours) for colours in (strokes.colour, strokes.second)]
     middle = float(both[0][:, 0].mean())
@@ -129,5 +130,5 @@ def retoned(strokes: Strokes, contrast: float, chroma: float, shift: float) -> S
     for lab in both:
         lab[:, 0] = (middle + contrast * (lab[:, 0] - middle) + shift).clip(0.0, 100.0)
         lab[:, 1:] *= chroma
-        out.append(np.asarray(lab2rgb(lab), np.float32).clip(0.0, 1.0))
+        out.append(lab_to_rgb(lab))
     return replace(strokes, colour=out[0], second=out[1])

@@ -37,7 +37,7 @@ KEPT = IMAGES.parents[1] / "build" / "pictures"
 WIDTH = 1600
 """Width of the showpiece and the gallery in pixels."""
 
-SHOWN = {"oil and impasto": ("oil", "impasto"), "watercolour": ("watercolour",), "ink wash": ("ink-wash",)}
+SHOWN = {"oil and impasto": ("oil", "impasto"), "pastel": ("pastel",), "ink wash": ("ink-wash",)}
 """Label -> pictures of the gallery for the regions in turn: the hands of the showpiece, without its shell."""
 
 HANDS = {"oil": "auto", "impasto": "auto", "watercolour": "auto", "ink-wash": "auto", "pointillism": "auto",

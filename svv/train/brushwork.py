@@ -56,6 +56,10 @@ CLEAR = 0.7
 SIDES, BOTH = 6.0, 256
 """Distance within which both sides of what is translucent share their tone, in widths, and largest number of points."""
 
+LIFTED, DULL = 0.4, 0.25
+"""On what is translucent: how far tones are lifted towards the lightest, and lack of chroma, relative to the picture's
+most vivid colours, that costs as much as :data:`TONE`."""
+
 TONE, PLACE, CHANCE = 0.06, 0.15, 0.5
 """Difference in tone, in ranks, and distance in the picture, in its long side, that cost as much when a stroke's colour
 is chosen; and the weight of chance."""
@@ -106,6 +110,8 @@ class Painter:
         self.ground = self.technique.ground_for(hand)
         self.generator = np.random.default_rng(seed)
         bends = surface.bends(BENT * width)
+        self.clear = np.asarray(1.0 - (surface.alpha / CLEAR).clip(0.0, 1.0), np.float64)
+        """How translucent each point is, in [0, 1]. (S,)"""
         self.tone = self._of_both_sides(surface.tones(opacity, cells, width, bends.mean))
         """Tone of each point, from dark to light, evenly distributed over what is visible. (S,)"""
         self.map = PictureMap(hand, surface, self.tone, width, self.generator)
@@ -125,7 +131,7 @@ class Painter:
         One sees through to the other side, and light strokes over dark ones of another hue would only be grey.
         """
         surface = self.surface
-        clear = 1.0 - (surface.alpha / CLEAR).clip(0.0, 1.0)
+        clear = self.clear
         if not clear.any():
             return tone
         near = surface.tree.query(surface.points, BOTH, distance_upper_bound=SIDES * self.width, workers=-1)[1]
@@ -268,7 +274,13 @@ class Painter:
         near = self.map.picture_tree.query(place, min(2 * NEAR, len(hand.places)))[1]
         among = np.concatenate([near[:, ::2], generator.integers(0, len(hand.places), (len(seed), ANYWHERE))], 1)
         away = np.linalg.norm(hand.places[among] - place[:, None], axis=2)
+        # Dark and dull glazes over each other are only grey: on what is translucent, light and vivid ones are chosen.
+        clear = self.clear[seed, None]
+        wanted = wanted + LIFTED * clear[:, 0] * (1.0 - wanted)
+        vivid = np.hypot(hand.colours[:, 1], hand.colours[:, 2])
+        dull = 1.0 - (vivid / max(float(np.quantile(vivid, 0.95)), 1.0)).clip(0.0, 1.0)
         cost = np.square((hand.tones[among] - wanted[:, None]) / TONE) + np.square(away / PLACE)
+        cost += clear * np.square(dull[among] / DULL)
         each = np.arange(len(seed))
         chosen = [among[each, (cost + CHANCE * generator.random(cost.shape)).argmin(1)] for _ in range(2)]
         found = [lab_to_rgb(self.technique.coloured(hand.colours[c], generator)) for c in chosen]

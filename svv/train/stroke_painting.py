@@ -31,7 +31,7 @@ OPAQUE, GLAZED = 0.6, 1.5
 """Opacity of a sheet below which strokes become larger, and by how much per opacity: through several sheets one sees
 several strokes, and only large ones remain strokes."""
 
-GLAZE = 0.7
+GLAZE = 0.35
 """How much the opacity of what is hardly opaque follows its strokes: they show, and no sample stands out."""
 
 SKY = 0.5

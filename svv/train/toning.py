@@ -17,7 +17,7 @@ from svv.core.colour import lab_to_rgb
 from svv.core.strokes import Strokes
 from svv.fields.stroke_paint import StrokePaint
 from svv.styles.hand import Hand
-from svv.train.brushwork import Brushwork
+from svv.train.brushwork import LIFTED, Brushwork
 from svv.train.form import Floats
 from svv.train.stylize import StyledView
 from svv.train.techniques import TECHNIQUES
@@ -29,14 +29,14 @@ VIEWS, MOST = 5, 6_000
 """Number of views in which a region is looked at, and maximum number of samples of each."""
 
 CONTRAST, CHROMA, CLEAR, SHIFT = (0.9, 1.7), (0.9, 1.2), 2.0, 25.0
-"""Bounds of the factors on contrast and chroma, the latter's largest value for what is hardly opaque, since the paper
-makes it pale; and largest change of lightness."""
+"""Bounds of the factors on contrast and chroma (what is hardly opaque has no more contrast, and up to the third value
+of chroma), and largest change of lightness."""
+
+VIVID = 0.6
+"""How much more chroma than the picture what is hardly opaque shows, as a fraction: paper makes it pale."""
 
 COVERED = 0.1
 """Alpha above which a pixel counts."""
-
-PAPER = 1.0
-"""Brightness of the paper behind what is translucent: images are shown over white by default."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ class Looked:
         if counts.sum() < 16:
             return None
         alpha = self.alpha[counts]
-        over = [np.bincount(self.pixel, self.weight * c)[counts] + PAPER * (1.0 - alpha) for c in colours.T]
-        lab = rgb2lab(np.stack(over, 1).clip(0.0, 1.0))
+        mixed = [np.bincount(self.pixel, self.weight * c)[counts] / alpha for c in colours.T]
+        lab = rgb2lab(np.stack(mixed, 1).clip(0.0, 1.0))
         mean = np.average(lab, axis=0, weights=alpha)
         spread = np.sqrt(np.average(np.square(lab[:, 0] - mean[0]), weights=alpha))
         return Shown(mean, float(spread), float(np.average(np.hypot(lab[:, 1], lab[:, 2]), weights=alpha)))
@@ -105,15 +105,16 @@ def toned(
     technique = TECHNIQUES[hand.technique]
     mean = hand.colours.mean(0).astype(np.float64)
     mean[0] = np.clip(mean[0], *technique.lightness)
-    vivid = float(np.hypot(*hand.colours[:, 1:].T).mean())
+    mean[0] += LIFTED * clear * (np.quantile(light, 0.95) - mean[0])
+    vivid = (1.0 + VIVID * clear) * float(np.hypot(*hand.colours[:, 1:].T).mean())
     wanted = Shown(mean, float(light.std()), min(technique.chroma * vivid, technique.most_chroma))
     contrast, chroma, shift, found = 1.0, 1.0, 0.0, None
-    most = CHROMA[1] + (CLEAR - CHROMA[1]) * clear
+    most, strongest = CHROMA[1] + (CLEAR - CHROMA[1]) * clear, CONTRAST[1] + (1.0 - CONTRAST[1]) * clear
     for _ in range(ROUNDS):
         found = looked.shown(paint(looked.where))
         if found is None:
             break
-        contrast = float(np.clip(contrast * wanted.contrast / max(found.contrast, 1e-3), *CONTRAST))
+        contrast = float(np.clip(contrast * wanted.contrast / max(found.contrast, 1e-3), CONTRAST[0], strongest))
         chroma = float(np.clip(chroma * wanted.chroma / max(found.chroma, 1e-3), CHROMA[0], most))
         shift = float(np.clip(shift + wanted.mean[0] - found.mean[0], -SHIFT, SHIFT))
         paint = paint.with_strokes(retoned(work.strokes, contrast, chroma, shift))

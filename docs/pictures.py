@@ -25,7 +25,7 @@ from svv.dvr.views import make_views, render_views
 from svv.dvr.volumes import read_volume
 from svv.fields.scene import Scene
 from svv.io.viewset import ViewSet
-from svv.options.making import AskedHandName, PaintOptions
+from svv.options.making import PaintOptions
 from svv.render.frames import orbit
 from svv.styles.gallery import gallery_picture
 from svv.train.ink import Ink, StyleInput
@@ -37,7 +37,7 @@ KEPT = IMAGES.parents[1] / "build" / "pictures"
 WIDTH = 1600
 """Width of the showpiece and the gallery in pixels."""
 
-SHOWN = {"oil and impasto": ("oil", "impasto"), "pastel": ("pastel",), "ink wash": ("ink-wash",)}
+SHOWN = {"oil and impasto": ("oil", "impasto"), "pastel": ("pastel",), "dots": ("pointillism",)}
 """Label -> pictures of the gallery for the regions in turn: the hands of the showpiece, without its shell."""
 
 HANDS = {"oil": "auto", "impasto": "auto", "watercolour": "auto", "ink-wash": "auto", "pointillism": "auto",
@@ -82,13 +82,13 @@ class Studio:
             train_scene(views, "draft")[0].save(path)
         return Scene.load(path)
 
-    def painted(self, name: str, styles: Sequence[str], hand: AskedHandName = "auto") -> Scene:
+    def painted(self, name: str, styles: Sequence[str]) -> Scene:
         """Return a scene painted by strokes in the hands of pictures of the gallery, for its regions in turn."""
         path = KEPT / f"{name}-{'-'.join(styles)}.svv"
         if not path.exists():
             given = [StyleInput(gallery_picture(style), style) for style in styles]
             keep = (SHELL,) if name == "demo" else ()
-            how = PaintOptions(preset="draft", manner="strokes", hand=hand, keep=keep)
+            how = PaintOptions(preset="draft", manner="strokes", hand=HANDS.get(styles[0], "auto"), keep=keep)
             stylize_scene(self.scene(name), given, how)[0].save(path)
         return Scene.load(path)
 
@@ -160,7 +160,7 @@ def gallery(studio: Studio) -> None:
     for name in ("demo", *SCENES):
         scene = studio.scene(name)
         camera = view_of(scene, FRAMES[name], 2 * side)
-        painted = [drawn(studio.painted(name, [style], hand), camera) for style, hand in HANDS.items()]
+        painted = [drawn(studio.painted(name, [style]), camera) for style in HANDS]
         rows.append(np.concatenate([halved(one) for one in (drawn(scene, camera, "pcn"), *painted)], axis=1))
     write("gallery.jpg", rows, below=True, width=WIDTH)
 

@@ -154,7 +154,7 @@ TECHNIQUES: dict[HandName, Technique] = {
             Layer(0.8, 10.0, (0.38, 0.90), (0.03, 1.0), 1.2, 0.35),
             Layer(0.6, 9.0, (0.45, 1.4), (0.05, 1.3), 1.0, 0.3, accent=True),
         ),
-        Brush(0.0, 0.3, 0.3, grain=0.9, tooth=0.28, feather=0.6, blunt=0.5),
+        Brush(0.0, 0.3, 0.3, grain=0.6, tooth=0.13, feather=0.6, blunt=0.5),
         ground=(0.1, 28.0, 45.0), lightness=(40.0, 100.0),
     ),
 }  # fmt: skip

@@ -121,7 +121,8 @@ class Brushing:
         if glaze > 0.0:
             self.notes.append(
                 f"Region {region} is translucent, so dark strokes are more opaque than light ones: svv edit"
-                " --stroke-opacity changes that (below 0 for dark backgrounds)."
+                " --stroke-opacity changes that (below 0 for dark backgrounds). If its strokes are hard to see, try"
+                " --manner pieces."
             )
         return PaintedRegion(work, None, None if shown is None else shown.mean, glaze)
 

@@ -176,7 +176,7 @@ class Scene(PaintedModel):
                 self._render_rays(rays, beams, network, *parts)
             if not in_order:
                 for image, part in zip(images, parts, strict=True):
-                    image[own] = part
+                    image.index_copy_(0, own, part)
         return images
 
     @torch.no_grad()

@@ -15,6 +15,7 @@ from svv.core.encodings import lattice_features
 from svv.core.light import blinn_phong, normals_of
 from svv.core.rounding import KERNELS
 from svv.fields.encodings import SparseLattice
+from svv.fields.stroke_opacity import brightness
 from svv.kernels import numba_kernels
 from svv.kernels.types import ImageKernels, Lattice, Samples, Surface
 
@@ -64,6 +65,19 @@ def close(got: Tensor, expected: Tensor) -> None:
     torch.testing.assert_close(got, expected, atol=KERNELS["value"], rtol=KERNELS["value"])
 
 
+@given(SEEDS, st.lists(st.integers(0, 4), min_size=1, max_size=9))
+def test_depth_behind_the_last_sample_becomes_a_part_of_it(kernels: ImageKernels, seed: int, counts: list[int]) -> None:
+    samples = some_samples(seed, counts)
+    before, behind = samples.sigma.clone(), samples.tail.clone()
+    sigma, tail = kernels.ended(samples)
+    last = [sum(counts[: r + 1]) - 1 for r, count in enumerate(counts) if count]
+    expected, there = before.clone(), samples.count > 0
+    expected[last] += behind[there] / samples.step
+    close(sigma, expected)
+    close(tail, torch.where(there, 0.0, behind))
+    assert torch.equal(samples.sigma, before) and torch.equal(samples.tail, behind)
+
+
 @given(SEEDS, st.integers(1, 4))
 def test_features_are_those_of_both_tables_and_of_the_rays(kernels: ImageKernels, seed: int, each: int) -> None:
     random, samples, lattice = generator(seed), some_samples(seed, [3, 0, 5]), one_level()
@@ -88,6 +102,23 @@ def test_material_is_equation_4_without_light(kernels: ImageKernels, seed: int, 
 
 def surface_of(raw: Tensor, random: torch.Generator) -> Surface:
     return Surface(raw, palette_shading.material(raw)[1].argmax(dim=1), torch.rand(len(raw), 3, generator=random))
+
+
+@given(SEEDS, st.floats(-1.0, 1.0))
+def test_paint_replaces_its_share_of_colours_and_extinction_follows_it(
+    kernels: ImageKernels, seed: int, amount: float
+) -> None:
+    random = generator(seed)
+    surface = surface_of(torch.randn(9, 13, generator=random), random)
+    paint, share, sigma = 1.4 * torch.rand(9, 3, generator=random) - 0.2, torch.tensor([0.0, 0.4, 1.0]), torch.rand(9)
+    strokes = torch.rand(3, 4, generator=random) * torch.tensor([0.5, 9.0 * amount, 1.0, 1.6 * abs(amount)])
+    strokes[1] = 0.0
+    blended = torch.lerp(surface.colour, paint, share[surface.region][:, None])
+    gain, slope, mean, reach = strokes[surface.region].unbind(1)
+    change = (slope * (mean - brightness(paint))).clamp(-reach, reach)
+    followed = kernels.overpaint(surface, paint, share, strokes, sigma)
+    close(surface.colour, blended)
+    close(followed, sigma * torch.where(reach > 0.0, (gain + change).exp(), 1.0))
 
 
 @given(SEEDS, st.sampled_from([1, 2]))

@@ -17,6 +17,9 @@ from torch import Tensor
 WHITE = (1.0, 1.0, 1.0)
 """Background over which images are compared and shown."""
 
+LUMA = (0.2126, 0.7152, 0.0722)
+"""Weights of red, green and blue in luminance or, of encoded values, in luma (ITU-R BT.709)."""
+
 GREY_SATURATION = 0.02
 """Saturation below which a hue is noise, because eight bits cannot resolve it."""
 

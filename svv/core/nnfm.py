@@ -12,6 +12,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from svv.core.colour import LUMA
+
 VECTORS_AT_A_TIME = 2048
 """Number of render vectors compared at a time; limits the table of similarities to this many rows of M."""
 
@@ -104,7 +106,7 @@ def luminance(colour: Tensor) -> Tensor:
     Returns:
         Luminance in [0, 1]. (...,)
     """
-    return (colour.clamp(0, 1) ** 2.2 @ colour.new_tensor([0.2126, 0.7152, 0.0722])).clamp(0, 1)
+    return (colour.clamp(0, 1) ** 2.2 @ colour.new_tensor(LUMA)).clamp(0, 1)
 
 
 def colour_statistics(colours: Tensor, weights: Tensor | None = None) -> tuple[Tensor, Tensor]:

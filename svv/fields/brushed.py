@@ -112,14 +112,11 @@ class Brushed:
             covered[theirs] = self.paint(root, pixel).over_ground(where[theirs])
         if colours is None:
             flats = np.stack([self.flats[k if k < len(self.flats) else whole] for k, whole in enumerate(wholes)])
-            out = torch.from_numpy(flats[numbers]).to(region.device)
+            out = flats[numbers]
         else:
-            out = colours.clone()
-        painted = np.flatnonzero(sheet >= 0)
-        found = torch.from_numpy(covered[sheet[painted]]).to(out.device)
-        rows = torch.from_numpy(painted).to(out.device)
-        out[rows] = found[:, :3] + (1.0 - found[:, 3:]) * out[rows]
-        return out
+            out = np.array(colours.cpu().numpy())
+        numba_sheets.cover(sheet, covered, out)
+        return torch.from_numpy(out).to(region.device)
 
     def width(self, region: int) -> float:
         """Return the usual width of a region's strokes, in box units."""

@@ -19,7 +19,7 @@ from svv.fields.networks import encode_directions
 from svv.fields.paint_light import lights_of
 from svv.fields.phong import Beams
 from svv.fields.rendering import Rays
-from svv.fields.stroke_opacity import followed
+from svv.fields.stroke_opacity import strokes_of
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import ImageKernels, Samples, Surface
 
@@ -57,9 +57,12 @@ def draw(
         intensity, weights, offsets = palette_shading.material(surface.raw)
         colour = palette_shading.diffuse(intensity, weights, scene.edited_colours(offsets, here))
     paint = scene.paint(samples, network, surface.region.long())
-    surface = replace(surface, colour=scene.with_style(colour, surface.region, paint).contiguous())
+    surface, sigma = replace(surface, colour=colour.contiguous()), samples.sigma
+    if paint is not None:
+        strokes = strokes_of(scene)
+        strokes = torch.zeros(len(scene.regions), 4) if strokes is None else strokes
+        sigma = kernels.overpaint(surface, paint, scene.paint_shares, strokes, sigma)
     _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
-    sigma = followed(scene, samples.sigma, surface.region, paint)
     opacity = torch.tensor([r.seen_opacity for r in scene.regions])
     kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
 

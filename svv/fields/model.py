@@ -228,8 +228,13 @@ class Model:
         """Return diffuse colour (S, 3), replaced by the paint's (S, 3) where the sample's region (S,) is styled."""
         if paint is None:
             return diffuse
-        share = diffuse.new_tensor([0.0 if r.style is None else r.strength for r in self.regions])[region]
-        return torch.lerp(diffuse, paint, share[:, None])
+        return torch.lerp(diffuse, paint, self.paint_shares[region][:, None])
+
+    @property
+    def paint_shares(self) -> Tensor:
+        """Weight of the paint in each region's colour, in [0, 1]. (regions,)"""
+        shares = [0.0 if r.style is None else r.strength for r in self.regions]
+        return torch.tensor(shares, device=self.device)
 
 
 def of_colour(here: Tensor | None, colour: Tensor) -> Tensor:

@@ -67,8 +67,10 @@ class RayCaster:
         """Return the rays through flat pixel indices ``(view * height + row) * width + column``, int64. (R,)"""
         pixels = pixels.to(self.device)
         origins, directions = kernels_for(pixels).pixel_rays(pixels, self.cameras, self.width, self.height)
-        axes = -self._rotations[pixels // (self.width * self.height), :, 2] if self._along_axis else None
-        return Rays(origins, directions, axes)
+        if not self._along_axis:
+            return Rays(origins, directions)
+        axes = -self._rotations[:, :, 2]
+        return Rays(origins, directions, axes.index_select(0, pixels // (self.width * self.height)))
 
     def in_sight(self, occupancy: Occupancy) -> Tensor:
         """Return the pixels of the first view that may show something, as flat indices, int64. (R,)
@@ -155,6 +157,10 @@ def ended(samples: Samples) -> Samples:
     """
     if not len(samples):
         return samples
+    kernels = kernels_for(samples.sigma).IMAGE
+    if kernels is not None:
+        sigma, tail = kernels.ended(samples)
+        return replace(samples, sigma=sigma, tail=tail)
     last = (samples.start + samples.count - 1).clamp_(min=0)
     moved = samples.tail * (samples.count > 0)
     sigma = samples.sigma.index_add(0, last, moved, alpha=1.0 / samples.step)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.core.colour import LUMA
 from svv.core.strokes import Brush, Floats, Strokes
 from svv.errors import BadInput
 from svv.fields.brushed import NOBODY, Brushed
@@ -108,7 +109,7 @@ def luminance(colours: NDArray[np.floating]) -> NDArray[np.float64]:
     """
     values = np.asarray(colours, np.float64)
     linear = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
-    return np.asarray(linear @ np.array([0.2126, 0.7152, 0.0722]))
+    return np.asarray(linear @ np.array(LUMA))
 
 
 def edits_of_strokes(region: Region) -> tuple[Any, ...]:

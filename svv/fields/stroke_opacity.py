@@ -15,6 +15,7 @@ from weakref import WeakKeyDictionary
 import torch
 from torch import Tensor
 
+from svv.core.colour import LUMA
 from svv.fields.model import Model
 from svv.fields.networks import UnrestrictedField
 from svv.fields.paint_light import LIGHT_VIEW_SIZE, LIGHT_VIEWS
@@ -61,7 +62,7 @@ def fade_of(scene: Model, network: str) -> float:
 
 def brightness(colour: Tensor) -> Tensor:
     """Return the luma of colours (ITU-R BT.709) from encoded values, which are perceptually even. (S, 3) -> (S,)"""
-    return colour.clamp(0.0, 1.0) @ colour.new_tensor([0.2126, 0.7152, 0.0722])
+    return colour.clamp(0.0, 1.0) @ colour.new_tensor(LUMA)
 
 
 def strokes_of(scene: Model) -> Tensor | None:

@@ -18,6 +18,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core.colour import LUMA
 from svv.core.compositing import LEAST_ALPHA
 from svv.core.fast_math import FAST_MATH
 from svv.core.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
@@ -34,6 +35,15 @@ RIM32, GRAZING32 = np.float32(RIM_COSINE), np.float32(LEAST_COSINE)
 def _softplus(x):  # type: ignore[no-untyped-def]
     """Return log(1 + e^x), computed as in torch."""
     return x if x > 20.0 else np.log1p(np.exp(x))
+
+
+@njit(cache=True)
+def _end(sigma, tail, start, count, step):  # type: ignore[no-untyped-def]
+    """Move the optical depth behind each ray's last sample, ``tail`` (R,), into its extinction (S,), in place."""
+    for r in range(len(tail)):
+        if count[r] > 0:
+            sigma[start[r] + count[r] - 1] += tail[r] / step
+            tail[r] = 0.0
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
@@ -77,6 +87,23 @@ def _material(raw, colours, shift, floor, region, diffuse):  # type: ignore[no-u
                 region[i] = p
         scale = _softplus(raw[i, 0] + shift) / total
         diffuse[i, 0], diffuse[i, 1], diffuse[i, 2] = scale * red, scale * green, scale * blue
+
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+def _overpaint(paint, region, share, strokes, luma, sigma, colour, followed):  # type: ignore[no-untyped-def]
+    """Blend ``paint`` into ``colour`` (S, 3) in place, and write the extinction that follows its strokes (S,)."""
+    for i in prange(paint.shape[0]):
+        r = region[i]
+        part = share[r]
+        bright = np.float32(0.0)
+        for c in range(3):
+            bright += luma[c] * min(max(paint[i, c], np.float32(0.0)), ONE32)
+            colour[i, c] = part * paint[i, c] + (ONE32 - part) * colour[i, c]
+        followed[i] = sigma[i]
+        reach = strokes[r, 3]
+        if reach > np.float32(0.0):
+            change = min(max(strokes[r, 1] * (strokes[r, 2] - bright), -reach), reach)
+            followed[i] *= np.exp(strokes[r, 0] + change)
 
 
 @njit(fastmath=FAST_MATH, inline="always")
@@ -191,6 +218,12 @@ def _composite(  # type: ignore[no-untyped-def]
                 seen[r] = np.argmax(shares)
 
 
+def ended(samples: Samples) -> tuple[Tensor, Tensor]:
+    sigma, tail = samples.sigma.numpy().copy(), samples.tail.numpy().copy()
+    _end(sigma, tail, *_arrays(samples.start, samples.count), np.float32(samples.step))
+    return torch.from_numpy(sigma), torch.from_numpy(tail)
+
+
 def features(samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
     each = tables.shape[1] // 2
     width = len(lattice.scales) * each
@@ -209,6 +242,14 @@ def material(raw: Tensor, colours: Tensor) -> Surface:
         *_arrays(surface.region, surface.colour),
     )  # fmt: skip
     return surface
+
+
+def overpaint(surface: Surface, paint: Tensor, share: Tensor, strokes: Tensor, sigma: Tensor) -> Tensor:
+    followed = torch.empty_like(sigma)
+    luma = np.array(LUMA, np.float32)
+    _overpaint(*_arrays(paint.contiguous(), surface.region, share, strokes), luma,
+               *_arrays(sigma, surface.colour, followed))  # fmt: skip
+    return followed
 
 
 def light(surface: Surface, raw: Tensor, lights: Tensor) -> None:

@@ -73,3 +73,18 @@ def sheets(position, sigma, skipped, step, start, count, region, apart, first, o
         for s in range(begin, most):
             for f in range(3):
                 where[s, f] /= where[s, 3]
+
+
+@njit(parallel=True, cache=True)
+def cover(sheet, covered, colour):  # type: ignore[no-untyped-def]
+    """Lay the paint of sheets over the colours of their samples, in place.
+
+    ``sheet`` (S,): sheet of each sample, -1 for none; ``covered`` (K, 4): colour times coverage, and coverage, of each
+    sheet; ``colour`` (S, 3).
+    """
+    for j in prange(len(sheet)):
+        s = sheet[j]
+        if s >= 0:
+            left = np.float32(1.0) - covered[s, 3]
+            for c in range(3):
+                colour[j, c] = covered[s, c] + left * colour[j, c]

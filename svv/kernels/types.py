@@ -86,6 +86,12 @@ class ImageKernels(Protocol):
     colours, H spherical harmonics.
     """
 
+    def ended(self, samples: Samples) -> tuple[Tensor, Tensor]:
+        """Return extinction (S,) and ``tail`` (R,) with the depth behind each ray's last sample as part of that sample.
+
+        See :func:`svv.fields.rendering.ended`.
+        """
+
     def features(self, samples: Samples, harmonics: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
         """Return inputs of the lighting MLP (S, L F + H) and palette MLP (S, L F), from one look-up per vertex.
 
@@ -94,6 +100,13 @@ class ImageKernels(Protocol):
 
     def material(self, raw: Tensor, colours: Tensor) -> Surface:
         """Apply equation 4 without light (:mod:`svv.core.palette_shading`) to (S, 1 + 4 P) and palette (P, 3)."""
+
+    def overpaint(self, surface: Surface, paint: Tensor, share: Tensor, strokes: Tensor, sigma: Tensor) -> Tensor:
+        """Blend paint (S, 3) into the surface's colour in place, and return the extinction that follows its strokes.
+
+        ``share`` (regions,): weight of each region's paint in [0, 1]; ``strokes`` (regions, 4): how its extinction
+        depends on brightness (:func:`svv.fields.stroke_opacity.strokes_of`); ``sigma`` (S,): extinction before.
+        """
 
     def light(self, surface: Surface, raw: Tensor, lights: Tensor) -> None:
         """Light the surface's colour in place with the output of the lighting MLP, ``raw`` (S, 1 or 2).

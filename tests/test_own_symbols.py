@@ -1,7 +1,9 @@
-"""A window drawn by Mesa and a torch that brings triton in one process: each with an LLVM of its own."""
+"""How torch and triton are loaded: with an LLVM of their own, and with threads that do not spin."""
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -36,3 +38,14 @@ def test_a_window_does_not_end_the_training_after_it(tmp_path: Path) -> None:
         pytest.skip("Mesa does not draw with LLVM here")
     assert done.returncode == 0, f"ended with {done.returncode}:\n{done.stderr}"
     assert done.stdout.endswith("alive\n")
+
+
+@pytest.mark.parametrize("asked", [None, "ACTIVE"])
+def test_threads_of_torch_do_not_spin_unless_the_user_says_so(asked: str | None) -> None:
+    environ = {name: value for name, value in os.environ.items() if not name.startswith(("OMP_", "GOMP_", "KMP_"))}
+    environ |= {"OMP_DISPLAY_ENV": "true", **({} if asked is None else {"OMP_WAIT_POLICY": asked})}
+    command = [sys.executable, "-c", "import svv, torch; torch.zeros(1 << 20).sum()"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environ, check=True)
+    told = re.findall(r"OMP_WAIT_POLICY\s*=\s*'?(\w+)", done.stderr)
+    assert told, "OpenMP says nothing about itself"
+    assert set(told) == {asked or "PASSIVE"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from svv.core.structure_tensor import structure_tensor
 from svv.errors import BadInput
 from svv.styles.gallery import gallery_picture
 from svv.styles.hand import PROFILE, TONES, Hand, measure_hand
+from svv.train import order
 from svv.train.manner import manner_of
 
 
@@ -190,3 +192,22 @@ def test_paintings_are_painted_by_strokes_and_prints_and_mosaics_by_pieces(name:
 def test_pictures_without_a_hand_are_painted_by_pieces(name: str) -> None:
     manner, reason = manner_of(measure_hand(PICTURES[name]))
     assert manner == "pieces" and reason
+
+
+def test_a_picture_is_measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+
+    def measured(*picture: np.ndarray) -> Hand:
+        seen.append(1)
+        return measure_hand(*picture)
+
+    monkeypatch.setattr(order, "measure_hand", measured)
+    monkeypatch.setattr(order, "_hands", OrderedDict())
+    picture = np.random.default_rng(3).random((64, 48, 3), np.float32)
+    mask = np.arange(64 * 48).reshape(64, 48) % 3 > 0
+    first, again, other = (order._hand_of(p, m) for p, m in ((picture, None), (picture.copy(), None), (picture, mask)))
+    assert again is first and other is not first and len(seen) == 2
+    for _ in range(order.HANDS):
+        picture = picture + np.float32(1e-3)
+        order._hand_of(picture.clip(0.0, 1.0), None)
+    assert len(order._hands) == order.HANDS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -12,6 +13,7 @@ from svv.errors import BadInput
 from svv.fields.networks import UnrestrictedField
 from svv.fields.region import Region
 from svv.fields.scene import Scene
+from svv.io.made import digest
 from svv.options.making import AskedHandName, MannerName, PaintOptions
 from svv.styles.hand import Hand, measure_hand
 from svv.train.ink import Ink, Style, StyleInput
@@ -20,6 +22,9 @@ from svv.train.style_choice import checked_masks, leftovers, pairs_by_colour, st
 
 LEAST_STROKE, MOST_STROKE = 0.25, 4.0
 """Range of the stroke size: within it, a stroke is larger than a pixel of the render and smaller than most regions."""
+
+HANDS = 16
+"""Number of measured hands that are remembered."""
 
 Mask = NDArray[np.bool_]
 
@@ -120,7 +125,7 @@ def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") 
     found: dict[int, Hand] = {}
     notes = list(order.notes)
     for number in sorted({style for region, style in order.pairs.items() if region not in order.inks}):
-        hand = measure_hand(np.asarray(order.styles[number], np.float32), order.masks[number])
+        hand = _hand_of(np.asarray(order.styles[number], np.float32), order.masks[number])
         chosen, reason = manner_of(hand)
         technique, why = technique_of(hand) if named == "auto" else (named, "")
         shown = named == "auto" and technique != "oil" and "strokes" in (manner, chosen)
@@ -135,3 +140,17 @@ def with_hands(order: Order, manner: MannerName, named: AskedHandName = "auto") 
         hand = replace(hand, technique=technique)
         found |= {region: hand for region, style in order.pairs.items() if style == number}
     return replace(order, hands=found, notes=notes)
+
+
+_hands: OrderedDict[str, Hand] = OrderedDict()
+"""The last measured hands: whoever looks for the right stroke size paints with the same pictures again and again."""
+
+
+def _hand_of(picture: NDArray[np.float32], mask: NDArray[np.bool_] | None) -> Hand:
+    """Return the hand of a picture, measured the first time it is needed."""
+    key = digest(picture, mask)
+    if key not in _hands:
+        _hands[key] = measure_hand(picture, mask)
+        if len(_hands) > HANDS:
+            _hands.popitem(last=False)
+    return _hands[key]

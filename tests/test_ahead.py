@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from svv.io.locks import alone
 from svv.job import ahead
 
 
@@ -30,6 +31,20 @@ def test_compiling_starts_until_it_was_done_once(started: list[list[str]], monke
     ahead.main()
     ahead.compile_beside()
     assert len(started) == 1
+
+
+def test_one_process_compiles_at_a_time(started: list[list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[int] = []
+    monkeypatch.setattr(ahead, "compile_all", lambda: done.append(1))
+    monkeypatch.setattr("svv.job.ahead.os.nice", lambda _: 0)
+    marker = ahead._marker()
+    marker.parent.mkdir(parents=True, exist_ok=True)
+    with alone(marker):
+        ahead.main()
+    assert not done and not marker.exists()
+    ahead.main()
+    ahead.main()
+    assert done == [1] and marker.exists()
 
 
 def test_another_version_or_cpu_compiles_again(started: list[list[str]], monkeypatch: pytest.MonkeyPatch) -> None:

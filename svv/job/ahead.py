@@ -12,6 +12,7 @@ import os
 import platform
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -20,7 +21,9 @@ import numpy as np
 
 from svv._version import __version__
 from svv.core.cameras import sphere_cameras
+from svv.errors import BadInput
 from svv.io.cache import cache_folder
+from svv.io.locks import alone
 from svv.io.made import key_of
 from svv.io.memory import memory_there
 from svv.io.viewset import ViewSet
@@ -109,13 +112,19 @@ def _cpu() -> str:
 
 
 def main() -> None:
-    """Compile everything, at low priority and on one thread, and leave the marker."""
+    """Compile everything, at low priority and on one thread, and leave the marker; one process at a time does."""
     if hasattr(os, "nice"):
         os.nice(POLITE)
     marker = _marker()
-    compile_all()
     marker.parent.mkdir(parents=True, exist_ok=True)
-    marker.touch()
+    with ExitStack() as held:
+        try:
+            held.enter_context(alone(marker))
+        except BadInput:  # that of an earlier command is still at work
+            return
+        if not marker.exists():
+            compile_all()
+            marker.touch()
 
 
 if __name__ == "__main__":

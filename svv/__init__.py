@@ -10,6 +10,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from svv._version import __version__ as __version__
+from svv.environment import share_cores, use_huge_pages
 from svv.own_symbols import TRITON, prefer_own_symbols
 
 if TYPE_CHECKING:
@@ -69,10 +70,8 @@ PUBLIC = {
 """Public name -> the module that defines it, imported on first access (PEP 562)."""
 
 prefer_own_symbols(TRITON)
-
-# OpenMP reads it when torch is loaded. By default, threads spin between torch's operations, on the very cores that our
-# kernels' threads, ParaView's window or anything else need: training took up to three times as long beside other work.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+share_cores(os.environ)
+use_huge_pages(os.environ)
 
 
 def __getattr__(name: str) -> Any:

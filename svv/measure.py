@@ -1,4 +1,4 @@
-"""Measure the time and peak memory of a piece of work, and leave memory and CPUs to other programs."""
+"""Measure the time and peak memory of a piece of work, and give memory back to other programs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import resource
 import sys
 import time
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,45 +38,6 @@ def measured() -> Iterator[Cost]:
     finally:
         cost.seconds = time.monotonic() - start
         cost.peak_rss_bytes = _peak()
-
-
-SPINS = "10000"
-"""Iterations for which a waiting thread spins before it sleeps: about as long as waking it takes."""
-
-LAYERS = "omp tbb workqueue"
-"""Numba's threading layers in the order in which they are tried."""
-
-
-def share_cores(environ: MutableMapping[str, str]) -> None:
-    """Let threads that wait for each other sleep after about ten microseconds. Call it before torch is loaded.
-
-    Otherwise GNU OpenMP, which torch and numba use, spins for milliseconds at full load. If another program also needs
-    the CPU, a thread then often waits for one that its own spinning keeps from running: beside one busy process,
-    a training step on two CPU cores took 55 ms and now takes 32 ms; alone it takes 17 ms either way. The user's own
-    settings are kept.
-    """
-    if "OMP_WAIT_POLICY" not in environ:
-        environ.setdefault("GOMP_SPINCOUNT", SPINS)
-
-
-def use_huge_pages(environ: MutableMapping[str, str]) -> None:
-    """Let torch ask for pages of 2 MiB for its large tensors. Call it before torch is loaded.
-
-    Samples are looked up all over tables of many megabytes, so with pages of 4 KiB most look-ups also miss the
-    processor's table of pages, and each temporary array takes thousands of page faults. Linux gives huge pages to those
-    that ask (``madvise``, as in Ubuntu) or to all programs (``always``); NumPy asks without being told. The user's own
-    setting is kept.
-    """
-    environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
-
-
-def prefer_openmp(environ: MutableMapping[str, str]) -> None:
-    """Let numba use OpenMP, as torch does, where it is there. Call it before numba is loaded.
-
-    ParaView 6.1 brings TBB, which numba would prefer, and with which the first of several ranks never ends. The user's
-    own setting is kept.
-    """
-    environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", LAYERS)
 
 
 def usable_cpus() -> int:

@@ -19,8 +19,8 @@ MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "svv").rglob("*.py")
 BOTTOM = {"_version", "errors", "options"}
 COLUMN = ["core", "kernels", "fields", "styles", "train", "render", "job", "bench"]
 BELOW = {layer: BOTTOM | set(COLUMN[:level]) for level, layer in enumerate(COLUMN)}
-BELOW["svv"] = {"_version", "own_symbols"}
-BELOW["_version"] = BELOW["own_symbols"] = set()
+BELOW["svv"] = {"_version", "environment", "own_symbols"}
+BELOW["_version"] = BELOW["environment"] = BELOW["own_symbols"] = set()
 BELOW["errors"] = set()
 BELOW["options"] = {"errors"}
 BELOW["io"] = BOTTOM | {"core"}
@@ -34,7 +34,7 @@ BELOW["train"] |= {"io", "measure"}
 BELOW["render"] |= {"io", "measure"}
 BELOW["job"] |= {"io", "bricks", "dvr", "progress", "measure", "ending"}
 BELOW["bench"] |= BELOW["job"]
-BELOW["pv"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "ending", "measure", "own_symbols"} - {"bench"}
+BELOW["pv"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "ending", "environment", "measure", "own_symbols"} - {"bench"}
 BELOW["cli"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "progress", "measure", "ending", "pv"}
 BELOW["__main__"] = {"cli"}
 

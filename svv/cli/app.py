@@ -27,7 +27,6 @@ from svv.ending import end_with
 from svv.errors import BadInput, Cancelled, Elsewhere
 from svv.io.locks import alone
 from svv.io.memory import check_address_space
-from svv.measure import share_cores, use_huge_pages
 from svv.train.ranks import place
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -177,8 +176,6 @@ paraview.add_to(app)  # last, as in the help
 
 def main() -> NoReturn:
     """Run the command line; an error becomes one sentence and an exit code."""
-    share_cores(os.environ)
-    use_huge_pages(os.environ)
 
     def run() -> object:
         if place().count > 1:

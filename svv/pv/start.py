@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from svv.core.json_values import parsed
+from svv.environment import prefer_openmp, share_cores, use_huge_pages
 from svv.errors import BadInput
-from svv.measure import prefer_openmp, share_cores, use_huge_pages
 
 PROGRAMS = ("paraview", "pvpython", "pvbatch", "pvserver")
 OLDEST = (5, 11)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from svv.measure import SPINS, prefer_openmp, share_cores, use_huge_pages
+from svv.environment import prefer_openmp, share_cores, use_huge_pages
 
 
 @pytest.mark.parametrize("chosen", [{"OMP_WAIT_POLICY": "active"}, {"GOMP_SPINCOUNT": "5"}])
@@ -49,14 +49,9 @@ def test_torch_asks_for_huge_pages_unless_the_user_says_otherwise(chosen: dict[s
     assert done.stdout.split() == [str(asked)]
 
 
-def test_the_command_prepares_its_environment_before_torch_is_loaded() -> None:
-    code = (
-        "import os, sys\n"
-        "for name in ('OMP_WAIT_POLICY', 'GOMP_SPINCOUNT', 'THP_MEM_ALLOC_ENABLE'): os.environ.pop(name, None)\n"
-        "from svv.cli import app as cli\n"
-        "said = lambda: (os.environ['GOMP_SPINCOUNT'], os.environ['THP_MEM_ALLOC_ENABLE'])\n"
-        "cli.end_with = lambda run, name: print('torch' in sys.modules, *said())\n"
-        "cli.main()\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", SPINS, "1"]
+def test_whoever_imports_svv_before_torch_has_considerate_threads_and_large_pages() -> None:
+    names = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT", "THP_MEM_ALLOC_ENABLE")
+    environ = {name: value for name, value in os.environ.items() if name not in names}
+    code = f"import os, sys, svv; print('torch' in sys.modules, *map(os.environ.get, {names}))"
+    done = subprocess.run([sys.executable, "-c", code], env=environ, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "PASSIVE", "None", "1"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,7 @@ import typer
 
 from svv.cli.files import check_targets, finish, load
 from svv.cli.option_group import spread
-from svv.cli.options import Json, Out, SceneFile, parse_colour, parse_whole
+from svv.cli.options import Json, Out, SceneFile, parse_colour, parse_names, parse_whole
 from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.editing import LightEdit, OutlineEdit, PaintEdit, PartEdit, RegionEdit, SceneEdit, VisibilityEdit
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 EDIT = (
     "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
+    "svv edit scene.svv --name 0=bone --name 1='soft tissue' --out named.svv",
     "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
     "svv edit scene.svv --isolate 0 --out alone.svv",
     "svv edit alone.svv --show all --out all.svv",
@@ -83,6 +85,12 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
             help="Number of the region; `svv info` lists them. Without it, paint and outlines change in all regions.",
         ),
     ] = None,
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
+        ),
+    ] = None,
     own: RegionEdit = RegionEdit(),
     light: LightEdit = LightEdit(),
     paint: PaintEdit = PaintEdit(),
@@ -103,7 +111,9 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     from svv.io.atomic import check_writable
 
     chosen = () if region is None else (region,)
-    request = SceneEdit(dict.fromkeys(chosen, own), light, paint, outline, visibility, part, chosen, chosen)
+    request = SceneEdit(
+        _named(dict.fromkeys(chosen, own), name or []), light, paint, outline, visibility, part, chosen, chosen
+    )
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
@@ -138,6 +148,14 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         result = result.with_variant(steps.show_variant)
     result.save(out)
     print(out)
+
+
+def _named(edits: dict[int, RegionEdit], texts: Sequence[str]) -> dict[int, RegionEdit]:
+    """Return the edits of regions with the names that --name gives them."""
+    found = dict(edits)
+    for region, name in parse_names(texts).items():
+        found[region] = replace(found.get(region, RegionEdit()), name=name)
+    return found
 
 
 def _point(scene: Scene, place: tuple[float, ...], picture: PictureOptions) -> tuple[float, ...]:

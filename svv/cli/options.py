@@ -86,6 +86,23 @@ def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
     return found
 
 
+def parse_names(texts: Sequence[str]) -> dict[int, str]:
+    """Return ['0=bone', '1=soft tissue'] as {region: name}.
+
+    Raises:
+        BadInput: A text has another form, or a region is named twice.
+    """
+    found: dict[int, str] = {}
+    for text in texts:
+        number, sign, name = text.partition("=")
+        if not (sign and number.strip().isascii() and number.strip().isdigit()):
+            raise BadInput(f"'{text}' does not name a region; write region=name, for example --name 0=bone.")
+        if int(number) in found:
+            raise BadInput(f"'{text}' names region {int(number)} a second time: give each region one name.")
+        found[int(number)] = name
+    return found
+
+
 def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]:
     """Return ['120,40'] as [(120.0, 40.0)].
 

@@ -57,6 +57,8 @@ class RegionEdit(Request):
     """Specular reflection; for scenes trained with the lighting phong."""
     shininess: Annotated[float | None, Setting(least=1, slider=(1.0, 128.0), switch=REFLECT, unset=30.0)] = None
     """Exponent of the specular highlight; for scenes trained with the lighting phong."""
+    name: Annotated[str | None, Setting(command=False, unset="", unset_says="Empty leaves it as it is.")] = None
+    """What the region shows, such as bone: its name in legends, pages and messages."""
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ class Panel {
   }
 
   region(told, k) {
-    const region = this.state.regions[k], name = `Region ${told.number}`;
+    const region = this.state.regions[k], name = told.name ?? `Region ${told.number}`;
     const colour = this.colour(`Colour of ${name}`, () => region.edited ?? region.colour, (rgb) => {
       region.edited = toHex(rgb) === toHex(region.colour) ? null : rgb;
     });

@@ -223,6 +223,20 @@ def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
     return tuple(dict.fromkeys(limits))
 
 
+def parse_angles(text: str, option: str) -> tuple[float, float]:
+    """Return '30,20', degrees to the right of the front and above it, in [-180, 180] and [-90, 90].
+
+    Raises:
+        BadInput: The text has another form, or an angle is out of range.
+    """
+    (right, above), *_ = parse_points([text], option)
+    if not (abs(right) <= 180.0 and abs(above) <= 90.0):
+        raise BadInput(
+            f"{option} needs degrees to the right, from -180 to 180, and above, from -90 to 90, not '{text}'."
+        )
+    return right, above
+
+
 def parse_dims(text: str) -> tuple[int, int, int]:
     """Return '128,128,64' as three whole numbers above 0.
 

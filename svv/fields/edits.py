@@ -58,7 +58,8 @@ class EditedModel(Model):
 
         Raises:
             BadInput: There is no such region, a colour is outside [0, 1], a factor is negative or infinite, a styled
-                region is given a colour, a name is too long, or coefficients are given although a network provides the lighting.
+                region is given a colour, a name is too long, or coefficients are given although a network provides the
+                lighting.
         """
         self._check(region)
         changes: Edits = {}

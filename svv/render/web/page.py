@@ -209,8 +209,9 @@ def _regions(scene: Scene) -> list[dict[str, Any]]:
     for number, r in enumerate(scene.regions):
         values = f"{r.share:.0%}" if r.values is None else "{:.4g} to {:.4g}".format(*r.values)
         told.append({
-            "name": r.name, "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity, "hidden": r.hidden, "values": values,
-            "lighting": r.lighting, "strength": r.strength, "mean_light": r.mean_light,
+            "name": r.name, "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity,
+            "hidden": r.hidden, "values": values, "lighting": r.lighting, "strength": r.strength,
+            "mean_light": r.mean_light,
             "reflects": [0.0] * len(COEFFICIENTS) if reflects is None else reflects[number].tolist(),
         })  # fmt: skip
     return told

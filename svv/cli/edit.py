@@ -15,7 +15,16 @@ from svv.cli.option_group import spread
 from svv.cli.options import Json, Out, SceneFile, parse_colour, parse_names, parse_whole
 from svv.errors import BadInput
 from svv.options.described import Setting
-from svv.options.editing import LightEdit, OutlineEdit, PaintEdit, PartEdit, RegionEdit, SceneEdit, VisibilityEdit
+from svv.options.editing import (
+    DistinctName,
+    LightEdit,
+    OutlineEdit,
+    PaintEdit,
+    PartEdit,
+    RegionEdit,
+    SceneEdit,
+    VisibilityEdit,
+)
 from svv.options.making import DeviceOptions, PaletteOptions
 from svv.progress import shown
 
@@ -26,6 +35,7 @@ if TYPE_CHECKING:
 EDIT = (
     "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
     "svv edit scene.svv --name 0=bone --name 1='soft tissue' --out named.svv",
+    "svv edit scene.svv --distinct colours --out apart.svv",
     "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
     "svv edit scene.svv --isolate 0 --out alone.svv",
     "svv edit alone.svv --show all --out all.svv",
@@ -91,6 +101,14 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
             metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
         ),
     ] = None,
+    distinct: Annotated[
+        DistinctName | None,
+        typer.Option(
+            metavar="colours|lightness",
+            help="Recolour unpainted regions so that all can be told apart: colours with any colour vision, lightness "
+            "also in a grey print; hues are kept where possible.",
+        ),
+    ] = None,
     own: RegionEdit = RegionEdit(),
     light: LightEdit = LightEdit(),
     paint: PaintEdit = PaintEdit(),
@@ -118,7 +136,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
-    if (steps.undo or steps.redo) and (request or own or (steps.undo and steps.redo)):
+    if (steps.undo or steps.redo) and (request or own or distinct or (steps.undo and steps.redo)):
         raise BadInput("Give --undo, --redo or edits, not more than one of these.")
     if region is None and own:
         raise BadInput("Say which region with --region K; `svv info` lists them.")
@@ -127,10 +145,10 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
             "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --outline or an edit "
             "of its strokes, such as --stroke-width, for the region."
         )
-    if not (request or any(vars(steps).values())):
+    if not (request or distinct or any(vars(steps).values())):
         raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
     check_writable(out)
-    result = Scene.load(scene)
+    result = loaded = Scene.load(scene)
     if part.split_at is None:
         result = with_edit(result, request)
     else:
@@ -138,6 +156,8 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         with shown("Splitting") as progress:
             result = with_edit(result, replace(request, part=split), progress)
         print(_told(result), file=sys.stderr)
+    if distinct is not None:
+        result = _distinct(result, distinct, as_one_step_since=loaded)
     for _ in range(steps.undo):
         result = result.undone()
     for _ in range(steps.redo):
@@ -148,6 +168,27 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         result = result.with_variant(steps.show_variant)
     result.save(out)
     print(out)
+
+
+def _distinct(scene: Scene, how: DistinctName, as_one_step_since: Scene) -> Scene:
+    """Return the scene in colours that everybody can tell apart, and say how far apart they are."""
+    from svv.core.colour_vision import LEAST_DIFFERENCE
+    from svv.render.distinct import distinct
+
+    with shown("Recolouring") as progress:
+        found = distinct(scene, how, progress=progress)
+    pair = found.nearest
+    if pair is None:
+        print("The scene shows one region, which nothing can be mistaken for.", file=sys.stderr)
+    else:
+        said = f"{pair.first} and {pair.second} are nearest, {pair.difference:.1f} apart ({pair.vision})"
+        if pair.difference < LEAST_DIFFERENCE:
+            said = (
+                f"No palette was found that keeps regions {LEAST_DIFFERENCE:g} apart as rendered; in the best one, "
+                f"{said}: hide or join regions, or make them more opaque."
+            )
+        print(said, file=sys.stderr)
+    return found.scene.as_one_step(as_one_step_since)
 
 
 def _named(edits: dict[int, RegionEdit], texts: Sequence[str]) -> dict[int, RegionEdit]:

@@ -7,18 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
-from svv.cli.files import load
+from svv.cli.files import check_targets, load
 from svv.cli.option_group import spread
+from svv.cli.options import Json
 from svv.errors import BadInput
 from svv.options.described import Setting
 from svv.options.figures import FigureOptions
+from svv.options.making import DeviceName
 from svv.progress import shown
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from svv.core.cameras import Camera
     from svv.fields.scene import Scene
+    from svv.render.colour_check import Seen
     from svv.render.figures.figure import Panel
 
 FIGURE = (
@@ -27,6 +33,14 @@ FIGURE = (
     "svv figure painted.svv --variant oil --variant ink --dpi 600 --out paintings.tiff",
     "svv figure scene.svv --view 0,0 --view 90,0 --view 0,80 --journal ieee --out views.pdf",
     "svv figure series.svv --time 0 --time 0.5 --time 1 --across 3 --transparent --out times.png",
+)
+"""Examples in the help."""
+
+
+CHECK_COLOURS = (
+    "svv check-colours scene.svv",
+    "svv check-colours scene.svv --background black --json colours.json",
+    "svv check-colours figure.png --out simulated.png",
 )
 """Examples in the help."""
 
@@ -106,3 +120,86 @@ def _parallel(panel: Panel) -> bool:
     """Return whether a panel's rays are parallel."""
     rig = panel.scene.camera_rig
     return panel.camera.is_orthographic if panel.camera is not None else rig is not None and rig.span_x is not None
+
+
+@dataclass(frozen=True)
+class CheckOptions:
+    """How colours are checked."""
+
+    least: Annotated[float, Setting(metavar="DE", least=0, most=100)] = 12.0
+    """CIEDE2000 below which two regions count as merging."""
+    background: Annotated[tuple[float, float, float] | None, Setting(metavar="COLOUR", syntax="colour")] = None
+    """Background of a scene; white by default."""
+    device: Annotated[DeviceName, Setting(result=False)] = "auto"
+    """Where to run; auto takes a GPU whose kernels pass a check, 25 s on its first use, otherwise the CPU."""
+
+
+@spread
+def check_colours(
+    source: Annotated[Path, typer.Argument(metavar="SCENE.svv|FIGURE", help="A scene, or a figure as PNG or TIFF.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE.png", help="Also write the picture in all simulations.")
+    ] = None,
+    options: CheckOptions = CheckOptions(),
+    json: Json = None,
+) -> None:
+    """Check whether everybody can tell the regions of a scene or figure apart, as rendered.
+
+    The colours of each pair of regions, with their light, paint and opacity, are compared (CIEDE2000) for normal colour
+    vision, for protanopia, deuteranopia and tritanopia (Machado et al. 2009), and in a grey print. `svv edit
+    --distinct` recolours a scene whose regions merge.
+    """
+    from svv.cli.table import print_table
+    from svv.io.atomic import write_json
+    from svv.io.output import write_png
+    from svv.render.colour_check import report_on, seen_in_picture, simulation_sheet
+
+    check_targets(out, json)
+    behind = (1.0, 1.0, 1.0) if options.background is None else options.background
+    if source.suffix.lower() == ".svv":
+        panels, picture = _scene_colours(source, behind, options.device, out is not None)
+    else:
+        panels, picture = seen_in_picture(source), None if out is None else read_over(source, behind)
+    reports = [report_on(panel, options.least) for panel in panels]
+    for number, report in enumerate(reports):
+        if len(reports) > 1:
+            print(f"panel {chr(ord('a') + number)}")
+        if len(report["regions"]) < 2:
+            print("One region is visible, which nothing can be mistaken for.")
+            continue
+        print_table({
+            vision: f"{told['difference']:.1f}  {' and '.join(told['between'])}"
+            for vision, told in report["smallest"].items()
+        })  # fmt: skip
+        for pair in report["merging"]:
+            print(f"{pair['first']} and {pair['second']} merge: {pair['difference']:.1f} ({pair['vision']})")
+    if json is not None:
+        write_json(json, {"panels": reports})
+    if out is not None and picture is not None:
+        write_png(out, simulation_sheet(picture))
+        print(out)
+
+
+def _scene_colours(
+    path: Path, background: tuple[float, float, float], device: str, wanted: bool
+) -> tuple[list[list[Seen]], NDArray[np.floating] | None]:
+    """Return the colours of a scene's regions, and its picture from the front if it is wanted."""
+    from svv.core.colour import over
+    from svv.render.colour_check import seen_in
+    from svv.render.frames import orbit
+
+    scene = load(path, device)
+    with shown("Looking") as progress:
+        seen = list(seen_in(scene, None, background, progress=progress).values())
+        picture = over(scene.render(orbit(scene, 181, 400, 400)[90]).rgba, background) if wanted else None
+    return [seen], picture
+
+
+def read_over(path: Path, background: tuple[float, float, float]) -> NDArray[np.floating]:
+    """Return a picture over a background, RGB in [0, 1]. (h, w, 3)"""
+    from PIL import Image
+
+    from svv.core.colour import over
+
+    with Image.open(path) as picture:
+        return over(np.asarray(picture.convert("RGBA"), np.float32) / 255.0, background)

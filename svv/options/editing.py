@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from svv.options.described import Setting, Switch
 
 Colour = tuple[float, float, float]
+DistinctName = Literal["colours", "lightness"]
 
 PAINT_LIGHT = 0.6
 """Fraction of the light's contrast that shows on paint, unless an edit changes it."""

@@ -20,6 +20,7 @@ from svv.core.colour import over, to_hex
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.output import to_bytes
 from svv.options.figures import FigureOptions
+from svv.render.colour_check import Seen, seen_of, told_of
 from svv.render.figures.files import check_kind, write_figure
 from svv.render.figures.framing import (
     camera_through,
@@ -98,7 +99,7 @@ def figure(
         raise BadInput(f"A figure has 1 to {MOST_PANELS} panels, not {len(every)}.")
     drawing = Drawing([_placed(panel, options) for panel in every], options, progress)
     if out is not None:
-        write_figure(drawing.figure, out, drawing.told)
+        write_figure(drawing.figure, out, told_of(drawing.seen))
     progress(1.0, "figure")
     return drawing.figure
 
@@ -186,7 +187,7 @@ class Drawing:
         self.figure = Figure(figsize=(self.size[0] / options.dpi, self.size[1] / options.dpi), dpi=options.dpi)
         self.figure.patch.set_facecolor(to_hex(options.behind))
         self.figure.patch.set_alpha(0.0 if options.transparent else 1.0)
-        self.told = ""
+        self.seen: list[list[Seen]] = []
         for number, box in enumerate(self.layout.panels):
             each = part(progress, 0.4 + 0.6 * number / len(panels), 0.4 + 0.6 * (number + 1) / len(panels))
             self._draw_panel(number, box, each)
@@ -278,6 +279,8 @@ class Drawing:
         camera = camera_through(panel.camera, window, width, height)
         rendering = panel.scene.render(camera, network_of(panel.scene, self.options), None, progress)
         self._picture(left, top, rendering.rgba)
+        if panel.scene.palette_network is not None:
+            self.seen.append(list(seen_of(panel.scene, [rendering], self.options.behind).values()))
         axes = self._axes(left, top, width, self._pixels(box.height))
         axes.set_xlim(0.0, box.width)
         axes.set_ylim(0.0, box.height)

@@ -165,7 +165,7 @@ def check_colours(
         if len(reports) > 1:
             print(f"panel {chr(ord('a') + number)}")
         if len(report["regions"]) < 2:
-            print("One region is visible, which nothing can be mistaken for.")
+            print("Fewer than two regions are visible, so none can be mistaken for another.")
             continue
         print_table({
             vision: f"{told['difference']:.1f}  {' and '.join(told['between'])}"

@@ -13,6 +13,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 from svv.core.colour import colour_differences
 
@@ -88,10 +89,10 @@ def from_oklab(lab: NDArray[np.floating]) -> Array:
 
 
 def set_difference(a: Array, b: Array, weights_a: Array, weights_b: Array, vision: VisionName) -> float:
-    """Return how far apart two sets of colours look: CIEDE2000, 0 if one of them could be the other.
+    """Return how far apart two sets of colours look: the CIEDE2000 by which one must be painted over to be the other.
 
-    The mean, over the colours of one set, of the difference to the nearest colour of the other; of both directions,
-    the smaller one.
+    It is the mean over the best way to match the colours of one set with those of the other by their weights (the earth
+    mover's distance, Rubner et al. 2000), so that light is compared with light, and shade with shade.
 
     Args:
         a: Colours of the first set. (A, 3)
@@ -101,7 +102,11 @@ def set_difference(a: Array, b: Array, weights_a: Array, weights_b: Array, visio
         vision: How they are seen.
     """
     apart = colour_differences(simulated(a, vision), simulated(b, vision))
-    return float(min(apart.min(1) @ weights_a, apart.min(0) @ weights_b))
+    rows, columns = apart.shape
+    # How much of each colour is matched with each: it adds up to the weights. The last sum follows from the others.
+    sums = np.concatenate([np.kron(np.eye(rows), np.ones(columns)), np.kron(np.ones(rows), np.eye(columns))])
+    weights = np.concatenate([weights_a / weights_a.sum(), weights_b / weights_b.sum()])
+    return float(linprog(apart.ravel(), A_eq=sums[:-1], b_eq=weights[:-1]).fun)
 
 
 def smallest_differences(colours: NDArray[np.floating], visions: Sequence[VisionName]) -> Array:

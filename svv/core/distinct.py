@@ -42,18 +42,18 @@ def distinct_palette(
     colours: NDArray[np.floating],
     visions: Sequence[VisionName],
     fixed: NDArray[np.floating],
-    least: float = LEAST_DIFFERENCE,
+    least: float | NDArray[np.floating] = LEAST_DIFFERENCE,
     seed: int = 0,
 ) -> Distinct:
     """Return the nearest palette found whose colours differ by ``least`` from each other and from fixed ones.
 
-    If there is none, it is the one found whose smallest difference is largest.
+    If there is none, it is the one found whose nearest pair comes closest to that.
 
     Args:
         colours: The palette, sRGB in [0, 1]. (N, 3)
         visions: Ways to see it, in all of which colours are to differ.
         fixed: Other colours, such as the background. (F, 3)
-        least: CIEDE2000.
+        least: CIEDE2000, for all or for each pair (N, N).
         seed: The same seed gives the same palette.
     """
     own = np.clip(np.asarray(colours, np.float64), 0.0, 1.0)
@@ -64,35 +64,36 @@ def distinct_palette(
     allowed = np.r_[0:count, count + len(others) : len(pool)]
     from_fixed = apart[:, count : count + len(others)].min(1, initial=np.inf)[allowed]
     apart, pool = apart[np.ix_(allowed, allowed)], pool[allowed]
-    cost = _costs(own, pool)
+    cost, wanted = _costs(own, pool), np.broadcast_to(np.asarray(least, np.float64), (count, count))
+    upper = np.triu_indices(count, 1)
     rng = np.random.default_rng(seed)
     best: tuple[float, float, NDArray[np.int64]] | None = None
     for start in range(STARTS):
         chosen = np.arange(count) if start == 0 else rng.integers(0, len(pool), count)
-        chosen = _settled(chosen, cost, apart, from_fixed, least, rng)
-        pairs = apart[np.ix_(chosen, chosen)][np.triu_indices(count, 1)]
-        smallest = float(min(pairs.min(initial=np.inf), from_fixed[chosen].min(initial=np.inf)))
+        chosen = _settled(chosen, cost, apart, from_fixed, wanted, rng)
+        reached = (apart[np.ix_(chosen, chosen)] / wanted)[upper].min(initial=np.inf)
+        smallest = float(min(reached, from_fixed[chosen].min(initial=np.inf) / LEAST_DIFFERENCE))
         total = float(cost[np.arange(count), chosen].sum())
         # The nearest of those that are far enough apart; before there is one, the farthest apart.
-        key = (-min(smallest, least), total)
+        key = (-min(smallest, 1.0), total)
         if best is None or key < best[:2]:
             best = (*key, chosen)
     assert best is not None
-    pairs = apart[np.ix_(best[2], best[2])][np.triu_indices(count, 1)]
+    pairs = apart[np.ix_(best[2], best[2])][upper]
     return Distinct(pool[best[2]], float(pairs.min(initial=np.inf)))
 
 
 def _settled(
-    chosen: NDArray[np.int64], cost: Array, apart: Array, from_fixed: Array, least: float, rng: np.random.Generator
+    chosen: NDArray[np.int64], cost: Array, apart: Array, from_fixed: Array, wanted: Array, rng: np.random.Generator
 ) -> NDArray[np.int64]:
     """Return a choice of candidates that no change of a single one improves. (N,)"""
     chosen = chosen.copy()
-    too_near = np.maximum(least - from_fixed, 0.0) ** 2
+    too_near = np.maximum(LEAST_DIFFERENCE - from_fixed, 0.0) ** 2
     for sweep in range(SWEEPS):
         weight, before = 0.002 * 1.5**sweep, chosen.copy()  # what is too near counts more and more
         for k in rng.permutation(len(chosen)):
-            rest = np.delete(chosen, k)
-            near = (np.maximum(least - apart[:, rest], 0.0) ** 2).sum(1) + too_near
+            rest = np.delete(np.arange(len(chosen)), k)
+            near = (np.maximum(wanted[k, rest] - apart[:, chosen[rest]], 0.0) ** 2).sum(1) + too_near
             chosen[k] = int((cost[k] + weight * near).argmin())
         if sweep > 10 and (chosen == before).all():
             break

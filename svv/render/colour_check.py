@@ -25,6 +25,7 @@ from svv.errors import BadInput, Progress, silent
 from svv.fields.region import label_of
 from svv.fields.scene import Rendering, Scene
 from svv.io.output import to_bytes
+from svv.render.pictures import sheet
 
 FRAMES = (30, 60, 90, 120, 150)
 """Views of the path around a scene in which its colours are looked at."""
@@ -208,15 +209,8 @@ def _main_colours(colours: NDArray[np.floating]) -> list[Seen]:
 
 
 def simulation_sheet(picture: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Return a picture (h, w, 3) in all ways of seeing it, below each other, with their names. (H, w, 3)"""
-    from PIL import ImageDraw, ImageFont
-
-    height, width = picture.shape[:2]
-    line = max(14, width // 30)
-    sheet = Image.new("RGB", (width, len(VISIONS) * (height + line)), "white")
-    draw = ImageDraw.Draw(sheet)
-    for number, vision in enumerate(VISIONS):
-        top = number * (height + line)
-        draw.text((4, top + line / 2), vision, (0, 0, 0), ImageFont.load_default(0.7 * line), anchor="lm")
-        sheet.paste(Image.fromarray(to_bytes(simulated(picture, vision))), (0, top + line))
-    return np.asarray(sheet)
+    """Return a picture (h, w, 3) in all ways of seeing it, with their names; side by side unless it is wide."""
+    pictures = [to_bytes(simulated(picture, vision)) for vision in VISIONS]
+    if picture.shape[0] > 0.6 * picture.shape[1]:
+        return sheet([pictures], VISIONS)
+    return np.concatenate([sheet([[one]], [vision]) for one, vision in zip(pictures, VISIONS, strict=True)])

@@ -4,20 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from svv.core.colour import WHITE
-from svv.core.colour_vision import COLOUR_VISIONS, LEAST_DIFFERENCE, VISIONS
+from svv.core.colour_vision import (
+    COLOUR_VISIONS,
+    LEAST_DIFFERENCE,
+    VISIONS,
+    VisionName,
+    set_difference,
+    smallest_differences,
+)
 from svv.core.distinct import distinct_palette
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.scene import Scene
 from svv.options.editing import DistinctName
 from svv.render.colour_check import Pair, Seen, pairs_of, seen_in
 
-ASKED = (1.0, 1.3, 1.7, 2.2, 2.8)
-"""Differences that the palette is asked for, relative to those that are to be seen: light, shade and opacity bring the
-colours of regions closer."""
+TRIES = 5
+"""How often a palette is looked for: each shows how much closer light, shade and opacity bring its colours."""
+
+BEYOND = 1.1
+"""How much more than what is to be seen is asked of a palette."""
+
+LEAST_SHOWN = 0.02
+"""Least fraction of a palette's difference that counts as shown: less is not worth asking for."""
 
 
 @dataclass(frozen=True)
@@ -62,21 +76,45 @@ def distinct(
         )
     fixed = [one.colours[one.weights.argmax()] for k, one in before.items() if k not in free]
     own = np.array([scene.regions[k].edited_colour or scene.regions[k].colour for k in free])
-    best = Recoloured(scene, _nearest(before.values(), visions))
-    for number, factor in enumerate(ASKED):
+    best, colours, seen = Recoloured(scene, _nearest(before.values(), visions)), own, before
+    for number in range(TRIES):
         if best.nearest is None or best.nearest.difference >= least:
             break
-        each = part(progress, 0.1 + 0.9 * number / len(ASKED), 0.1 + 0.9 * (number + 1) / len(ASKED))
+        each = part(progress, 0.1 + 0.9 * number / TRIES, 0.1 + 0.9 * (number + 1) / TRIES)
         each(0.0, "palette")
-        found = distinct_palette(own, visions, np.array([background, *fixed]), factor * least)
+        wanted = _wanted(colours, [seen.get(k) for k in free], visions, least)
+        colours = distinct_palette(own, visions, np.array([background, *fixed]), wanted).colours
         changed = scene
-        for k, colour, old in zip(free, found.colours, own, strict=True):
+        for k, colour, old in zip(free, colours, own, strict=True):
             if (colour != old).any():
                 changed = changed.edited(k, tuple(colour))
-        nearest = _nearest(seen_in(changed, None, background, progress=each).values(), visions)
+        seen = seen_in(changed, None, background, progress=each)
+        nearest = _nearest(seen.values(), visions)
         if nearest is not None and nearest.difference > best.nearest.difference:
             best = Recoloured(changed, nearest)
     return Recoloured(best.scene.as_one_step(scene), best.nearest)
+
+
+def _wanted(
+    colours: NDArray[np.float64], seen: Sequence[Seen | None], visions: Sequence[VisionName], least: float
+) -> NDArray[np.float64]:
+    """Return the difference to ask of each pair of a palette, so that ``least`` is left as rendered. (N, N)
+
+    Args:
+        colours: The last palette. (N, 3)
+        seen: The colours in which its regions appeared, None for those that did not.
+        visions: Ways to see them.
+        least: CIEDE2000.
+    """
+    wanted, palette = np.full((len(seen),) * 2, least), smallest_differences(colours, visions)
+    for i, j in combinations(range(len(seen)), 2):
+        a, b = seen[i], seen[j]
+        if a is None or b is None:
+            continue
+        shown = min(set_difference(a.colours, b.colours, a.weights, b.weights, vision) for vision in visions)
+        ratio = shown / max(palette[i, j], 1e-6)
+        wanted[i, j] = wanted[j, i] = BEYOND * least / max(ratio, LEAST_SHOWN)
+    return wanted
 
 
 def _nearest(seen: Iterable[Seen], visions: Sequence[str]) -> Pair | None:

@@ -279,8 +279,8 @@ class Drawing:
         camera = camera_through(panel.camera, window, width, height)
         rendering = panel.scene.render(camera, network_of(panel.scene, self.options), None, progress)
         self._picture(left, top, rendering.rgba)
-        if panel.scene.palette_network is not None:
-            self.seen.append(list(seen_of(panel.scene, [rendering], self.options.behind).values()))
+        seen = seen_of(panel.scene, [rendering], self.options.behind) if panel.scene.regions else {}
+        self.seen.append(list(seen.values()))
         axes = self._axes(left, top, width, self._pixels(box.height))
         axes.set_xlim(0.0, box.width)
         axes.set_ylim(0.0, box.height)

@@ -101,7 +101,7 @@ def laid_out(
             f"than {LEAST_PANEL:g}: make it wider, put fewer across, or the legend below."
         )
     top, height = (lettering.line + 0.8 if head else 0.0), panel * aspect
-    below = [Legend(lettering, entries, panel, flow=True) for entries in legends] if not single else []
+    below = [Legend(lettering, entries, panel, flow=True) for entries in legends] if len(legends) > 1 else []
     rows = [max((own.height for own in below[r * across : (r + 1) * across]), default=0.0) for r in range(down)]
     boxes, y = [], EDGE
     for number in range(count):

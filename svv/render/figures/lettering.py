@@ -26,6 +26,9 @@ NOT_FONTS = ("Last Resort",)
 LINE = 1.25
 """Distance of lines in font sizes."""
 
+MEASURED = 720.0
+"""Pixels per inch at which text is measured."""
+
 MM_A_POINT = 25.4 / 72.0
 
 
@@ -52,9 +55,7 @@ class Lettering:
         """Return the width of a line of text in mm."""
         if not text:
             return 0.0
-        canvas = FigureCanvasAgg(Figure(dpi=720))
-        extent = canvas.figure.text(0, 0, text, **self.properties(bold)).get_window_extent(canvas.get_renderer())
-        return float(extent.width) / 720.0 * 25.4
+        return _width(text, self.families, self.points, bold)
 
     def wrapped(self, text: str, width: float) -> list[str]:
         """Return a text as lines of at most ``width`` mm, broken at blanks, and within words that are longer."""
@@ -107,6 +108,14 @@ def _installed(font: str) -> str:
         few = [name for name in ("Arial", "Helvetica", "Liberation Sans", OWN_FONT) if name.lower() in known]
         raise BadInput(f"There is no font '{font}' on this machine: leave it out, or name one of {', '.join(few)}.")
     return known[font.strip().lower()]
+
+
+@cache
+def _width(text: str, families: tuple[str, ...], points: float, bold: bool) -> float:
+    """Return the width of a line of text in mm, measured at a resolution at which rounding does not matter."""
+    canvas = FigureCanvasAgg(Figure((0.1, 0.1), dpi=MEASURED))
+    one = canvas.figure.text(0, 0, text, **Lettering(families, points, "black").properties(bold))
+    return float(one.get_window_extent(canvas.get_renderer()).width) / MEASURED * 25.4
 
 
 @cache

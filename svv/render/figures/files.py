@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,9 @@ KINDS = (".pdf", ".svg", ".png", ".tif", ".tiff")
 
 TOLD = "svv:regions"
 """Name of the text of a PNG that tells the colours of the regions; a TIFF has it as its description."""
+
+PIXELATED = re.compile(r"image-rendering: ?(crisp-edges|pixelated);?")
+"""What matplotlib says of pictures that are not interpolated."""
 
 DESCRIPTION, XRES, YRES, UNIT = 270, 282, 283, 296
 """Tags of TIFF."""
@@ -112,7 +116,9 @@ def _with_fonts(svg: str, figure: Any) -> str:
                 used.setdefault((family, bold), set()).update(text.get_text())
     rules = [_font_face(family, bold, characters) for (family, bold), characters in sorted(used.items())]
     start = svg.index("<defs>") if "<defs>" in svg else svg.index(">", svg.index("<svg")) + 1
-    return f"{svg[:start]}<style>{escape(''.join(rules))}</style>{svg[start:]}"
+    # Lines take their direction from their first letters, as matplotlib draws them; pictures have no visible pixels.
+    rules.append("text{unicode-bidi:plaintext}")
+    return PIXELATED.sub("", f"{svg[:start]}<style>{escape(''.join(rules))}</style>{svg[start:]}")
 
 
 def _font_face(family: str, bold: bool, characters: Iterable[str]) -> str:
@@ -123,7 +129,7 @@ def _font_face(family: str, bold: bool, characters: Iterable[str]) -> str:
     from svv.render.figures.lettering import font_file
 
     # .ttc files hold several fonts, of which matplotlib uses the first
-    font = TTFont(font_file(family, bold), fontNumber=0)
+    font = TTFont(font_file(family, bold), fontNumber=0, recalcTimestamp=False)
     options = subset.Options(layout_features=["*"], notdef_outline=True, drop_tables=["FFTM"])
     cut = subset.Subsetter(options)
     cut.populate(text="".join(characters))

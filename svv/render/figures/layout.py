@@ -61,6 +61,11 @@ def swatch_diameter(lettering: Lettering) -> float:
     return SWATCH * 2.0 * lettering.line
 
 
+def least_width(lettering: Lettering) -> float:
+    """Return the least width of a legend: a swatch and a short word."""
+    return swatch_diameter(lettering) + BESIDE + 4 * lettering.line
+
+
 def laid_out(
     options: FigureOptions,
     lettering: Lettering,
@@ -84,14 +89,15 @@ def laid_out(
     """
     across = columns_for(count, options.across)
     single = len(legends) == 1 and len(legends[0]) > 0
-    right = Legend(lettering, legends[0], WIDEST_LEGEND * options.mm) if single else None
-    where = options.legend
+    where, most = options.legend, WIDEST_LEGEND * options.mm
+    beside_fits = where == "right" or (where == "auto" and most >= least_width(lettering))
+    right = Legend(lettering, legends[0], most) if single and beside_fits else None
     beside = 0.0 if right is None else right.width + GAP
     panel = (options.mm - 2 * EDGE - beside - (across - 1) * GAP) / across
     down = -(-count // across)
-    if where == "auto" and right is not None:
-        tall = down * panel * aspect
-        where = "right" if panel >= LEAST_PANEL and right.height <= max(tall, 20.0) else "below"
+    if where == "auto":
+        fits = right is not None and panel >= LEAST_PANEL and right.height <= max(down * panel * aspect, 20.0)
+        where = "right" if fits else "below"
     if where != "right" or right is None:
         panel, beside = (options.mm - 2 * EDGE - (across - 1) * GAP) / across, 0.0
     if panel < LEAST_PANEL:
@@ -150,7 +156,7 @@ class Legend:
         self.diameter = swatch_diameter(lettering)
         self.line = lettering.line
         room = most - self.diameter - BESIDE
-        if entries and room < 4 * self.line:
+        if entries and most < least_width(lettering):
             raise BadInput(
                 f"The legend needs more than the {most:.0f} mm that the figure leaves for it: make the figure wider, "
                 "the text smaller, or leave the legend out."

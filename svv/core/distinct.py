@@ -19,8 +19,8 @@ SHADES = 12
 LIGHTNESS = (0.33, 0.93)
 """Oklab lightness of new colours: darker and lighter ones leave no room for shading."""
 
-HUE_WEIGHT = 6.0
-"""How much more a change of hue counts than one of lightness or chroma."""
+HUE_WEIGHT, PALE_WEIGHT = 6.0, 5.0
+"""How much more a change of hue, and a loss of chroma, which takes the hue away, count than a change of lightness."""
 
 STARTS, SWEEPS = 40, 30
 """Beginnings of the search, and how often each colour is chosen anew after one."""
@@ -121,4 +121,5 @@ def _costs(own: Array, pool: Array) -> Array:
     before, after = oklab(own)[:, None], oklab(pool)[None]
     chroma = np.hypot(after[..., 1], after[..., 2]) - np.hypot(before[..., 1], before[..., 2])
     aside = ((after - before)[..., 1:] ** 2).sum(-1) - chroma**2
-    return (after - before)[..., 0] ** 2 + chroma**2 + HUE_WEIGHT * np.maximum(aside, 0.0)
+    paler = np.where(chroma < 0.0, PALE_WEIGHT, 1.0) * chroma**2
+    return (after - before)[..., 0] ** 2 + paler + HUE_WEIGHT * np.maximum(aside, 0.0)

@@ -220,7 +220,8 @@ def _told(scene: Scene) -> str:
     part, number = scene.regions[-1], len(scene.regions) - 1
     assert part.part_of is not None
     whole = scene.regions[part.part_of]
-    return f"Region {number} was part of region {part.part_of}: {100 * part.share / max(whole.share, 1e-9):.3g} % of it"
+    of = whole.name or f"region {part.part_of}"
+    return f"Region {number} was part of {of}: {100 * part.share / max(whole.share, 1e-9):.3g} % of it"
 
 
 @dataclass(frozen=True)

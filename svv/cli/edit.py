@@ -129,24 +129,13 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     from svv.io.atomic import check_writable
 
     chosen = () if region is None else (region,)
-    request = SceneEdit(
-        _named(dict.fromkeys(chosen, own), name or []), light, paint, outline, visibility, part, chosen, chosen
-    )
+    regions = _named(dict.fromkeys(chosen, own), name or [])
+    request = SceneEdit(regions, light, paint, outline, visibility, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
-    if (steps.undo or steps.redo) and (request or own or distinct or (steps.undo and steps.redo)):
-        raise BadInput("Give --undo, --redo or edits, not more than one of these.")
-    if region is None and own:
-        raise BadInput("Say which region with --region K; `svv info` lists them.")
-    if region is not None and not (own or paint or outline):
-        raise BadInput(
-            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --outline or an edit "
-            "of its strokes, such as --stroke-width, for the region."
-        )
-    if not (request or distinct or any(vars(steps).values())):
-        raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
+    _check(region, own, bool(own or paint or outline), steps, bool(request or own or distinct))
     check_writable(out)
     result = loaded = Scene.load(scene)
     if part.split_at is None:
@@ -158,6 +147,31 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         print(_told(result), file=sys.stderr)
     if distinct is not None:
         result = _distinct(result, distinct, as_one_step_since=loaded)
+    result = _after(result, steps)
+    result.save(out)
+    print(out)
+
+
+def _check(region: int | None, own: RegionEdit, of_region: bool, steps: Steps, edits: bool) -> None:
+    """Raise BadInput if edits of a region and the region are not both given, or steps contradict each other or edits.
+
+    ``of_region``: whether there are edits that a region may have; ``edits``: whether there are any.
+    """
+    if region is None and own:
+        raise BadInput("Say which region with --region K; `svv info` lists them.")
+    if region is not None and not of_region:
+        raise BadInput(
+            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --outline or an edit "
+            "of its strokes, such as --stroke-width, for the region."
+        )
+    if (steps.undo or steps.redo) and (edits or (steps.undo and steps.redo)):
+        raise BadInput("Give --undo, --redo or edits, not more than one of these.")
+    if not (edits or any(vars(steps).values())):
+        raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
+
+
+def _after(result: Scene, steps: Steps) -> Scene:
+    """Return the scene after its steps were undone or redone, and paintings shown or removed."""
     for _ in range(steps.undo):
         result = result.undone()
     for _ in range(steps.redo):
@@ -166,8 +180,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         result = result.without_variant(steps.drop_variant)
     if steps.show_variant is not None:
         result = result.with_variant(steps.show_variant)
-    result.save(out)
-    print(out)
+    return result
 
 
 def _distinct(scene: Scene, how: DistinctName, as_one_step_since: Scene) -> Scene:

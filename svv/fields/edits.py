@@ -287,9 +287,7 @@ class EditedModel(Model):
         return self._changed(", ".join(said), changes)
 
     def reset(self, *regions: int) -> Self:
-        """Return a scene with these regions, by default all and the light, as trained and painted; this can be undone.
-
-        Their names stay.
+        """Return a scene with these regions, by default all and the light, as trained and painted, with their names.
 
         Raises:
             BadInput: There is no such region.

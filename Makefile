@@ -109,16 +109,16 @@ $(INSTALLED): pyproject.toml constraints.txt .ci/offscreen | $(HERE)/bin/python
 	@echo 'Installing into $(VENV): a few minutes, once.'
 	@"$(BIN)/python" -m svv.pv.torch_build "$(VENV)/constraints.txt"
 	@$(PIP) setuptools
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,figure,cinema]'
 	@touch "$@"
 
 $(DOCS): $(INSTALLED)
 	@echo 'Installing the packages that the documentation needs.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,notebook,docs]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,figure,cinema,notebook,docs]'
 	@touch "$@"
 
 # Packages that only the tests need, such as triton with 0.7 GB.
 $(TOOLS): $(INSTALLED)
 	@echo 'Installing the packages that the tests need.'
-	@$(PIP) --no-build-isolation -e '.[standalone,bench,cinema,large,notebook,dev]'
+	@$(PIP) --no-build-isolation -e '.[standalone,bench,figure,cinema,large,notebook,dev]'
 	@touch "$@"

@@ -20,13 +20,19 @@ from PIL import Image, ImageDraw, ImageFont
 from docs import volumes
 from svv.bench.styles.exhibits import Exhibit, paint_figures
 from svv.core.cameras import Camera
+from svv.core.colour_vision import COLOUR_VISIONS, simulated
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views, render_views
 from svv.dvr.volumes import read_volume
 from svv.fields.scene import Scene
+from svv.io.output import to_bytes
 from svv.io.viewset import ViewSet
 from svv.options.making import PaintOptions
+from svv.render.distinct import distinct
+from svv.render.figures.figure import Panel, figure
+from svv.render.figures.files import pixels_of
 from svv.render.frames import orbit
+from svv.render.pictures import sheet
 from svv.styles.gallery import gallery_picture
 from svv.train.ink import Ink, StyleInput
 from svv.train.pipeline import stylize_scene, train_scene
@@ -227,8 +233,32 @@ def parts(studio: Studio) -> None:
     write("parts.jpg", [halved(drawn(one, camera, "pcn")) for one in shown])
 
 
+def journal_figure(studio: Studio) -> None:
+    """The demo's scene and its painting as a figure of two columns."""
+    names = {0: "sheet", 1: "vortex core", 2: "shell"}
+    panels = []
+    for file in ("scene.svv", "styled.svv"):
+        scene = Scene.load(studio.demo / file)
+        for region, name in names.items():
+            scene = scene.edited(region, name=name)
+        panels.append(Panel(scene, view_of(scene, FRAMES["demo"], 800)))
+    drawn = figure(panels, columns="double", dpi=170, title=("palette", "oil, impasto and watercolour"))
+    Image.fromarray(pixels_of(drawn)).save(IMAGES / "figure.jpg", quality=88)
+
+
+def colour_vision(studio: Studio) -> None:
+    """The demo's scene in two colours that merge, and as `svv edit --distinct` recolours it, as four people see it."""
+    scene = studio.scene("demo").edited(0, colour=(0.80, 0.25, 0.16)).edited(1, colour=(0.45, 0.50, 0.14)).hidden(SHELL)
+    rows, camera = [], view_of(scene, FRAMES["demo"], 560)
+    for one in (scene, distinct(scene).scene):
+        picture = halved(drawn(one, camera, "pcn"))
+        rows.append([to_bytes(simulated(picture, vision)) for vision in COLOUR_VISIONS])
+    Image.fromarray(sheet(rows, COLOUR_VISIONS)).save(IMAGES / "colour-vision.jpg", quality=88)
+
+
 PICTURES: dict[str, Callable[[Studio], None]] = {
-    one.__name__: one for one in (showpiece, gallery, stages, figures, ink, outlines, parts)
+    one.__name__: one
+    for one in (showpiece, gallery, stages, figures, ink, outlines, parts, journal_figure, colour_vision)
 }
 
 

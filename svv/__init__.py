@@ -25,10 +25,13 @@ if TYPE_CHECKING:
     from svv.io.images import read_style as read_style
     from svv.io.output import write_png as write_png
     from svv.io.viewset import ViewSet as ViewSet
+    from svv.options.figures import FigureOptions as FigureOptions
     from svv.options.making import PaintOptions as PaintOptions
     from svv.options.making import PaletteOptions as PaletteOptions
     from svv.options.making import TrainOptions as TrainOptions
     from svv.options.making import ViewOptions as ViewOptions
+    from svv.render.figures.figure import Panel as Panel
+    from svv.render.figures.figure import figure as figure
     from svv.render.frames import orbit as orbit
     from svv.render.show import image_data as image_data
     from svv.render.show import show as show
@@ -46,8 +49,10 @@ PUBLIC = {
     "Cancelled": "svv.errors",
     "Correction": "svv.core.correction",
     "Ink": "svv.train.ink",
+    "FigureOptions": "svv.options.figures",
     "PaintOptions": "svv.options.making",
     "PaletteOptions": "svv.options.making",
+    "Panel": "svv.render.figures.figure",
     "Region": "svv.fields.region",
     "Rendering": "svv.fields.scene",
     "Scene": "svv.fields.scene",
@@ -57,6 +62,7 @@ PUBLIC = {
     "ViewSet": "svv.io.viewset",
     "correct_palette": "svv.train.correct",
     "evaluate_scene": "svv.train.pipeline",
+    "figure": "svv.render.figures.figure",
     "image_data": "svv.render.show",
     "orbit": "svv.render.frames",
     "read_camera": "svv.io.camera_file",
@@ -72,6 +78,10 @@ PUBLIC = {
 prefer_own_symbols(TRITON)
 share_cores(os.environ)
 use_huge_pages(os.environ)
+
+# OpenMP reads it when torch is loaded. By default, threads spin between torch's operations, on the very cores that our
+# kernels' threads, ParaView's window or anything else need: training took up to three times as long beside other work.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def __getattr__(name: str) -> Any:

@@ -47,6 +47,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "join": ("join", "Join scenes of several transfer functions of one volume, to show them alone or together."),
     "follow": ("follow", "Add the other time steps of its volume to a scene, without views or training."),
     "render": ("render", "Render a scene: an orbit as a movie or frames, a single view, or its time steps."),
+    "figure": (
+        "figure",
+        "Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.",
+    ),
+    "check-colours": ("figure", "Check whether everybody can tell the regions of a scene or figure apart."),
     "evaluate": ("scene", "Score a scene against views of the volume: PSNR, SSIM, FLIP and LPIPS."),
     "export": (
         "cinema",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,10 +12,19 @@ import typer
 
 from svv.cli.files import check_targets, finish, load
 from svv.cli.option_group import spread
-from svv.cli.options import Json, Out, SceneFile, parse_colour, parse_whole
+from svv.cli.options import Json, Out, SceneFile, parse_colour, parse_names, parse_whole
 from svv.errors import BadInput
 from svv.options.described import Setting
-from svv.options.editing import LightEdit, OutlineEdit, PaintEdit, PartEdit, RegionEdit, SceneEdit, VisibilityEdit
+from svv.options.editing import (
+    DistinctName,
+    LightEdit,
+    OutlineEdit,
+    PaintEdit,
+    PartEdit,
+    RegionEdit,
+    SceneEdit,
+    VisibilityEdit,
+)
 from svv.options.making import DeviceOptions, PaletteOptions
 from svv.progress import shown
 
@@ -24,6 +34,8 @@ if TYPE_CHECKING:
 
 EDIT = (
     "svv edit scene.svv --region 0 --colour '#d02020' --out red.svv",
+    "svv edit scene.svv --name 0=bone --name 1='soft tissue' --out named.svv",
+    "svv edit scene.svv --distinct colours --out apart.svv",
     "svv edit scene.svv --region 1 --opacity 0.3 --lighting 1.5 --out thin.svv",
     "svv edit scene.svv --isolate 0 --out alone.svv",
     "svv edit alone.svv --show all --out all.svv",
@@ -83,6 +95,20 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
             help="Number of the region; `svv info` lists them. Without it, paint and outlines change in all regions.",
         ),
     ] = None,
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="K=NAME", help="Name a region; nothing after the sign takes its name away. May be repeated."
+        ),
+    ] = None,
+    distinct: Annotated[
+        DistinctName | None,
+        typer.Option(
+            metavar="colours|lightness",
+            help="Recolour unpainted regions so that all can be told apart: colours with any colour vision, lightness "
+            "also in a grey print; hues are kept where possible.",
+        ),
+    ] = None,
     own: RegionEdit = RegionEdit(),
     light: LightEdit = LightEdit(),
     paint: PaintEdit = PaintEdit(),
@@ -103,24 +129,15 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     from svv.io.atomic import check_writable
 
     chosen = () if region is None else (region,)
-    request = SceneEdit(dict.fromkeys(chosen, own), light, paint, outline, visibility, part, chosen, chosen)
+    regions = _named(dict.fromkeys(chosen, own), name or [])
+    request = SceneEdit(regions, light, paint, outline, visibility, part, chosen, chosen)
     if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
         raise BadInput(
             "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
         )
-    if (steps.undo or steps.redo) and (request or own or (steps.undo and steps.redo)):
-        raise BadInput("Give --undo, --redo or edits, not more than one of these.")
-    if region is None and own:
-        raise BadInput("Say which region with --region K; `svv info` lists them.")
-    if region is not None and not (own or paint or outline):
-        raise BadInput(
-            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --outline or an edit "
-            "of its strokes, such as --stroke-width, for the region."
-        )
-    if not (request or any(vars(steps).values())):
-        raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
+    _check(region, own, bool(own or paint or outline), steps, bool(request or own or distinct))
     check_writable(out)
-    result = Scene.load(scene)
+    result = loaded = Scene.load(scene)
     if part.split_at is None:
         result = with_edit(result, request)
     else:
@@ -128,6 +145,33 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         with shown("Splitting") as progress:
             result = with_edit(result, replace(request, part=split), progress)
         print(_told(result), file=sys.stderr)
+    if distinct is not None:
+        result = _distinct(result, distinct, as_one_step_since=loaded)
+    result = _after(result, steps)
+    result.save(out)
+    print(out)
+
+
+def _check(region: int | None, own: RegionEdit, of_region: bool, steps: Steps, edits: bool) -> None:
+    """Raise BadInput if edits of a region and the region are not both given, or steps contradict each other or edits.
+
+    ``of_region``: whether there are edits that a region may have; ``edits``: whether there are any.
+    """
+    if region is None and own:
+        raise BadInput("Say which region with --region K; `svv info` lists them.")
+    if region is not None and not of_region:
+        raise BadInput(
+            "Nothing to change: give --colour, --opacity, --lighting, --strength, --paint-light, --outline or an edit "
+            "of its strokes, such as --stroke-width, for the region."
+        )
+    if (steps.undo or steps.redo) and (edits or (steps.undo and steps.redo)):
+        raise BadInput("Give --undo, --redo or edits, not more than one of these.")
+    if not (edits or any(vars(steps).values())):
+        raise BadInput("Nothing to change: give an edit, for example --region 0 --opacity 0.5, or --undo.")
+
+
+def _after(result: Scene, steps: Steps) -> Scene:
+    """Return the scene after its steps were undone or redone, and paintings shown or removed."""
     for _ in range(steps.undo):
         result = result.undone()
     for _ in range(steps.redo):
@@ -136,8 +180,36 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
         result = result.without_variant(steps.drop_variant)
     if steps.show_variant is not None:
         result = result.with_variant(steps.show_variant)
-    result.save(out)
-    print(out)
+    return result
+
+
+def _distinct(scene: Scene, how: DistinctName, as_one_step_since: Scene) -> Scene:
+    """Return the scene in colours that everybody can tell apart, and say how far apart they are."""
+    from svv.core.colour_vision import LEAST_DIFFERENCE
+    from svv.render.distinct import distinct
+
+    with shown("Recolouring") as progress:
+        found = distinct(scene, how, progress=progress)
+    pair = found.nearest
+    if pair is None:
+        print("The scene shows one region, which nothing can be mistaken for.", file=sys.stderr)
+    else:
+        said = f"{pair.first} and {pair.second} are nearest, {pair.difference:.1f} apart ({pair.vision})"
+        if pair.difference < LEAST_DIFFERENCE:
+            said = (
+                f"No palette was found that keeps regions {LEAST_DIFFERENCE:g} apart as rendered; in the best one, "
+                f"{said}: hide or join regions, or make them more opaque."
+            )
+        print(said, file=sys.stderr)
+    return found.scene.as_one_step(as_one_step_since)
+
+
+def _named(edits: dict[int, RegionEdit], texts: Sequence[str]) -> dict[int, RegionEdit]:
+    """Return the edits of regions with the names that --name gives them."""
+    found = dict(edits)
+    for region, name in parse_names(texts).items():
+        found[region] = replace(found.get(region, RegionEdit()), name=name)
+    return found
 
 
 def _point(scene: Scene, place: tuple[float, ...], picture: PictureOptions) -> tuple[float, ...]:
@@ -161,7 +233,8 @@ def _told(scene: Scene) -> str:
     part, number = scene.regions[-1], len(scene.regions) - 1
     assert part.part_of is not None
     whole = scene.regions[part.part_of]
-    return f"Region {number} was part of region {part.part_of}: {100 * part.share / max(whole.share, 1e-9):.3g} % of it"
+    of = whole.name or f"region {part.part_of}"
+    return f"Region {number} was part of {of}: {100 * part.share / max(whole.share, 1e-9):.3g} % of it"
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,23 @@ def parse_style_masks(texts: Sequence[str], styles: int) -> dict[int, Path]:
     return found
 
 
+def parse_names(texts: Sequence[str]) -> dict[int, str]:
+    """Return ['0=bone', '1=soft tissue'] as {region: name}.
+
+    Raises:
+        BadInput: A text has another form, or a region is named twice.
+    """
+    found: dict[int, str] = {}
+    for text in texts:
+        number, sign, name = text.partition("=")
+        if not (sign and number.strip().isascii() and number.strip().isdigit()):
+            raise BadInput(f"'{text}' does not name a region; write region=name, for example --name 0=bone.")
+        if int(number) in found:
+            raise BadInput(f"'{text}' names region {int(number)} a second time: give each region one name.")
+        found[int(number)] = name
+    return found
+
+
 def parse_points(texts: Sequence[str], option: str) -> list[tuple[float, float]]:
     """Return ['120,40'] as [(120.0, 40.0)].
 
@@ -204,6 +221,20 @@ def parse_limits(text: str, option: str) -> tuple[float | None, ...]:
             raise BadInput(f"{option} needs seconds (at least 1) or 'full', separated by commas, not '{text}'.")
         limits.append(limit)
     return tuple(dict.fromkeys(limits))
+
+
+def parse_angles(text: str, option: str) -> tuple[float, float]:
+    """Return '30,20', degrees to the right of the front and above it, in [-180, 180] and [-90, 90].
+
+    Raises:
+        BadInput: The text has another form, or an angle is out of range.
+    """
+    (right, above), *_ = parse_points([text], option)
+    if not (abs(right) <= 180.0 and abs(above) <= 90.0):
+        raise BadInput(
+            f"{option} needs degrees to the right, from -180 to 180, and above, from -90 to 90, not '{text}'."
+        )
+    return right, above
 
 
 def parse_dims(text: str) -> tuple[int, int, int]:

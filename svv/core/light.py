@@ -5,6 +5,7 @@ Letters: S samples.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,6 +92,25 @@ class Lamp:
         else:
             where = f"{self.azimuth:g} degrees right, {self.elevation:g} up" if self.moved else "at the camera"
         return f"light {where}" + ("" if self.intensity == 1.0 else f", intensity {self.intensity:g}")
+
+
+def checked_coefficients(given: Mapping[str, float | None]) -> dict[str, float]:
+    """Return those of some :data:`COEFFICIENTS` that are not None.
+
+    Raises:
+        TypeError: A name is none of theirs.
+        BadInput: A coefficient is negative, a highlight's exponent below 1, or one of them not finite.
+    """
+    found: dict[str, float] = {}
+    for name, value in given.items():
+        if name not in COEFFICIENTS:
+            raise TypeError(f"edited() got an unexpected keyword argument '{name}'")
+        if value is not None:
+            least = 1.0 if name == "shininess" else 0.0
+            if not (np.isfinite(value) and value >= least):
+                raise BadInput(f"The {name} of a region must be a number of at least {least:g}, not {value}.")
+            found[name] = float(value)
+    return found
 
 
 def normals_of(held: Tensor) -> Tensor:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from svv.core.colour import to_hex
-from svv.core.light import COEFFICIENTS, Lamp
+from svv.core.light import Lamp, checked_coefficients
 from svv.core.outlines import Pen
 from svv.errors import BadInput, Progress, silent
-from svv.fields.history import Edits, History, Step, edits_of, restyled, with_edits
+from svv.fields.history import Edits, History, Step, edits_of, named_alone, restyled, with_edits
 from svv.fields.model import Model
 from svv.fields.parts import counted
-from svv.fields.region import Region
+from svv.fields.region import Region, checked_name
 from svv.fields.splitting import piece_at
 from svv.fields.stroke_edits import checked_edits, said
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, SPLIT_LEVEL
@@ -42,21 +42,24 @@ class EditedModel(Model):
         colour: Sequence[float] | None = None,
         opacity: float | None = None,
         lighting: float | None = None,
+        name: str | None = None,
         **reflects: float | None,
     ) -> Self:
-        """Return a scene with one region's colour, opacity or lighting changed (photorealistic style editing).
+        """Return a scene with one region's colour, opacity, lighting or name changed (photorealistic style editing).
 
         Args:
             region: Number of the region.
             colour: New palette colour of the region, RGB in [0, 1]; its shades change with it.
             opacity: Factor on the extinction, >= 0; 1 is as trained.
             lighting: Factor on the lighting, >= 0; 1 is as trained, 0 shows the flat material.
+            name: What the region shows, such as ``bone``; empty takes its name away.
             reflects: Reflection coefficients of the region in a scene with an explicit light: ``ambient``, ``diffuse``
                 and ``specular``, fractions of the light, >= 0, and ``shininess``, the highlight's exponent, >= 1.
 
         Raises:
             BadInput: There is no such region, a colour is outside [0, 1], a factor is negative or infinite, a styled
-                region is given a colour, or coefficients are given although a network provides the lighting.
+                region is given a colour, a name is too long, or coefficients are given although a network provides the
+                lighting.
         """
         self._check(region)
         changes: Edits = {}
@@ -73,22 +76,19 @@ class EditedModel(Model):
             r, g, b = (float(c) for c in colour)
             changes["edited_colour"] = (r, g, b)
             said.append(f"colour {to_hex((r, g, b))}")
-        for name, factor in (("opacity", opacity), ("lighting", lighting)):
+        for what, factor in (("opacity", opacity), ("lighting", lighting)):
             if factor is not None:
                 if not (np.isfinite(factor) and factor >= 0):
-                    raise BadInput(f"The {name} factor must be a number of at least 0, not {factor}.")
-                changes[name] = float(factor)
-                said.append(f"{name} {factor:g}")
-        for name, value in reflects.items():
-            if name not in COEFFICIENTS:
-                raise TypeError(f"edited() got an unexpected keyword argument '{name}'")
-            if value is not None:
-                least = 1.0 if name == "shininess" else 0.0
-                if not (np.isfinite(value) and value >= least):
-                    raise BadInput(f"The {name} of a region must be a number of at least {least:g}, not {value}.")
-                self._check_light()
-                changes[name] = float(value)
-                said.append(f"{name} {value:g}")
+                    raise BadInput(f"The {what} factor must be a number of at least 0, not {factor}.")
+                changes[what] = float(factor)
+                said.append(f"{what} {factor:g}")
+        if name is not None:
+            changes["name"] = checked_name(name)
+            said.append("no name" if changes["name"] is None else f"name {changes['name']}")
+        if given := checked_coefficients(reflects):
+            self._check_light()
+            changes |= given
+            said += [f"{what} {value:g}" for what, value in given.items()]
         return self._changed(f"region {region}: {', '.join(said)}", {region: changes})
 
     def with_light(
@@ -165,7 +165,7 @@ class EditedModel(Model):
     def with_part(self, region: int, share: float) -> Self:
         """Return the scene with one more region, a part of this one; ``share``: fraction of the region's opacity."""
         whole = self.regions[region]
-        part = replace(whole, part_of=region, share=share * whole.share)
+        part = replace(whole, part_of=region, share=share * whole.share, name=None)
         return replace(self._after(f"split region {region}", (*self.regions, part)), unsplit=())
 
     def with_strength(self, strength: float, *regions: int) -> Self:
@@ -287,14 +287,14 @@ class EditedModel(Model):
         return self._changed(", ".join(said), changes)
 
     def reset(self, *regions: int) -> Self:
-        """Return a scene with these regions, by default all and the light, as trained and painted; this can be undone.
+        """Return a scene with these regions, by default all and the light, as trained and painted, with their names.
 
         Raises:
             BadInput: There is no such region.
         """
         chosen = regions or tuple(range(len(self.regions)))
         self._check(*chosen)
-        after = tuple(with_edits(r, {}) if k in chosen else r for k, r in enumerate(self.regions))
+        after = tuple(with_edits(r, named_alone(r)) if k in chosen else r for k, r in enumerate(self.regions))
         return self._after(f"reset {_list(regions) or 'all'}", after, self.lamp if regions else Lamp())
 
     def undone(self) -> Self:

@@ -35,6 +35,11 @@ def with_edits(region: Region, edits: Edits) -> Region:
     return replace(region, **{**plain, **edits})
 
 
+def named_alone(region: Region) -> Edits:
+    """Return the region's name as the only one of its edits, which it keeps when all others are undone."""
+    return {} if region.name is None else {"name": region.name}
+
+
 def restyled(region: Region, style: str | None) -> Region:
     """Return a region with another style and the same edits; light on paint takes the style's default unless edited."""
     return with_edits(replace(region, style=style), edits_of(region))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from svv.errors import BadInput
 from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
 
 MOST_RELIEF = 4.0
@@ -12,6 +14,12 @@ MOST_RELIEF = 4.0
 
 STROKE_WIDTHS = (0.5, 2.0)
 """Bounds of the factor on the width of strokes: beyond them, their paths are too far apart or too close."""
+
+LONGEST_NAME = 100
+"""Largest number of characters in a region's name."""
+
+UNSEEN = ("Cc", "Cs", "Co", "Cn", "Zl", "Zp")
+"""Unicode categories of what no name holds: control characters, halves of characters, and breaks of lines."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +80,9 @@ class Region:
     part_of: int | None = None
     """Number of the region that it was split from; None for a region of the palette."""
 
+    name: str | None = None
+    """What it shows, such as 'bone', in any script; None where nobody named it."""
+
     outline: float = 0.0
     """Opacity of the ink of its outlines, in [0, 1]; 0 draws none."""
     outline_width: float = OUTLINE_WIDTH
@@ -87,6 +98,40 @@ class Region:
     def seen_opacity(self) -> float:
         """Factor on the extinction in images."""
         return 0.0 if self.hidden else self.opacity
+
+
+def label_of(regions: Sequence[Region], number: int) -> str:
+    """Return what a region is called: its name, or its number, with the name of the region that it is part of.
+
+    >>> label_of([Region((1.0, 0.0, 0.0), 1.0, name="bone"), Region((0.0, 1.0, 0.0), 0.0)], 1)
+    'Region 1'
+    """
+    region = regions[number]
+    if region.name is not None:
+        return region.name
+    whole = region.part_of
+    while whole is not None:
+        name, whole = regions[whole].name, regions[whole].part_of
+        if name is not None:
+            return f"Region {number}, part of {name}"
+    return f"Region {number}"
+
+
+def checked_name(name: str) -> str | None:
+    """Return a region's name without blanks at its ends; None if nothing is left.
+
+    Raises:
+        BadInput: It is too long, or has characters that cannot be shown, such as line breaks.
+    """
+    text = unicodedata.normalize("NFC", name).strip()
+    if len(text) > LONGEST_NAME:
+        raise BadInput(f"The name of a region has at most {LONGEST_NAME} characters, not {len(text)}: shorten it.")
+    if hidden := [c for c in text if unicodedata.category(c) in UNSEEN]:
+        raise BadInput(
+            f"The name of a region is one line of text, without the control character U+{ord(hidden[0]):04X}: leave "
+            "it out."
+        )
+    return text or None
 
 
 def of_layer(regions: Sequence[Region], layer: int) -> tuple[Region, ...]:

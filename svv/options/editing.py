@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from svv.options.described import Setting, Switch
 
 Colour = tuple[float, float, float]
+DistinctName = Literal["colours", "lightness"]
 
 PAINT_LIGHT = 0.6
 """Fraction of the light's contrast that shows on paint, unless an edit changes it."""
@@ -57,6 +58,8 @@ class RegionEdit(Request):
     """Specular reflection; for scenes trained with the lighting phong."""
     shininess: Annotated[float | None, Setting(least=1, slider=(1.0, 128.0), switch=REFLECT, unset=30.0)] = None
     """Exponent of the specular highlight; for scenes trained with the lighting phong."""
+    name: Annotated[str | None, Setting(command=False, unset="", unset_says="Empty leaves it as it is.")] = None
+    """What the region shows, such as bone: its name in legends, pages and messages."""
 
 
 @dataclass(frozen=True)

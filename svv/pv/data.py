@@ -67,11 +67,12 @@ def put_scene(scene: Scene, table: vtkTable) -> None:
     ]
     for name, values in columns:
         table.AddColumn(_array(name, values))
-    styles = vtkStringArray()
-    styles.SetName("Style")
-    for region in regions:
-        styles.InsertNextValue(region.style or "")
-    table.AddColumn(styles)
+    for heading, words in (("Name", [r.name for r in regions]), ("Style", [r.style for r in regions])):
+        column = vtkStringArray()
+        column.SetName(heading)
+        for word in words:
+            column.InsertNextValue(word or "")
+        table.AddColumn(column)
     content = scene.to_bytes()
     table.GetFieldData().AddArray(_array(SCENE, np.frombuffer(content, np.uint8)))
     _keep(_digest(content), scene)

@@ -107,6 +107,7 @@ def told(scene: Scene) -> str:
     """Return one line for the panel: the edits that can be undone, and the paintings."""
     past = scene.history.past
     lines = [f"{len(scene.regions)} regions"]
+    lines += [f"region {k} is {r.name}" for k, r in enumerate(scene.regions) if r.name is not None]
     lines += [f"region {k} is part of region {r.part_of}" for k, r in enumerate(scene.regions) if r.part_of is not None]
     if past:
         lines.append(f"last edit: {past[-1].what} ({len(past)} to undo)")

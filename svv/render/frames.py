@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.core.cameras import Camera
+from svv.core.cameras import Camera, look_at
 from svv.core.colour import WHITE, over
+from svv.core.light import direction_of
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.atomic import check_writable, make_folder
 from svv.io.made import digest, key_of
@@ -57,6 +58,25 @@ class Played:
 def orbit(scene: Scene, n: int, width: int, height: int) -> list[Camera]:
     """Return ``n`` cameras of the 181-view path around a scene, at the distance of its training views."""
     return [camera.resized(width, height) for camera in scene.rig.orbit(n, width)]
+
+
+def seen_from(scene: Scene, azimuth: float, elevation: float, width: int, height: int) -> Camera:
+    """Return a camera beside the front of a scene, at the distance of its training views.
+
+    Args:
+        scene: A scene that knows where its views' cameras stood.
+        azimuth: Degrees to the right of the front.
+        elevation: Degrees above it, in [-90, 90].
+        width: Width of the image in pixels.
+        height: Height of the image in pixels.
+    """
+    (front,) = scene.rig.orbit(181, width, frames=[90])
+    centre, axes = np.asarray(scene.rig.centre), front.camera_to_world[:3, :3]
+    away = axes @ direction_of(azimuth, elevation)
+    up = axes[:, 1] if abs(elevation) < 89.9 else -np.sign(elevation) * (axes @ direction_of(azimuth, 0.0))
+    pose = look_at(away, np.zeros(3), up)
+    pose[:3, 3] = centre + np.linalg.norm(front.position - centre) * away
+    return replace(front, camera_to_world=pose).resized(width, height)
 
 
 def write_view(

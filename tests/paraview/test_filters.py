@@ -52,7 +52,7 @@ def test_views_and_training_take_what_the_view_shows(trained: Path) -> None:
     assert (said["last"], said["cameras"]) == (7, 8)
     scene = Scene.load(trained / "scene.svv")
     assert said["rows"] == len(scene.regions) >= 1
-    assert said["columns"] == ["Region", "Colour", "Share", "Part Of", "Values", "Opacity", "Lighting", "Style"]
+    assert said["columns"] == ["Region", "Colour", "Share", "Part Of", "Values", "Opacity", "Lighting", "Name", "Style"]
     views = ViewSet.read(trained / "views", "train")
     assert len(views) == 8 and len(ViewSet.read(trained / "views", "test")) == 2
     assert known(views.meta.tf, "tf")["ScalarOpacityUnitDistance"] == 2.5

@@ -28,6 +28,7 @@ from PIL import Image
 from svv._version import __version__
 from svv.core.cameras import Camera, CameraRig
 from svv.core.colour import WHITE, over
+from svv.core.colour_vision import MATRICES
 from svv.core.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.joined import members
@@ -156,6 +157,7 @@ def _header(scene: Scene, rig: CameraRig) -> dict[str, Any]:
         "normal_softness": NORMAL_SOFTNESS,
         "rim_cosine": RIM_COSINE,
         "lamp": vars(scene.lamp),
+        "visions": MATRICES,
         "regions": [
             {**told, "number": number}
             for told, number in zip(
@@ -209,8 +211,9 @@ def _regions(scene: Scene) -> list[dict[str, Any]]:
     for number, r in enumerate(scene.regions):
         values = f"{r.share:.0%}" if r.values is None else "{:.4g} to {:.4g}".format(*r.values)
         told.append({
-            "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity, "hidden": r.hidden, "values": values,
-            "lighting": r.lighting, "strength": r.strength, "mean_light": r.mean_light,
+            "name": r.name, "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity,
+            "hidden": r.hidden, "values": values, "lighting": r.lighting, "strength": r.strength,
+            "mean_light": r.mean_light,
             "reflects": [0.0] * len(COEFFICIENTS) if reflects is None else reflects[number].tolist(),
         })  # fmt: skip
     return told

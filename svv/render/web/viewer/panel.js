@@ -20,7 +20,7 @@ class Panel {
   constructor(root, header, state, changed) {
     Object.assign(this, { root, header, state, changed });
     this.updates = []; // functions that bring the controls in line with the state
-    root.append(this.regions(), ...this.paintings(), ...this.lights(), this.background());
+    root.append(this.regions(), ...this.paintings(), ...this.lights(), this.background(), this.visions());
     this.update();
   }
 
@@ -97,7 +97,7 @@ class Panel {
   }
 
   region(told, k) {
-    const region = this.state.regions[k], name = `Region ${told.number}`;
+    const region = this.state.regions[k], name = told.name ?? `Region ${told.number}`;
     const colour = this.colour(`Colour of ${name}`, () => region.edited ?? region.colour, (rgb) => {
       region.edited = toHex(rgb) === toHex(region.colour) ? null : rgb;
     });
@@ -148,6 +148,25 @@ class Panel {
       );
     }
     return [this.section("Light", ...content)];
+  }
+
+  // Shows the picture as people with a colour vision deficiency see it, or as a grey print; no edit, and not saved.
+  visions() {
+    const { visions } = this.header, namespace = "http://www.w3.org/2000/svg", svg = document.createElementNS(namespace, "svg");
+    svg.setAttribute("width", "0"), svg.setAttribute("height", "0"), svg.setAttribute("aria-hidden", "true");
+    svg.style.position = "absolute";
+    const select = made("select", { "aria-label": "Colour vision", onchange: () => {
+      document.getElementById("picture").style.filter = select.value === "" ? "" : `url(#vision${select.value})`;
+    } }, made("option", { value: "" }, "Normal"));
+    Object.entries(visions).forEach(([name, matrix], k) => {
+      const filter = document.createElementNS(namespace, "filter"), rows = document.createElementNS(namespace, "feColorMatrix");
+      filter.id = `vision${k}`;
+      filter.setAttribute("color-interpolation-filters", "linearRGB");
+      rows.setAttribute("values", [...matrix.map((row) => [...row, 0, 0]), [0, 0, 0, 1, 0]].flat().join(" "));
+      filter.append(rows), svg.append(filter);
+      select.append(made("option", { value: k }, name[0].toUpperCase() + name.slice(1)));
+    });
+    return this.section("Seen with", select, svg);
   }
 
   background() {

@@ -1,0 +1,216 @@
+"""Whether the regions of a scene or of a figure can be told apart by everybody, as they are rendered.
+
+The colours of a region are those of the pixels that it dominates, with its light and paint, over the background.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from svv.core.cameras import Camera
+from svv.core.colour import WHITE, over, to_hex
+from svv.core.colour_vision import LEAST_DIFFERENCE, VISIONS, VisionName, set_difference, simulated
+from svv.core.json_values import list_in, number_in, object_in, parsed, text_in, vector_in
+from svv.core.palette import extract_palette
+from svv.errors import BadInput, Progress, silent
+from svv.fields.region import label_of
+from svv.fields.scene import Rendering, Scene
+from svv.io.output import to_bytes
+from svv.render.pictures import sheet
+
+FRAMES = (30, 60, 90, 120, 150)
+"""Views of the path around a scene in which its colours are looked at."""
+
+VIEW_SIZE = 160
+"""Side of these views in pixels."""
+
+COLOURS = 8
+"""Colours that stand for a region: its paint, light and shade."""
+
+MOST_PIXELS = 4000
+"""Pixels of a region that its colours are found from."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The colours in which a region appears."""
+
+    name: str
+    colours: Array
+    """sRGB in [0, 1]. (N, 3)"""
+    weights: Array
+    """How much of the region has each; they sum to 1. (N,)"""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {"name": self.name, "colours": self.colours.round(4).tolist(), "weights": self.weights.round(5).tolist()}
+
+    @classmethod
+    def from_json(cls, told: object) -> Seen:
+        """Invert :meth:`to_json`; raises BadInput or KeyError if the content is of another form."""
+        content = object_in(told, "a region")
+        rows: Any = content["colours"]
+        colours = np.array([vector_in(row, "a colour") for row in list_in(rows, len(rows), "colours")])
+        weights = np.array([number_in(w, "a weight") for w in list_in(content["weights"], len(rows), "weights")])
+        if not len(rows) or weights.min() < 0.0 or not weights.sum() > 0.0:
+            raise BadInput("the colours of a region need weights above 0.")
+        return cls(text_in(content["name"], "a name"), colours, weights / weights.sum())
+
+
+@dataclass(frozen=True)
+class Pair:
+    """How far two regions are apart in one way of seeing them."""
+
+    first: str
+    second: str
+    vision: VisionName
+    difference: float
+    """CIEDE2000 (:func:`svv.core.colour_vision.set_difference`)."""
+
+
+def seen_in(
+    scene: Scene,
+    network: str | None = None,
+    background: Sequence[float] = WHITE,
+    cameras: Sequence[Camera] | None = None,
+    progress: Progress = silent,
+) -> dict[int, Seen]:
+    """Return the colours of each region that is visible in some views, by its number.
+
+    Args:
+        scene: A scene with a palette network.
+        network: As for :meth:`svv.fields.scene.Scene.render`.
+        background: RGB in [0, 1].
+        cameras: The views; by default five from all around.
+        progress: Called before each view.
+
+    Raises:
+        BadInput: The scene has no palette network, so no regions.
+    """
+    if scene.palette_network is None:
+        raise BadInput("The scene has no regions because it holds no palette network; train it again.")
+    views = scene.rig.orbit(181, VIEW_SIZE, frames=FRAMES) if cameras is None else cameras
+    pictures = []
+    for number, camera in enumerate(views):
+        progress(number / len(views), "colours")
+        pictures.append(scene.render(camera, network))
+    return seen_of(scene, pictures, background)
+
+
+def seen_of(scene: Scene, pictures: Sequence[Rendering], background: Sequence[float]) -> dict[int, Seen]:
+    """Return the colours of each region that is visible in some pictures of a scene, by its number."""
+    rgba = np.concatenate([picture.rgba.reshape(-1, 4) for picture in pictures])
+    regions = np.concatenate([picture.region.ravel() for picture in pictures])
+    found = {}
+    for number in range(len(scene.regions)):
+        own = rgba[regions == number]
+        if not len(own):
+            continue
+        # Pixels at the border of a region show the background above all.
+        own = own[own[:, 3] >= 0.5 * np.percentile(own[:, 3], 90)]
+        colours = over(own, background)
+        found[number] = Seen(label_of(scene.regions, number), *_clusters(colours, own[:, 3]))
+    return found
+
+
+def _clusters(colours: NDArray[np.floating], weights: NDArray[np.floating]) -> tuple[Array, Array]:
+    """Return at most :data:`COLOURS` colours that stand for many (N, 3), and their weights."""
+    from scipy.cluster.vq import kmeans2
+
+    rng = np.random.default_rng(0)
+    if len(colours) > MOST_PIXELS:
+        kept = rng.choice(len(colours), MOST_PIXELS, replace=False)
+        colours, weights = colours[kept], weights[kept]
+    distinct = np.unique(colours, axis=0)
+    if len(distinct) <= COLOURS:
+        centres = distinct.astype(np.float64)
+    else:
+        start = distinct[np.linspace(0, len(distinct) - 1, COLOURS).astype(int)].astype(np.float64)
+        centres, _ = kmeans2(colours.astype(np.float64), start, minit="matrix", iter=20, missing="warn")
+    nearest = ((colours[:, None] - centres) ** 2).sum(2).argmin(1)
+    share = np.bincount(nearest, weights, len(centres))
+    return centres[share > 0], share[share > 0] / share.sum()
+
+
+def pairs_of(seen: Sequence[Seen]) -> list[Pair]:
+    """Return how far each pair of regions is apart in each way of seeing them."""
+    return [
+        Pair(a.name, b.name, vision, set_difference(a.colours, b.colours, a.weights, b.weights, vision))
+        for vision in VISIONS
+        for a, b in combinations(seen, 2)
+    ]
+
+
+def report_on(seen: Sequence[Seen], least: float = LEAST_DIFFERENCE) -> dict[str, Any]:
+    """Return the smallest difference in each way of seeing, with its pair, and the pairs that merge."""
+    pairs = pairs_of(seen)
+    smallest = {}
+    for vision in VISIONS:
+        nearest = min((pair for pair in pairs if pair.vision == vision), key=lambda pair: pair.difference, default=None)
+        if nearest is not None:
+            smallest[vision] = {"difference": nearest.difference, "between": [nearest.first, nearest.second]}
+    merging = [vars(pair) for pair in sorted(pairs, key=lambda pair: pair.difference) if pair.difference < least]
+    return {"regions": [one.name for one in seen], "least": least, "smallest": smallest, "merging": merging}
+
+
+def seen_in_picture(path: Path) -> list[list[Seen]]:
+    """Return the colours of the regions of each panel of a figure, or the main colours of any other picture.
+
+    Args:
+        path: A PNG or TIFF; figures of ``svv figure`` tell their regions.
+
+    Raises:
+        BadInput: It is no picture, or what it tells is damaged.
+    """
+    from svv.render.figures.files import told_in
+
+    try:
+        with Image.open(path) as picture:
+            told, rgba = told_in(picture), np.asarray(picture.convert("RGBA"), np.float32) / 255.0
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise BadInput(
+            f"{path} is no picture that can be checked: give a scene, or a PNG or TIFF of the figure."
+        ) from error
+    if told:
+        try:
+            content = object_in(parsed(told), "the figure")
+            panels: Any = content["panels"]
+            return [[Seen.from_json(one) for one in panel] for panel in panels]
+        except (ValueError, KeyError, TypeError) as error:
+            raise BadInput(f"What {path} tells of its regions is damaged: make the figure again.") from error
+    return [_main_colours(over(rgba).reshape(-1, 3))]
+
+
+def told_of(panels: Sequence[Sequence[Seen]]) -> str:
+    """Return what a figure tells of the colours of its panels' regions, for :func:`seen_in_picture`."""
+    return json.dumps({"panels": [[one.to_json() for one in panel] for panel in panels]}, ensure_ascii=True)
+
+
+def _main_colours(colours: NDArray[np.floating]) -> list[Seen]:
+    """Return the main colours of a picture (N, 3), each as a region named by its code, without the background."""
+    levels, counts = np.unique(to_bytes(colours), axis=0, return_counts=True)
+    shown = (colours != levels[counts.argmax()] / np.float32(255.0)).any(1)
+    if not shown.any():
+        return []
+    palette = extract_palette(colours[shown], np.ones(int(shown.sum())))
+    one = np.ones(1)
+    return [Seen(to_hex(colour), colour[None], one) for colour in palette.colours]
+
+
+def simulation_sheet(picture: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Return a picture (h, w, 3) in all ways of seeing it, with their names; side by side unless it is wide."""
+    pictures = [to_bytes(simulated(picture, vision)) for vision in VISIONS]
+    if picture.shape[0] > 0.6 * picture.shape[1]:
+        return sheet([pictures], VISIONS)
+    return np.concatenate([sheet([[one]], [vision]) for one, vision in zip(pictures, VISIONS, strict=True)])

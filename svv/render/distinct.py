@@ -1,0 +1,122 @@
+"""Recolouring of a scene so that everybody can tell its regions apart, as they are rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.core.colour import WHITE
+from svv.core.colour_vision import (
+    COLOUR_VISIONS,
+    LEAST_DIFFERENCE,
+    VISIONS,
+    VisionName,
+    set_difference,
+    smallest_differences,
+)
+from svv.core.distinct import distinct_palette
+from svv.errors import BadInput, Progress, part, silent
+from svv.fields.scene import Scene
+from svv.options.editing import DistinctName
+from svv.render.colour_check import Pair, Seen, pairs_of, seen_in
+
+TRIES = 5
+"""How often a palette is looked for: each shows how much closer light, shade and opacity bring its colours."""
+
+BEYOND = 1.1
+"""How much more than what is to be seen is asked of a palette."""
+
+LEAST_SHOWN = 0.02
+"""Least fraction of a palette's difference that counts as shown: less is not worth asking for."""
+
+
+@dataclass(frozen=True)
+class Recoloured:
+    """A scene with other colours, and its nearest pair as it is rendered; None with fewer than two regions."""
+
+    scene: Scene
+    nearest: Pair | None
+
+
+def distinct(
+    scene: Scene,
+    how: DistinctName = "colours",
+    least: float = LEAST_DIFFERENCE,
+    background: Sequence[float] = WHITE,
+    progress: Progress = silent,
+) -> Recoloured:
+    """Return a scene with the nearest colours found that everybody can tell apart, as one edit.
+
+    Painted regions keep their colours; the others keep their hues where that is possible.
+
+    Args:
+        scene: A scene with a palette network.
+        how: ``colours`` are told apart by people with any colour vision, ``lightness`` also in a grey print.
+        least: CIEDE2000 to be reached between the regions as rendered (:mod:`svv.render.colour_check`).
+        background: What they are rendered over, RGB in [0, 1].
+        progress: Called while it works.
+
+    Returns:
+        The scene, of all that were tried the one whose nearest pair is farthest apart, unless an earlier one sufficed.
+
+    Raises:
+        BadInput: The scene has no regions, or all that are visible are painted.
+    """
+    visions = VISIONS if how == "lightness" else COLOUR_VISIONS
+    free = [k for k, r in enumerate(scene.regions) if r.seen_opacity > 0.0 and r.style is None]
+    before = seen_in(scene, None, background, progress=part(progress, 0.0, 0.1))
+    if not free:
+        raise BadInput(
+            "No visible region has a colour that can be changed: their colours come from styles; show the palette with "
+            "--strength 0, or paint other styles."
+        )
+    fixed = [one.colours[one.weights.argmax()] for k, one in before.items() if k not in free]
+    own = np.array([scene.regions[k].edited_colour or scene.regions[k].colour for k in free])
+    best, colours, seen = Recoloured(scene, _nearest(before.values(), visions)), own, before
+    for number in range(TRIES):
+        if best.nearest is None or best.nearest.difference >= least:
+            break
+        each = part(progress, 0.1 + 0.9 * number / TRIES, 0.1 + 0.9 * (number + 1) / TRIES)
+        each(0.0, "palette")
+        wanted = _wanted(colours, [seen.get(k) for k in free], visions, least)
+        colours = distinct_palette(own, visions, np.array([background, *fixed]), wanted).colours
+        changed = scene
+        for k, colour, old in zip(free, colours, own, strict=True):
+            if (colour != old).any():
+                changed = changed.edited(k, tuple(colour))
+        seen = seen_in(changed, None, background, progress=each)
+        nearest = _nearest(seen.values(), visions)
+        if nearest is not None and nearest.difference > best.nearest.difference:
+            best = Recoloured(changed, nearest)
+    return Recoloured(best.scene.as_one_step(scene), best.nearest)
+
+
+def _wanted(
+    colours: NDArray[np.float64], seen: Sequence[Seen | None], visions: Sequence[VisionName], least: float
+) -> NDArray[np.float64]:
+    """Return the difference to ask of each pair of a palette, so that ``least`` is left as rendered. (N, N)
+
+    Args:
+        colours: The last palette. (N, 3)
+        seen: The colours in which its regions appeared, None for those that did not.
+        visions: Ways to see them.
+        least: CIEDE2000.
+    """
+    wanted, palette = np.full((len(seen),) * 2, least), smallest_differences(colours, visions)
+    for i, j in combinations(range(len(seen)), 2):
+        a, b = seen[i], seen[j]
+        if a is None or b is None:
+            continue
+        shown = min(set_difference(a.colours, b.colours, a.weights, b.weights, vision) for vision in visions)
+        ratio = shown / max(palette[i, j], 1e-6)
+        wanted[i, j] = wanted[j, i] = BEYOND * least / max(ratio, LEAST_SHOWN)
+    return wanted
+
+
+def _nearest(seen: Iterable[Seen], visions: Sequence[str]) -> Pair | None:
+    pairs = (pair for pair in pairs_of(list(seen)) if pair.vision in visions)
+    return min(pairs, key=lambda pair: pair.difference, default=None)

@@ -1,0 +1,1 @@
+"""Figures of scenes for papers: panels with a legend of painted swatches, a scale bar and orientation axes."""

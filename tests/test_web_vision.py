@@ -1,0 +1,44 @@
+"""The page for browsers shows names of regions, and a scene as people with a colour vision deficiency see it."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from svv.core.colour_vision import simulated
+from svv.fields.scene import Scene
+from svv.render.web.page import write_html
+
+EVIL = "<b>bone</b> & 'more'"
+"""A name that would be HTML."""
+
+
+def test_names_are_shown_as_text_and_the_switch_simulates(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    write_html(tmp_path / "page.html", balls.edited(0, name=EVIL), "named")
+    opened = open_page(tmp_path / "page.html", size=(700, 500))
+    opened.ready()
+    page = opened.page
+    assert EVIL in page.get_by_role("list").inner_text() and page.get_by_label(f"Opacity of {EVIL}").count() == 1
+
+    def shot() -> np.ndarray:
+        """What the canvas shows when it no longer changes: while it is drawn, it is coarser."""
+        last = None
+        while True:
+            image = Image.open(io.BytesIO(page.locator("#picture").screenshot())).convert("RGB")
+            now = np.asarray(image, np.float64) / 255.0
+            if last is not None and (now == last).all():
+                return now
+            last = now
+            page.wait_for_timeout(300)
+
+    before = shot()
+    for vision in ("protanopia", "deuteranopia", "tritanopia", "grey print"):
+        page.get_by_label("Colour vision").select_option(label=vision.capitalize())
+        off = np.abs(shot() - simulated(before, vision)).max(2)  # type: ignore[arg-type]
+        assert np.percentile(off, 99) < 3.5 / 255, vision
+    page.get_by_label("Colour vision").select_option(label="Normal")
+    assert np.abs(shot() - before).max() < 1.5 / 255

@@ -89,7 +89,7 @@ def test_every_format_gives_its_boxes(form: str, kind: str, tmp_path: Path) -> N
     if form == "hdf5":
         assert source.levels[0].spacing.tolist() == [1.0, 2.0, 3.0]
     if form == "mhd":
-        assert np.allclose(source.levels[0].axes, np.array([[0, 2, 0], [-1, 0, 0], [0, 0, 3]]))
+        assert np.allclose(source.levels[0].axes, [[0, -2, 0], [1, 0, 0], [0, 0, 3]])  # its rows are the axes
         assert source.levels[0].origin.tolist() == [1.0, 2.0, 3.0]
 
 

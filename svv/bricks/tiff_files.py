@@ -1,15 +1,86 @@
-"""What the readers of TIFF stacks share."""
+"""What TIFF files tell besides their pixels: the order of slices, the size of a voxel, and names of channels."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
 
-TIFFFILE_DECODES = (1, 8, 32773, 32946)
-"""TIFF compressions that tifffile decodes by itself: none, deflate, PackBits, and the old number of deflate."""
+import numpy as np
+from numpy.typing import NDArray
+
+from svv.bricks.axes import in_one_unit
+from svv.core.xml_values import parsed_xml
+
+RESOLUTION_UNITS = {2: "inch", 3: "cm"}
+"""Units of TIFF's resolutions."""
 
 
 def in_order(folder: Path) -> list[Path]:
     """Return the TIFF files of a folder, slice_2 before slice_10, whether or not the numbers are padded."""
     files = [f for f in folder.iterdir() if f.suffix.lower() in (".tif", ".tiff")]
     return sorted(files, key=lambda f: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", f.name)])
+
+
+def voxel_size(opened: Any, series: Any, name: str) -> NDArray[np.float64]:
+    """Return the size of a voxel along x, y, z as OME-TIFF and ImageJ give it, in the unit of x; 1 if unknown. (3,)
+
+    TIFF's own resolution says nothing about the distance of slices, so it is used with ImageJ's alone.
+
+    Args:
+        opened: A ``tifffile.TiffFile``.
+        series: The image of it.
+        name: Name of the file in messages.
+
+    Raises:
+        BadInput: The sizes have units that cannot be compared.
+    """
+    units: list[str | None]
+    if opened.is_ome:
+        pixels = _pixels(opened, series)
+        sizes = [float(pixels.get(f"PhysicalSize{axis}", "1")) for axis in "XYZ"]
+        units = [
+            pixels.get(f"PhysicalSize{axis}Unit", "µm") for axis in "XYZ" if f"PhysicalSize{axis}" in pixels.attrib
+        ]
+        common = units[0] if units else "µm"
+        units = [pixels.get(f"PhysicalSize{axis}Unit", common) for axis in "XYZ"]
+    elif opened.is_imagej:
+        sizes, units = _of_imagej(opened.imagej_metadata or {}, series.keyframe)
+    else:
+        return np.ones(3)
+    return in_one_unit(sizes, units, name)
+
+
+def _of_imagej(told: dict[str, Any], page: Any) -> tuple[list[float], list[str | None]]:
+    """Return the sizes along x, y, z, and their units, by the rules of ImageJ's own reader."""
+    sizes = []
+    for tag in ("XResolution", "YResolution"):
+        value = page.tags[tag].value if tag in page.tags else (0, 1)
+        up, down = (float(x) for x in (value if isinstance(value, tuple) else (value, 1)))
+        sizes.append(down / up if up > 0 and down > 0 else 1.0)
+    if "unit" not in told and sizes[0] == 1.0 / 72.0:  # a screen's, which means nothing
+        sizes = [1.0, 1.0]
+    unit_tag = int(page.tags["ResolutionUnit"].value) if "ResolutionUnit" in page.tags else 1
+    unit = str(told.get("unit") or RESOLUTION_UNITS.get(unit_tag, ""))
+    other = [str(told.get(f"{axis}unit") or unit) for axis in "yz"]
+    spacing = abs(float(told.get("spacing", 1.0))) or 1.0
+    return [*sizes, spacing], [unit, *other]
+
+
+def names_of_channels(opened: Any, series: Any, axes: list[str]) -> list[str]:
+    """Return the names of the channels of an OME-TIFF file; nothing unless every channel has one."""
+    if "c" not in axes or not opened.is_ome:
+        return []
+    count = int(series.shape[axes.index("c")])
+    channels = (e for e in _pixels(opened, series).iter() if e.tag.rpartition("}")[2] == "Channel")
+    names = [str(e.get("Name") or "") for e in channels]
+    return names if len(names) == count and all(names) else []
+
+
+def _pixels(opened: Any, series: Any) -> Element:
+    """Return the element ``Pixels`` of an image of an OME-TIFF file."""
+    root = parsed_xml(opened.ome_metadata.encode())
+    images = [e for e in root.iter() if e.tag.rpartition("}")[2] == "Pixels"]
+    numbers = {id(s): k for k, s in enumerate(opened.series)}
+    return images[min(numbers.get(id(series), 0), len(images) - 1)]

@@ -68,7 +68,8 @@ def package(name: str, file: Path) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
-        raise BadInput(f"{file} needs the package {name}: pip install 'svv[large]'.") from error
+        extra = "standalone" if name == "pydicom" else "large"
+        raise BadInput(f"{file} needs the package {name}: pip install 'svv[{extra}]'.") from error
 
 
 def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -> ChunkedSource:  # noqa: B008 - frozen

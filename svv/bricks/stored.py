@@ -126,7 +126,7 @@ class Stored:
                 content = content[max(len(content) - self.bytes_each + self.offset + 1, 0) :]
             try:
                 values = self._values(content, count)
-            except (ValueError, OSError, EOFError, zlib.error) as error:
+            except (ValueError, OverflowError, OSError, EOFError, zlib.error) as error:
                 raise damaged(file) from error
             if len(values) < count:
                 there = len(values) * self.dtype.itemsize
@@ -140,7 +140,7 @@ class Stored:
             kind = self.dtype.newbyteorder("=")
             if kind.kind == "f":
                 return np.array(words).astype(kind)
-            return np.array([_whole(word) for word in words]).astype(kind)
+            return np.array([_whole(word) for word in words], kind)
         if self.encoding == "hex":
             content = bytes.fromhex(content.decode("ascii"))
         elif self.encoding == "zlib":

@@ -279,6 +279,31 @@ def ilastik(rng: np.random.Generator, folder: Path) -> Case:
     return Case(folder / "v.h5", values[time, channel], np.diag([*(steps[axis] for axis in "xyz"), 1.0]), options)
 
 
+def dicom_slice(
+    page: Values,
+    place: Any,
+    turn: Any = ((1, 0), (0, 1), (0, 0)),
+    steps: Any = (1, 1, 1),
+    syntax: str = ExplicitVRLittleEndian,
+) -> pydicom.Dataset:
+    """A slice of int16 with rows and columns along two directions (3, 2), at a place in the world."""
+    data = pydicom.Dataset()
+    data.SOPClassUID, data.SOPInstanceUID = CTImageStorage, generate_uid()
+    data.SeriesInstanceUID, data.FrameOfReferenceUID, data.Modality = "1.2.3", "1.2.3.4", "CT"
+    data.Rows, data.Columns = page.shape[-2:]
+    data.SamplesPerPixel, data.PhotometricInterpretation = 1, "MONOCHROME2"
+    data.BitsAllocated, data.BitsStored, data.HighBit, data.PixelRepresentation = 16, 16, 15, 1
+    data.ImagePositionPatient = [f"{x:.9g}"[:16] for x in place]
+    data.ImageOrientationPatient = [f"{x:.9f}"[:16] for x in np.ravel(np.transpose(turn))]
+    data.PixelSpacing = [f"{steps[1]:.9g}", f"{steps[0]:.9g}"]
+    data.SliceThickness = f"{steps[2]:.9g}"
+    data.file_meta = FileMetaDataset()
+    data.file_meta.TransferSyntaxUID = syntax
+    data.PixelData = page.astype("<i2").tobytes()
+    data["PixelData"].VR = "OW"
+    return data
+
+
 def dicom(rng: np.random.Generator, folder: Path) -> Case:
     """A folder of DICOM slices of any direction, in files without endings, in no order; ITK reads it."""
     values = random_values(rng, "i2")
@@ -288,27 +313,13 @@ def dicom(rng: np.random.Generator, folder: Path) -> Case:
     matrix[:3, :3] = turn * np.linalg.norm(matrix[:3, :3], axis=0)
     syntax = ExplicitVRLittleEndian if rng.integers(2) else ImplicitVRLittleEndian
     scale = [(1.0, 0.0), (1.0, -1024.0), (0.5, 3.25)][int(rng.integers(3))]
-    series, frame = generate_uid(), generate_uid()
     names = rng.permutation(len(values) + 40)[: len(values)]
     (folder / "scan").mkdir()
+    steps, series = np.linalg.norm(matrix[:3, :3], axis=0), generate_uid()
     for k, page in enumerate(values):
-        data = pydicom.Dataset()
-        data.SOPClassUID, data.SOPInstanceUID = CTImageStorage, generate_uid()
-        data.SeriesInstanceUID, data.FrameOfReferenceUID, data.Modality = series, frame, "CT"
-        data.Rows, data.Columns = page.shape
-        data.SamplesPerPixel, data.PhotometricInterpretation = 1, "MONOCHROME2"
-        data.BitsAllocated, data.BitsStored, data.HighBit, data.PixelRepresentation = 16, 16, 15, 1
-        place = matrix @ [0, 0, k, 1]
-        data.ImagePositionPatient = [f"{x:.9g}"[:16] for x in place[:3]]
-        data.ImageOrientationPatient = [f"{x:.9f}"[:16] for x in turn[:, :2].T.ravel()]
-        steps = np.linalg.norm(matrix[:3, :3], axis=0)
-        data.PixelSpacing = [f"{steps[1]:.9g}", f"{steps[0]:.9g}"]
-        data.SliceThickness, data.InstanceNumber = f"{steps[2]:.9g}", int(names[k])
+        data = dicom_slice(page, (matrix @ [0, 0, k, 1])[:3], turn[:, :2], steps, syntax)
+        data.InstanceNumber, data.SeriesInstanceUID = int(names[k]), series
         data.RescaleSlope, data.RescaleIntercept = scale
-        data.file_meta = FileMetaDataset()
-        data.file_meta.TransferSyntaxUID = syntax
-        data.PixelData = page.astype("<i2").tobytes()
-        data["PixelData"].VR = "OW"
         data.save_as(folder / "scan" / f"I{names[k]:04d}", enforce_file_format=True)
     reader = sitk.ImageSeriesReader()
     reader.SetFileNames(reader.GetGDCMSeriesFileNames(str(folder / "scan")))

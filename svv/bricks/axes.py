@@ -81,15 +81,15 @@ def picked(axes: Sequence[str], shape: Sequence[int], choice: Choice, name: str,
     """
     missing = [axis for axis in "zyx" if list(axes).count(axis) != 1]
     said = ", ".join(f"{axis} {side}" for axis, side in zip(axes, shape))
-    if missing:
-        raise BadInput(
-            f"{name} is no volume: of the axes z, y and x, it lacks {' and '.join(missing)} (it has {said})."
-        )
     strange = [axis for axis, side in zip(axes, shape) if axis not in "ctzyx" and side > 1]
     if strange or any(list(axes).count(axis) > 1 for axis in "ct"):
         raise BadInput(
             f"{name} has axes of which it does not say what they are ({said}): save one volume of it, or name its axes "
             "where it was written."
+        )
+    if missing:
+        raise BadInput(
+            f"{name} is no volume: of the axes z, y and x, it lacks {' and '.join(missing)} (it has {said})."
         )
     asked = {"c": _channel(choice, name, channels, _side(axes, shape, "c")), "t": choice.time}
     if choice.time is not None and not 0 <= choice.time < _side(axes, shape, "t"):

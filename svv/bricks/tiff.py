@@ -73,17 +73,20 @@ class _Complaints(logging.Handler):
 
 @contextmanager
 def _opened(file: Path) -> Iterator[tuple[Any, _Complaints]]:
-    """Open a file with tifffile; errors that are not of this package become one sentence."""
+    """Open a file with tifffile, which stays open unless something is wrong with it: that becomes one sentence."""
     import tifffile  # only here: it is slow to import
 
-    listener = _Complaints()
+    listener, opened = _Complaints(), None
     logger = tifffile.logger()
     logger.addHandler(listener)
     try:
-        yield tifffile.TiffFile(file), listener
-    except BadInput:
-        raise
+        opened = tifffile.TiffFile(file)
+        yield opened, listener
     except Exception as error:  # damaged files make the decoders raise all kinds of errors
+        if opened is not None:
+            opened.close()
+        if isinstance(error, BadInput):
+            raise
         raise damaged(file) from error
     finally:
         logger.removeHandler(listener)
@@ -119,7 +122,9 @@ def open_tiff(path: Path, choice: Choice = Choice(), array: str | None = None, w
         sides = pick.sides(series.shape)
         level = level_of(sides, np.diag(size), np.zeros(3), path.name)
         source = _read(path, opened, series, pick, level, whole)
-    if source is not None:
+    if source is None:
+        opened.close()
+    else:
         finalize(source, opened.close)
     return source
 
@@ -133,7 +138,7 @@ def _read(path: Path, opened: Any, series: Any, pick: Pick, level: Any, whole: b
         values = np.memmap(path, kind, "r", series.dataoffset, tuple(series.shape))
         return MappedSource(pick.of(values), level.axes, level.origin, path.name)
     decodes = int(series.keyframe.compression) in TIFFFILE_DECODES
-    if series.keyframe.axes == "YX" and series.axes.endswith("YX") and (decodes or whole):
+    if not series.is_multifile and series.keyframe.axes == "YX" and series.axes.endswith("YX") and (decodes or whole):
         numbers = np.arange(len(series.pages)).reshape(series.shape[:-2])[..., None, None]
         listed = pick.of(numbers).ravel()
         pages = [_page(path, series.pages[int(k)], decodes) for k in listed]
@@ -203,12 +208,12 @@ def _axes(series: Any, path: Path) -> list[str]:
         slices = names.index("c")
         if series.shape[slices] > COMPOSITE:
             names[slices] = "z"
-    if "z" not in names and len(names) > 2:
+    if "z" not in names and len(names) > 2 and not free:
         word = {"c": "channels", "t": "time points"}
         there = " and ".join(f"{n} {word[name]}" for n, name in zip(series.shape, names) if name in word)
         raise BadInput(
             f"{path} is not a volume: a TIFF stack needs greyscale pages of the same size. It says that it has "
-            f"{there or 'axes without names'} of single slices; if they are the slices of a volume, say so where it is "
+            f"{there} of single slices; if they are the slices of a volume, say so where it is "
             "written: axes ZYX in tifffile, Image > Properties in ImageJ."
         )
     return names
@@ -220,10 +225,10 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
         raise BadInput(f"The folder {folder} contains no .tif slices; a volume is one file or a folder of slices.")
     with _opened(files[0]) as (first, _):
         series = first.series[0]
-        if first.is_ome and series.is_multifile:
-            return open_tiff(files[0], choice, None, whole)
-        page = first.pages[0]
+        page, spread = first.pages[0], first.is_ome and series.is_multifile
         first.close()
+    if spread:  # one image in all these files, of which each tells the place
+        return open_tiff(files[0], choice, None, whole)
     picked("zyx", (len(files), 2, 2), choice, folder.name)
     decodes = int(page.compression) in TIFFFILE_DECODES
     if not (decodes or whole):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,16 @@ METRES = {
     **dict.fromkeys(("ft", "foot"), 0.3048),
 }
 """Metres per unit of length, by its names in lower case."""
+
+
+SYNONYMS = {"time": "t", "frame": "t", "channel": "c", "band": "c", "depth": "z", "height": "y", "width": "x"}
+"""Names of axes that programs write out."""
+
+
+def named(axes: Iterable[object]) -> list[str]:
+    """Return names of axes as :func:`picked` knows them."""
+    lower = [str(axis).strip().lower() for axis in axes]
+    return [SYNONYMS.get(axis, axis) for axis in lower]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from svv.bricks.axes import Choice, in_one_unit, picked
+from svv.bricks.axes import Choice, in_one_unit, named, picked
 from svv.bricks.source import Box, Level, level_of, native
 from svv.core.json_values import parsed
 from svv.errors import BadInput
@@ -84,8 +84,20 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
     h5py = package("h5py", file)
     try:
         opened = h5py.File(file, "r", rdcc_nbytes=CHUNK_CACHE, rdcc_nslots=100_003)
-    except OSError as error:
+        data = _dataset(h5py, opened, file, array)
+        axes, size = _axes_of_dataset(data)
+        shape, kind = data.shape, data.dtype
+    except BadInput:
+        raise
+    except Exception as error:  # damaged files make HDF5 raise all kinds of errors
         raise BadInput(f"Cannot read {file}: it is damaged, incomplete, or not an HDF5 file.") from error
+    pick = picked(axes, shape, choice, file.name)
+    level = level_of(pick.sides(shape), np.diag(size), np.zeros(3), file.name)
+    return ChunkedSource(file.name, [partial(pick.box, data)], kind, [level])
+
+
+def _dataset(h5py: Any, opened: Any, file: Path, array: str | None) -> Any:
+    """Return the dataset of a path, or the largest one with three axes."""
     found: dict[str, Any] = {}
 
     def note(name: str, item: Any) -> None:
@@ -97,11 +109,7 @@ def open_hdf5(file: Path, choice: Choice = Choice(), array: str | None = None) -
         names = ", ".join(found) or "none"
         wanted = f"no volume '{array}'" if array else "no dataset with three axes"
         raise BadInput(f"{file} has {wanted}; datasets with three axes: {names}.")
-    data = found[array.strip("/")] if array is not None else max(found.values(), key=lambda item: item.size)
-    axes, size = _axes_of_dataset(data)
-    pick = picked(axes, data.shape, choice, file.name)
-    level = level_of(pick.sides(data.shape), np.diag(size), np.zeros(3), file.name)
-    return ChunkedSource(file.name, [partial(pick.box, data)], data.dtype, [level])
+    return found[array.strip("/")] if array is not None else max(found.values(), key=lambda item: item.size)
 
 
 def _axes_of_dataset(data: Any) -> tuple[list[str], NDArray[np.float64]]:
@@ -114,10 +122,10 @@ def _axes_of_dataset(data: Any) -> tuple[list[str], NDArray[np.float64]]:
             break
     try:
         tags = parsed(data.attrs["axistags"])["axes"]
-        names = [str(tag["key"]) for tag in tags]
-        steps = {str(tag["key"]): float(tag.get("resolution") or 0.0) for tag in tags}
+        names = named(tag["key"] for tag in tags)
+        steps = {str(tag["key"]).lower(): float(tag.get("resolution") or 0.0) for tag in tags}
     except (KeyError, TypeError, ValueError):
-        names, steps = [str(dimension.label) for dimension in data.dims], {}
+        names, steps = named(dimension.label for dimension in data.dims), {}
     if len(names) != data.ndim or not set("zyx") <= set(names):
         return unnamed(data.shape), size
     if all(steps.get(axis, 0.0) > 0.0 for axis in "xyz"):
@@ -147,21 +155,25 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
     """
     zarr, choice = package("zarr", folder), choice or Choice()
     try:
-        opened = zarr.open(str(folder), mode="r")
-        if array is not None:
-            opened = opened[array]
+        whole = zarr.open(str(folder), mode="r")
+        opened = whole if array is None else whole[array]
     except Exception as error:  # zarr's errors differ between its versions
         raise BadInput(f"Cannot read {folder}: {_said(error)}.") from error
+    for group in (opened, whole):  # of an image's group, an array is a single level
+        attributes = dict(group.attrs)
+        attributes = attributes.get("ome", attributes)
+        for scale in list(attributes.get("multiscales") or ())[:1]:
+            if group is opened:
+                return _ome(folder, group, scale, choice, attributes.get("omero"))
+            own = [one for one in scale.get("datasets", ()) if one.get("path") == str(array).strip("/")]
+            if own:
+                return _ome(folder, group, {**scale, "datasets": own}, choice, attributes.get("omero"))
     attributes = dict(opened.attrs)
-    attributes = attributes.get("ome", attributes)
-    scales = attributes.get("multiscales")
-    if scales:
-        return _ome(folder, opened, scales[0], choice, attributes.get("omero"))
     if not hasattr(opened, "shape"):
         inside = ", ".join(sorted(opened)) or "none"
         raise BadInput(f"{folder} is a group of arrays: name one of them ({inside}) with --array.")
     told = getattr(getattr(opened, "metadata", None), "dimension_names", None) or attributes.get("_ARRAY_DIMENSIONS")
-    names = [str(name) for name in told or ()]
+    names = named(told or ())
     axes = names if len(names) == opened.ndim and set("zyx") <= set(names) else unnamed(opened.shape)
     pick = picked(axes, opened.shape, choice, folder.name)
     level = level_of(pick.sides(opened.shape), np.eye(3), np.zeros(3), folder.name)
@@ -198,7 +210,7 @@ def _named_axes(told: Any, count: int) -> tuple[list[str], dict[str, str]]:
     if len(axes) != count:
         raise ValueError(f"{len(axes)} axes of {count} are named")
     kinds = {"time": "t", "channel": "c"}
-    names = [kinds.get(str(one.get("type")), str(one["name"]).lower()) for one in axes]
+    names = [kinds.get(str(one.get("type")), name) for one, name in zip(axes, named(one["name"] for one in axes))]
     return names, {name: str(one["unit"]) for name, one in zip(names, axes) if one.get("unit")}
 
 

@@ -72,32 +72,28 @@ def open_dicom(path: Path, choice: Choice = Choice(), array: str | None = None) 
             pydicom is not installed.
     """
     pydicom = package("pydicom", path)
-    files = sorted(f for f in path.iterdir() if f.is_file() and is_dicom(f)) if path.is_dir() else [path]
-    heads = []
-    for file in files:
-        try:
-            head = pydicom.dcmread(file, stop_before_pixels=True, force=True)
-            if "Rows" in head and "Columns" in head:
-                heads.append((file, head))
-        except Exception as error:  # damaged files make pydicom raise all kinds of errors
-            raise damaged(file) from error
-    if not heads:
-        raise damaged(path) if path.is_file() else BadInput(f"The folder {path} contains no DICOM pictures.")
-    chosen = _series(path, heads, array)
     try:
-        slices = [one for file, head in chosen for one in _frames(file, head)]
+        return _read(pydicom, path, choice, array)
     except BadInput:
         raise
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+    except Exception as error:  # damaged files make pydicom raise all kinds of errors, whenever a value is asked for
         raise damaged(path) from error
+
+
+def _read(pydicom: Any, path: Path, choice: Choice, array: str | None) -> ArraySource:
+    files = sorted(f for f in path.iterdir() if f.is_file() and is_dicom(f)) if path.is_dir() else [path]
+    heads = [(file, pydicom.dcmread(file, stop_before_pixels=True, force=True)) for file in files]
+    heads = [(file, head) for file, head in heads if "Rows" in head and "Columns" in head]
+    if not heads:
+        raise damaged(path) if path.is_file() else BadInput(f"The folder {path} contains no DICOM pictures.")
+    slices = [one for file, head in _series(path, heads, array) for one in _frames(file, head)]
     if len(slices) == 1:
         raise BadInput(f"{path} is a single slice: name the folder with all slices of its series.")
     steps, places = _stacked(slices, path)
     time = picked("tzyx", (len(places[0]), 2, 2, 2), choice, path.name).fixed[0] or 0
     shown = [place[time] for place in places]
     origin = shown[0].position if shown[0].position is not None else np.zeros(3)
-    head = shown[0].data
-    level_of((len(shown), int(head.Rows), int(head.Columns)), steps, origin, path.name)
+    level_of((len(shown), int(shown[0].data.Rows), int(shown[0].data.Columns)), steps, origin, path.name)
     return ArraySource(_values(pydicom, shown), steps, origin, path.name)
 
 
@@ -213,7 +209,7 @@ def _values(pydicom: Any, slices: Sequence[Slice]) -> NDArray[Any]:
             except Exception as error:  # codecs raise errors of all kinds
                 said = str(error).strip().splitlines()
                 raise BadInput(
-                    f"Cannot read {one.file}: {(said[0] if said else 'it is damaged').rstrip('.')}."
+                    f"Cannot read {one.file}: {(said[0] if said else 'it is damaged').rstrip('.:')}."
                 ) from error
         stored.append(read[1][one.frame] if read[1].ndim == 3 else read[1])
     scales = {one.scale for one in slices}

@@ -95,12 +95,12 @@ def _opened(
         return open_hdf5(file, choice, array)
     if name.endswith(TIFF):
         return open_tiff(file, choice, array, whole)
+    if raw == (None, None) and is_dicom(file):
+        return open_dicom(file, choice, array) if whole else None
     if header := header_reader(file):
         stored = header(file)
         check_array(array, stored.title, file)
         return stored.source(choice, whole)
-    if raw == (None, None) and is_dicom(file):
-        return open_dicom(file, choice, array) if whole else None
     check_alone(choice, file)
     if name.endswith(".vti"):
         return None if whole else open_vti(file, array)

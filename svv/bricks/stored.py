@@ -128,6 +128,8 @@ class Stored:
                 values = self._values(content, count)
             except (ValueError, OverflowError, OSError, EOFError, zlib.error) as error:
                 raise damaged(file) from error
+            except MemoryError as error:
+                raise too_large(self.file, self.shape[::-1]) from error
             if len(values) < count:
                 there = len(values) * self.dtype.itemsize
                 raise too_short(file, there, self.bytes_each, self.shape[::-1], self.dtype)

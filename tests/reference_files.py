@@ -92,21 +92,22 @@ def meta_image(rng: np.random.Generator, folder: Path) -> Case:
     if channels > 1:
         fields["ElementNumberOfChannels"] = str(channels)
     data = np.moveaxis(values, 0, -1).astype(values.dtype.newbyteorder(order)).tobytes()
-    mode, parts = str(rng.choice(["local", "packed", "raw", "skip", "end", "list", "pattern"])), values.shape[1]
+    mode = str(rng.choice(["local", "local end", "packed", "raw", "skip", "end", "list", "pattern"]))
+    parts, local = values.shape[1], mode.startswith("local")
     if mode == "packed":
         data = zlib.compress(data)
         fields |= {"CompressedData": "True", "CompressedDataSize": str(len(data))}
-    if mode in ("skip", "end"):
+    if mode in ("skip", "end", "local end"):
         data, fields["HeaderSize"] = b"j" * 37 + data, "37" if mode == "skip" else "-1"
-    target, path = "v.raw", folder / ("v.mha" if mode == "local" else "v.mhd")
+    target, path = "v.raw", folder / ("v.mha" if local else "v.mhd")
     if mode in ("list", "pattern"):
         names = [f"v{k:03d}.raw" for k in range(3, parts + 3)]
         for k, one in enumerate(names):
             (folder / one).write_bytes(data[k * len(data) // parts : (k + 1) * len(data) // parts])
         target = "\n".join(["LIST", *names]) if mode == "list" else f"v%03d.raw 3 {parts + 2} 1"
-    fields["ElementDataFile"] = "LOCAL" if mode == "local" else target
+    fields["ElementDataFile"] = "LOCAL" if local else target
     text = "".join(f"{key}{rng.choice([' = ', '='])}{value}\n" for key, value in fields.items()).encode()
-    path.write_bytes(text + (data if mode == "local" else b""))
+    path.write_bytes(text + (data if local else b""))
     (folder / "v.raw").write_bytes(data)
     read, placed = of_itk(path)
     channel = int(rng.integers(channels))

@@ -78,10 +78,12 @@ def test_a_volume_written_without_axes_is_one(tmp_path: Path, how: dict[str, Any
     np.testing.assert_array_equal(to_array(read_here(path)), U)
 
 
-def test_three_or_four_slices_are_no_colours(tmp_path: Path) -> None:
+def test_three_or_four_slices_are_colours_unless_the_axes_say_otherwise(tmp_path: Path) -> None:
     with pytest.warns(DeprecationWarning, match="photometric"):  # tifffile takes the slices for colours
-        path = tiff(tmp_path / "v.tif", U[:4])
-    np.testing.assert_array_equal(to_array(read_here(path)), U[:4])
+        path, told = tiff(tmp_path / "v.tif", U[:4]), tiff(tmp_path / "w.tif", U[:4], metadata={"axes": "ZYX"})
+    with pytest.raises(BadInput, match="4 channels of single slices; if they are the slices of a volume, say so"):
+        read_here(path)
+    np.testing.assert_array_equal(to_array(read_here(told)), U[:4])
 
 
 def test_channels_in_packed_pages(tmp_path: Path) -> None:

@@ -162,14 +162,13 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
     for group in (opened, whole):  # of an image's group, an array is a single level
         attributes = dict(group.attrs)
         attributes = attributes.get("ome", attributes)
-        for scale in list(attributes.get("multiscales") or ())[:1]:
-            if group is opened:
-                return _ome(folder, group, scale, choice, attributes.get("omero"))
-            own = [one for one in scale.get("datasets", ()) if one.get("path") == str(array).strip("/")]
-            if own:
-                return _ome(folder, group, {**scale, "datasets": own}, choice, attributes.get("omero"))
+        if isinstance(attributes, dict) and attributes.get("multiscales"):
+            only = None if group is opened else str(array).strip("/")
+            source = _ome(folder, group, attributes, choice, only)
+            if source is not None:
+                return source
     attributes = dict(opened.attrs)
-    if not hasattr(opened, "shape"):
+    if not hasattr(opened, "ndim"):
         inside = ", ".join(sorted(opened)) or "none"
         raise BadInput(f"{folder} is a group of arrays: name one of them ({inside}) with --array.")
     told = getattr(getattr(opened, "metadata", None), "dimension_names", None) or attributes.get("_ARRAY_DIMENSIONS")
@@ -180,24 +179,28 @@ def open_zarr(folder: Path, choice: Choice | None = None, array: str | None = No
     return ChunkedSource(folder.name, [partial(pick.box, opened)], opened.dtype, [level])
 
 
-def _ome(folder: Path, group: Any, scale: Any, choice: Choice, omero: Any) -> ChunkedSource:
-    """Open the levels of an OME-Zarr image (OME-NGFF 0.1 to 0.5)."""
+def _ome(folder: Path, group: Any, told: Any, choice: Choice, only: str | None) -> ChunkedSource | None:
+    """Open the levels of an OME-Zarr image (OME-NGFF 0.1 to 0.5), or ``only`` one of them, if there is one."""
     try:
-        arrays = [group[entry["path"]] for entry in scale["datasets"]]
+        scale = told["multiscales"][0]
+        datasets = [entry for entry in scale["datasets"] if only in (None, entry["path"])]
+        if only is not None and not datasets:
+            return None
+        arrays = [group[entry["path"]] for entry in datasets]
         axes, units = _named_axes(scale.get("axes"), arrays[0].ndim)
-        channels = _labels(omero)
+        channels = _labels(told.get("omero"))
         picks = [picked(axes, data.shape, choice, folder.name, channels) for data in arrays]
         in_unit = in_one_unit(np.ones(3), [units.get(axis) for axis in "xyz"], folder.name)
         places = [axes.index(axis) for axis in "xyz"]
         levels = []
-        for entry, data, pick in zip(scale["datasets"], arrays, picks):
+        for entry, data, pick in zip(datasets, arrays, picks):
             steps = [*entry.get("coordinateTransformations", ()), *scale.get("coordinateTransformations", ())]
             size, shift = _transform(steps, data.ndim)
             level = pick.sides(data.shape), np.diag(size[places] * in_unit), shift[places] * in_unit
             levels.append(level_of(*level, folder.name))
     except BadInput:
         raise
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
         raise BadInput(f"{folder} has multiscales that do not follow OME-NGFF ({_said(error)}).") from error
     return ChunkedSource(
         folder.name, [partial(pick.box, data) for pick, data in zip(picks, arrays)], arrays[0].dtype, levels

@@ -1,7 +1,7 @@
 """MetaImage files (``.mhd``, ``.mha``), as ITK reads them.
 
-VTK and ParaView read many of them otherwise: a ``TransformMatrix`` transposed (or not at all, before VTK 9.1),
-``MET_LONG`` with eight bytes instead of four, and volumes of several channels or time points as components.
+VTK and ParaView read many of them otherwise: the ``TransformMatrix`` not at all (ParaView 5.11) or transposed (VTK
+9.7), ``MET_LONG`` with eight bytes instead of four, and volumes of several channels or time points as components.
 
 Source: https://itk.org/Wiki/ITK/MetaIO/Documentation, and the library MetaIO itself.
 """
@@ -57,13 +57,13 @@ def meta_header(file: Path) -> Stored:
         if len(dims) not in (3, 4) or len(dims) != int(fields.get("NDims", len(dims))) or min(channels, *dims) < 1:
             raise ValueError("a volume needs three axes, and at most one for the time")
         files = _data_files(file, end[1].decode("latin-1"), head[end.end() :], dims)
-        skipped = end.end() if files == (file,) else int(fields.get("HeaderSize", "0"))
+        skipped = int(fields.get("HeaderSize", "0")) or (end.end() if files == (file,) else 0)
         steps = _numbers(fields, ("ElementSpacing", "ElementSize"), "1 " * len(dims), len(dims))
         identity = " ".join(str(int(x)) for x in np.eye(len(dims)).ravel())
         turned = _numbers(fields, ("TransformMatrix", "Rotation", "Orientation"), identity, len(dims) ** 2)
-        origin = _numbers(fields, ("Offset", "Position", "Origin"), "0 " * len(dims), len(dims))
+        origin = _numbers(fields, ("Origin", "Position", "Offset"), "0 " * len(dims), len(dims))
         order = ">" if _true(fields, ("BinaryDataByteOrderMSB", "ElementByteOrderMSB"), False) else "<"
-        kind = np.dtype(order + META_TYPES[fields["ElementType"]])
+        kind = np.dtype(order + META_TYPES[fields["ElementType"].removesuffix("_ARRAY")])
     except (KeyError, ValueError, OverflowError) as error:
         raise bad_header(file, error) from error
     with np.errstate(all="ignore"):  # what is not finite is rejected later

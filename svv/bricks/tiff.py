@@ -195,9 +195,7 @@ def _axes(series: Any, path: Path) -> list[str]:
     """Return a name for each axis of an image; see :func:`svv.bricks.axes.picked`."""
     names = [{"E": "c", "S": "s"}.get(axis, axis.lower() if axis in "TCZYX" else axis) for axis in series.axes]
     if "s" in names:
-        if "z" not in names and "c" not in names and series.keyframe.planarconfig == 2 and len(names) == 3:
-            names[names.index("s")] = "z"  # tifffile's own way with three or four slices
-        elif "c" in names or series.shape[names.index("s")] > 1:
+        if "c" in names or series.shape[names.index("s")] > 1:
             names[names.index("s")] = "c" if "c" not in names else "sample"
     if "z" in names:
         return names

@@ -5,6 +5,7 @@ Each maker takes a random generator and a folder, writes a file, and returns a :
 
 from __future__ import annotations
 
+import json
 import struct
 import zlib
 from dataclasses import dataclass, field
@@ -18,7 +19,6 @@ import numpy as np
 import pydicom
 import SimpleITK as sitk
 import tifffile
-import zarr
 from numpy.typing import NDArray
 from pydicom.dataset import FileMetaDataset
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, ImplicitVRLittleEndian, generate_uid
@@ -220,7 +220,8 @@ def tiff(rng: np.random.Generator, folder: Path) -> Case:
     elif program == "plain":
         told["metadata"], size = None, np.ones(3)
     else:
-        size = np.ones(3)
+        told |= {"resolution": tuple(1 / size[:2]), "resolutionunit": 1}
+        told["metadata"] |= {"spacing": size[2], "unit": "um"}
     if rng.integers(2):
         told["compression"] = "zlib"
     if program == "plain" and rng.integers(2):
@@ -236,6 +237,17 @@ def tiff(rng: np.random.Generator, folder: Path) -> Case:
     return Case(path, read[time, channel], np.diag([*size, 1.0]), options)
 
 
+def write_zarr(folder: Path, values: Values, attributes: dict[str, Any]) -> None:
+    """A group of Zarr's version 2 with the array ``0``, which every version of the package reads."""
+    (folder / "0").mkdir(parents=True)
+    (folder / ".zgroup").write_text('{"zarr_format": 2}')
+    (folder / ".zattrs").write_text(json.dumps(attributes))
+    told = {"zarr_format": 2, "shape": values.shape, "chunks": values.shape, "dtype": values.dtype.str, "order": "C"}
+    told |= {"compressor": None, "fill_value": 0, "filters": None}
+    (folder / "0" / ".zarray").write_text(json.dumps(told))
+    (folder / "0" / ".".join("0" * values.ndim)).write_bytes(values.tobytes())
+
+
 def ome_zarr(rng: np.random.Generator, folder: Path) -> Case:
     """An OME-Zarr image with its axes in any order."""
     values = random_values(rng, "u1 i2 u2 f4", (int(rng.integers(1, 4)), int(rng.integers(1, 3))))
@@ -244,16 +256,14 @@ def ome_zarr(rng: np.random.Generator, folder: Path) -> Case:
     stored = values.transpose(["tczyx".index(axis) for axis in order])
     stored = stored[tuple(0 if axis not in left else slice(None) for axis in order)]
     size, shift = {axis: float(rng.uniform(0.1, 3)) for axis in left}, {a: float(rng.normal()) for a in left}
-    group = zarr.open_group(folder / "v.zarr", mode="w", zarr_format=2)
-    group.create_array("0", data=stored, chunks=tuple(min(3, n) for n in stored.shape))
     types = {"t": "time", "c": "channel"}
-    group.attrs["multiscales"] = [{
-        "version": "0.4", "axes": [{"name": axis, "type": types.get(axis, "space")} for axis in left],
-        "datasets": [{"path": "0", "coordinateTransformations": [
-            {"type": "scale", "scale": [size[axis] for axis in left]},
-            {"type": "translation", "translation": [shift[axis] for axis in left]},
-        ]}],
-    }]  # fmt: skip
+    steps = [
+        {"type": "scale", "scale": [size[axis] for axis in left]},
+        {"type": "translation", "translation": [shift[axis] for axis in left]},
+    ]
+    axes = [{"name": axis, "type": types.get(axis, "space")} for axis in left]
+    datasets = [{"path": "0", "coordinateTransformations": steps}]
+    write_zarr(folder / "v.zarr", stored, {"multiscales": [{"version": "0.4", "axes": axes, "datasets": datasets}]})
     time = int(rng.integers(values.shape[0])) if "t" in left else 0
     channel = int(rng.integers(values.shape[1])) if "c" in left else 0
     options: dict[str, Any] = {"time": time} if "t" in left and values.shape[0] > 1 else {}
@@ -265,8 +275,6 @@ def ome_zarr(rng: np.random.Generator, folder: Path) -> Case:
 
 def ilastik(rng: np.random.Generator, folder: Path) -> Case:
     """An HDF5 file of ilastik, with its ``axistags``."""
-    import json
-
     values = random_values(rng, "u1 u2 f4", (int(rng.integers(1, 4)), int(rng.integers(1, 3))))
     order = str(rng.choice(["tczyx", "tzyxc", "zyxct", "xyzct"]))
     steps = {axis: float(rng.uniform(0.1, 3)) for axis in "xyz"}

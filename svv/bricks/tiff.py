@@ -25,9 +25,7 @@ from svv.bricks.source import ArraySource, Box, Source, level_of
 from svv.bricks.stored import damaged
 from svv.bricks.tiff_files import in_order, names_of_channels, voxel_size
 from svv.errors import BadInput
-
-TIFFFILE_DECODES = (1, 8, 32773, 32946)
-"""TIFF compressions that tifffile decodes by itself: none, deflate, PackBits, and the old number of deflate."""
+from svv.io.deep_tiff import TIFFFILE_DECODES
 
 COMPOSITE = 7
 """Most channels of a picture in ImageJ. tifffile calls the slices of a volume channels if nobody names its axes."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from svv.bricks.axes import in_one_unit
 from svv.core.xml_values import parsed_xml
 
-RESOLUTION_UNITS = {2: "inch", 3: "cm"}
+RESOLUTION_UNITS = {2: "inch", 3: "cm", 4: "mm", 5: "um"}
 """Units of TIFF's resolutions."""
 
 
@@ -24,9 +24,9 @@ def in_order(folder: Path) -> list[Path]:
 
 
 def voxel_size(opened: Any, series: Any, name: str) -> NDArray[np.float64]:
-    """Return the size of a voxel along x, y, z as OME-TIFF and ImageJ give it, in the unit of x; 1 if unknown. (3,)
+    """Return the size of a voxel along x, y, z as OME-TIFF, ImageJ and tifffile give it, in the unit of x. (3,)
 
-    TIFF's own resolution says nothing about the distance of slices, so it is used with ImageJ's alone.
+    It is 1 if unknown: TIFF's own resolution says nothing about the distance of slices, so it counts only with that.
 
     Args:
         opened: A ``tifffile.TiffFile``.
@@ -36,20 +36,26 @@ def voxel_size(opened: Any, series: Any, name: str) -> NDArray[np.float64]:
     Raises:
         BadInput: The sizes have units that cannot be compared.
     """
-    units: list[str | None]
-    if opened.is_ome:
-        pixels = _pixels(opened, series)
-        sizes = [float(pixels.get(f"PhysicalSize{axis}", "1")) for axis in "XYZ"]
-        units = [
-            pixels.get(f"PhysicalSize{axis}Unit", "µm") for axis in "XYZ" if f"PhysicalSize{axis}" in pixels.attrib
-        ]
-        common = units[0] if units else "µm"
-        units = [pixels.get(f"PhysicalSize{axis}Unit", common) for axis in "XYZ"]
+    told: Any = {}
+    if series.kind == "ome":
+        told = _pixels(opened, series).attrib
     elif opened.is_imagej:
-        sizes, units = _of_imagej(opened.imagej_metadata or {}, series.keyframe)
-    else:
-        return np.ones(3)
-    return in_one_unit(sizes, units, name)
+        told = opened.imagej_metadata or {}
+    elif series.kind == "shaped":  # tifffile's own, with any metadata
+        told = next((one for one in opened.shaped_metadata or () if _fits(one, series)), {})
+    given = [axis for axis in "XYZ" if f"PhysicalSize{axis}" in told]
+    if given:
+        sizes = [float(told.get(f"PhysicalSize{axis}", 1.0)) for axis in "XYZ"]
+        known = {axis: str(told.get(f"PhysicalSize{axis}Unit", "µm")) for axis in given}
+        return in_one_unit(sizes, [known.get(axis, known[given[0]]) for axis in "XYZ"], name)
+    if opened.is_imagej or "spacing" in told or "unit" in told:
+        return in_one_unit(*_of_imagej(told, series.keyframe), name)
+    return np.ones(3)
+
+
+def _fits(told: dict[str, Any], series: Any) -> bool:
+    """Return whether metadata that tifffile has written belong to an image."""
+    return tuple(told.get("shape", ())) in (tuple(series.shape), tuple(series.get_shape(squeeze=False)))
 
 
 def _of_imagej(told: dict[str, Any], page: Any) -> tuple[list[float], list[str | None]]:

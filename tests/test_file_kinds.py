@@ -20,7 +20,7 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataWriter  # noqa: E402
 
 from svv.bricks.opened import data_files, open_bricks  # noqa: E402
 from svv.core.json_values import parsed  # noqa: E402
-from svv.dvr.grids import to_array  # noqa: E402
+from svv.dvr.grids import index_to_world, to_array  # noqa: E402
 from svv.dvr.large import LargeVolume, open_volume  # noqa: E402
 from svv.dvr.volumes import read_here, read_volume  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
@@ -98,6 +98,11 @@ def test_where_nrrd_files_lie(tmp_path: Path, more: str, spacing: tuple, origin:
     volume = read_here(nrrd(tmp_path / "v.nrrd", f"{more}\nencoding: raw"))
     np.testing.assert_allclose(volume.GetSpacing(), spacing, rtol=1e-12)
     np.testing.assert_allclose(volume.GetOrigin(), origin, rtol=1e-12, atol=1e-12)
+
+
+def test_a_negative_spacing_of_nrrd_mirrors(tmp_path: Path) -> None:
+    volume = read_here(nrrd(tmp_path / "v.nrrd", "spacings: -1 2 3\nencoding: raw"))
+    np.testing.assert_array_equal(index_to_world(volume)[:3, :3], np.diag([-1, 2, 3]))
 
 
 def test_the_byte_skip_of_packed_nrrd_counts_after_unpacking(tmp_path: Path) -> None:

@@ -164,7 +164,7 @@ def _geometry(
         low, high, step = (per_axis[key][axis] for key in ("axis mins", "axis maxs", "spacings"))
         if np.isnan(step) and np.isfinite(high - low):
             step = (high - low) / (sizes[axis] - (not cells[axis]))
-        spacing[k] = 1.0 if np.isnan(step) else abs(step)
+        spacing[k] = 1.0 if np.isnan(step) else step
         place[k] = 0.0 if np.isnan(low) else low + 0.5 * spacing[k] * cells[axis]
     units = re.findall(r'"([^"]*)"', fields.get("units", ""))
     scale = in_one_unit(np.ones(3), [units[axis] if len(units) == len(sizes) else "" for axis in space], file.name)

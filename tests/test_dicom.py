@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -125,3 +126,10 @@ def test_scans_that_are_no_volume_are_refused(tmp_path: Path, case: str) -> None
     places, change, words = BAD_SCANS[case]
     with pytest.raises(BadInput, match=words):
         read_here(scan(tmp_path / "scan", places, change))
+
+
+def test_the_package_that_dicom_needs_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = scan(tmp_path / "scan", [(0, 0, k) for k in range(4)])
+    monkeypatch.setitem(sys.modules, "pydicom", None)
+    with pytest.raises(BadInput, match=r"needs the package pydicom: pip install 'svv\[standalone\]'\.$"):
+        read_here(folder)

@@ -21,7 +21,9 @@ from svv.dvr.other_formats import reader_of
 from svv.dvr.vtk_readers import check_memory, run, vtk_messages
 from svv.errors import BadInput
 
-SUPPORTED = ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .slc .npy .raw .h5 .zarr .tif (or a folder of .tif)"
+SUPPORTED = (
+    ".vti .vtk .mha .mhd .nrrd .nhdr .nii .nii.gz .slc .npy .raw .h5 .zarr .tif, or a folder of .tif or DICOM slices"
+)
 """Formats that are read without PyVista."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import io
 import re
 import zlib
 from collections.abc import Sequence
@@ -148,7 +149,8 @@ class Stored:
         elif self.encoding == "zlib":
             content = _inflated(content, max(self.offset, 0) + self.bytes_each)
         elif self.encoding == "bz2":
-            content = bz2.BZ2Decompressor().decompress(content, max(self.offset, 0) + self.bytes_each)
+            with bz2.open(io.BytesIO(content)) as opened:
+                content = opened.read(max(self.offset, 0) + self.bytes_each)
         content = content[max(self.offset, 0) :]
         return np.frombuffer(content[: len(content) // self.dtype.itemsize * self.dtype.itemsize], self.dtype)
 
@@ -181,8 +183,6 @@ def _inflated(content: bytes, most: int) -> bytes:
     """Decompress a stream of zlib or gzip, of which gzip may have several members."""
     if content[:2] != b"\x1f\x8b":
         return zlib.decompressobj().decompress(content, most)
-    import io
-
     with gzip.GzipFile(fileobj=io.BytesIO(content)) as opened:
         return opened.read(most)
 

@@ -150,6 +150,9 @@ def test_an_ome_image_in_several_files(tmp_path: Path, named: str) -> None:
     volume = read_here(tmp_path / "scan" if named == "folder" else tmp_path / "scan" / "2.ome.tif")
     np.testing.assert_array_equal(to_array(volume), U[:4])
     assert volume.GetSpacing() == (0.5, 0.5, 2.0)
+    (tmp_path / "scan" / "1.ome.tif").unlink()
+    with pytest.raises(BadInput, match="lacks 1 of the 4 slices that it announces"):
+        read_here(tmp_path / "scan" / "2.ome.tif")
 
 
 def test_channels_of_imagej_packed_by_libtiff(tmp_path: Path) -> None:

@@ -142,15 +142,18 @@ def _read(path: Path, opened: Any, series: Any, pick: Pick, level: Any, whole: b
         pages = [_page(path, series.pages[int(k)], decodes) for k in listed]
         size = int(np.prod(series.keyframe.shape)) * np.dtype(series.dtype).itemsize
         return ChunkedSource(path.name, [Pages(pages, size).read], series.dtype, [level])
-    if not (whole and decodes):
+    if not whole:
         return None
+    if not decodes:
+        raise BadInput(
+            f"{path} is packed by {series.keyframe.compression.name}, which cannot be read in such a file: save it "
+            "without compression, or packed by deflate."
+        )
     return ArraySource(pick.of(series.asarray()), level.axes, level.origin, path.name)
 
 
 def _page(path: Path, page: Any, decodes: bool) -> Callable[[], NDArray[Any]]:
     """Return a function that decodes a page."""
-    if page is None:
-        raise BadInput(f"{path} lacks some of the slices that it announces: it is incomplete.")
     if decodes:
         return lambda: page.asarray()
 
@@ -164,7 +167,10 @@ def _page(path: Path, page: Any, decodes: bool) -> Callable[[], NDArray[Any]]:
 
 
 def _check_complete(path: Path, series: Any) -> None:
-    """Raise BadInput if the file ends before the data of its pages does."""
+    """Raise BadInput if pages are missing, or the file ends before their data does."""
+    missing = sum(page is None for page in series.pages)
+    if missing:
+        raise BadInput(f"{path} lacks {missing} of the {len(series.pages)} slices that it announces: it is incomplete.")
     if series.is_multifile:
         return
     pages = [page for page in series.pages if page is not None and hasattr(page, "dataoffsets")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -171,3 +172,34 @@ def test_units_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
     path = tiff(tmp_path / "v.ome.tif", U, ome=True, metadata={"axes": "ZYX", **sizes}, **GREY)
     with pytest.raises(BadInput, match=r"units that cannot be compared \(x in µm, y in µm, z in pixel\)"):
         open_tiff(path)
+
+
+def slices(folder: Path, names: Callable[[int, int], str]) -> Path:
+    folder.mkdir()
+    for k in range(2):
+        for z in range(12):
+            tiff(folder / names(k, z), U[z] + np.uint16(1000 * k))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "s1_c{k}_z{z:03}.tif",
+        "s1_z{z}_ch{k:02}.tif",
+        "img_channel{k:03}_position000_time000_z{z:03}.tif",
+        "{z}_C={k}.tif",
+    ],
+)
+def test_names_of_slices_tell_channels(tmp_path: Path, name: str) -> None:
+    folder = slices(tmp_path / "scan", lambda k, z: name.format(k=k, z=z))
+    with pytest.raises(BadInput, match=r"^scan has 2 channels \(0 to 1\): choose one with --channel\.$"):
+        read_here(folder)
+    np.testing.assert_array_equal(to_array(read_here(folder, channel="1")), U[:12] + 1000)
+
+
+def test_numbers_in_names_that_tell_nothing_are_refused_or_left_alone(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"axes of which it does not say what they are \(run 2, part 12, y"):
+        read_here(slices(tmp_path / "a", lambda k, z: f"run{k}_part{z}.tif"))
+    dated = slices(tmp_path / "b", lambda k, z: f"scan_{20260000 + 12 * k + z}_{1200 + 12 * k + z}.tif")
+    np.testing.assert_array_equal(to_array(read_here(dated)), np.concatenate([U[:12], U[:12] + 1000]))

@@ -23,7 +23,7 @@ from svv.bricks.chunked import CHUNK_CACHE, ChunkedSource
 from svv.bricks.mapped import MappedSource
 from svv.bricks.source import ArraySource, Box, Source, level_of
 from svv.bricks.stored import damaged
-from svv.bricks.tiff_files import in_order, names_of_channels, voxel_size
+from svv.bricks.tiff_files import axes_of_names, in_order, names_of_channels, voxel_size
 from svv.errors import BadInput
 from svv.io.deep_tiff import TIFFFILE_DECODES
 
@@ -231,7 +231,9 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
         first.close()
     if spread:  # one image in all these files, of which each tells the place
         return open_tiff(files[0], choice, None, whole)
-    picked("zyx", (len(files), 2, 2), choice, folder.name)
+    axes, shape = axes_of_names(files)
+    pick = picked([*axes, "y", "x"], [*shape, *page.shape[:2]], choice, folder.name)
+    files = [files[k] for k in pick.of(np.arange(len(files)).reshape(*shape, 1, 1)).ravel()]
     decodes = int(page.compression) in TIFFFILE_DECODES
     if not (decodes or whole):
         return None

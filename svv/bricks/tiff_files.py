@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -17,10 +18,41 @@ RESOLUTION_UNITS = {2: "inch", 3: "cm", 4: "mm", 5: "um"}
 """Units of TIFF's resolutions."""
 
 
+NAMED = {
+    **dict.fromkeys(("c", "ch", "chan", "channel", "w", "wavelength"), "c"),
+    **dict.fromkeys(("t", "tp", "time", "timepoint"), "t"),
+    **dict.fromkeys(("z", "slice", "plane", "layer"), "z"),
+}
+"""Axes by the words before numbers in names of files."""
+
+
 def in_order(folder: Path) -> list[Path]:
     """Return the TIFF files of a folder, slice_2 before slice_10, whether or not the numbers are padded."""
     files = [f for f in folder.iterdir() if f.suffix.lower() in (".tif", ".tiff")]
     return sorted(files, key=lambda f: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", f.name)])
+
+
+def axes_of_names(files: Sequence[Path]) -> tuple[list[str], list[int]]:
+    """Return names and lengths of the axes that the numbers in the names of slices stand for, see :func:`in_order`.
+
+    Names such as ``scan_c0_z012.tif`` have a number for the channel and one for the slice. Several numbers that do not
+    make a complete grid, such as dates, mean nothing: the slices are a stack in the order of their names.
+    """
+    parts = [re.split(r"(\d+)", file.stem) for file in files]
+    alone = ["z"], [len(files)]
+    if len({tuple(part[::2]) for part in parts}) != 1:
+        return alone
+    fields = [sorted({int(part[k]) for part in parts}) for k in range(1, len(parts[0]), 2)]
+    varying = [k for k, values in enumerate(fields) if len(values) > 1]
+    shape = [len(fields[k]) for k in varying]
+    if len(varying) < 2 or int(np.prod(shape)) != len(files):
+        return alone
+    words = [re.split(r"[^a-z]+", parts[0][2 * k].lower().rstrip("_-. ="))[-1] for k in varying]
+    names = [NAMED.get(word, word or "number") for word in words]
+    unknown = [k for k, name in enumerate(names) if name not in "ctz"]
+    if "z" not in names and len(unknown) == 1:
+        names[unknown[0]] = "z"
+    return names, shape
 
 
 def voxel_size(opened: Any, series: Any, name: str) -> NDArray[np.float64]:

@@ -198,6 +198,15 @@ def test_names_of_slices_tell_channels(tmp_path: Path, name: str) -> None:
     np.testing.assert_array_equal(to_array(read_here(folder, channel="1")), U[:12] + 1000)
 
 
+def test_a_folder_of_stacks_is_no_stack(tmp_path: Path) -> None:
+    (tmp_path / "scan").mkdir()
+    tiff(tmp_path / "scan" / "v1.tif", U, metadata=None, **GREY)
+    np.testing.assert_array_equal(to_array(read_here(tmp_path / "scan")), U)
+    tiff(tmp_path / "scan" / "v2.tif", U, metadata=None, **GREY)
+    with pytest.raises(BadInput, match=r"v1.tif holds 40 pages, not one slice: name the file that you want"):
+        read_here(tmp_path / "scan")
+
+
 def test_numbers_in_names_that_tell_nothing_are_refused_or_left_alone(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"axes of which it does not say what they are \(run 2, part 12, y"):
         read_here(slices(tmp_path / "a", lambda k, z: f"run{k}_part{z}.tif"))

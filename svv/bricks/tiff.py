@@ -227,10 +227,12 @@ def _open_folder(folder: Path, choice: Choice, whole: bool) -> Source | None:
         raise BadInput(f"The folder {folder} contains no .tif slices; a volume is one file or a folder of slices.")
     with _opened(files[0]) as (first, _):
         series = first.series[0]
-        page, spread = first.pages[0], first.is_ome and series.is_multifile
+        page, count, spread = first.pages[0], len(first.pages), first.is_ome and series.is_multifile
         first.close()
-    if spread:  # one image in all these files, of which each tells the place
+    if spread or len(files) == 1:  # one image in all these files, of which each tells the place
         return open_tiff(files[0], choice, None, whole)
+    if count > 1:
+        raise BadInput(f"{files[0]} holds {count} pages, not one slice: name the file that you want, not its folder.")
     axes, shape = axes_of_names(files)
     pick = picked([*axes, "y", "x"], [*shape, *page.shape[:2]], choice, folder.name)
     files = [files[k] for k in pick.of(np.arange(len(files)).reshape(*shape, 1, 1)).ravel()]

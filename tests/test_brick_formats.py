@@ -137,6 +137,19 @@ def test_a_damaged_chunk_is_one_sentence(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["v.mhd", "v.nrrd", "v.nii", "v.tif", "v.vti", "v.what"])
+def test_a_file_that_may_not_be_read_is_a_sentence(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / name).write_bytes(b"something")
+
+    def refused(*_: Any, **__: Any) -> Any:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refused)
+    monkeypatch.setattr("builtins.open", refused)
+    with pytest.raises(BadInput, match=r"Cannot read .*: (Permission denied|it is damaged)"):
+        open_bricks(tmp_path / name)
+
+
 BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "missing": ("none.raw", {}, "There is no volume"),
     "empty": ("empty.npy", {}, "is empty"),

@@ -71,7 +71,10 @@ def open_bricks(
     file = Path(path)
     if not file.exists():
         raise BadInput(f"There is no volume {file}; check the path.")
-    source = _opened(file, (dims, dtype), array, choice, whole)
+    try:
+        source = _opened(file, (dims, dtype), array, choice, whole)
+    except OSError as error:
+        raise BadInput(f"Cannot read {file}: {error.strerror or error}.") from error
     if source is None or (spacing is None and origin is None):
         return source
     source.levels = [_moved(level, source.levels[0], spacing, origin, source.name) for level in source.levels]

@@ -139,6 +139,14 @@ def two_arrays(path: Path, active: str | None) -> Path:
     return path
 
 
+def test_blanked_points_are_not_read_by_bricks(tmp_path: Path) -> None:
+    """Bricks know no blanking: VTK reads the file as a whole, with the array that blanks."""
+    path = two_arrays(tmp_path / "v.vti", "a")
+    assert open_bricks(path) is not None
+    path.write_bytes(path.read_bytes().replace(b'Name="v"', b'Name="vtkGhostType"', 1))
+    assert open_bricks(path) is None
+
+
 def overview(volume: Any) -> np.ndarray:
     return to_array(volume.overview if isinstance(volume, LargeVolume) else volume)
 

@@ -136,7 +136,7 @@ def open_npy(file: Path) -> MappedSource:
 
 
 def open_vti(file: Path, array: str | None) -> MappedSource | None:
-    """Open a VTK XML image file; None unless its values are stored as they are (raw appended data, one piece).
+    """Open a VTK XML image file; None unless its values are stored as they are (raw appended data, one piece, no blanking).
 
     Raises:
         BadInput: The header is damaged, there is no such array, or the data is cut off.
@@ -150,7 +150,10 @@ def open_vti(file: Path, array: str | None) -> MappedSource | None:
         root = parsed_xml(head[: begin.start()] + b"</VTKFile>")
         grid = root.find("ImageData")
         pieces = [] if grid is None else grid.findall("Piece")
-        if grid is None or len(pieces) != 1 or root.get("compressor"):
+        blanked = any(
+            data.get("Name") == "vtkGhostType" for data in root.iter("DataArray")
+        )  # points that are not shown
+        if grid is None or len(pieces) != 1 or root.get("compressor") or blanked:
             return None
         extent = [int(n) for n in pieces[0].attrib["Extent"].split()]
         if [int(n) for n in grid.attrib["WholeExtent"].split()] != extent:
@@ -202,5 +205,5 @@ def _data_array(piece: Element, array: str | None, name: str) -> tuple[Element, 
     if array is not None and not any(data.get("Name") == array for data, _ in there):
         names = ", ".join(str(data.get("Name")) for data, _ in there) or "none"
         raise BadInput(f"{name} has no array '{array}'; it has {names}.")
-    named = [e for e in wanted if e[0].get("Name") == array or (array is None and e[0].get("Name") != "vtkGhostType")]
+    named = [e for e in wanted if array in (None, e[0].get("Name"))]
     return named[0] if named and named[0][0].get("format") == "appended" else None

@@ -136,7 +136,9 @@ def open_npy(file: Path) -> MappedSource:
 
 
 def open_vti(file: Path, array: str | None) -> MappedSource | None:
-    """Open a VTK XML image file; None unless its values are stored as they are (raw appended data, one piece, no blanking).
+    """Open a VTK XML image file; None unless its values are stored as they are, in one piece, without blanking.
+
+    As they are: as raw appended data that is not compressed.
 
     Raises:
         BadInput: The header is damaged, there is no such array, or the data is cut off.

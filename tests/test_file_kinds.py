@@ -22,8 +22,10 @@ from svv.bricks.opened import data_files, open_bricks  # noqa: E402
 from svv.core.json_values import parsed  # noqa: E402
 from svv.dvr.grids import index_to_world, to_array  # noqa: E402
 from svv.dvr.large import LargeVolume, open_volume  # noqa: E402
+from svv.dvr.transfer_functions import TransferFunction  # noqa: E402
 from svv.dvr.volumes import read_here, read_volume  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
+from svv.io.series_file import read_series  # noqa: E402
 from tests.reference_files import write_nan_nifti  # noqa: E402
 
 V = (np.arange(40 * 32 * 24) % 200).reshape(40, 32, 24).astype(np.int16)
@@ -253,6 +255,18 @@ def test_further_axes_of_a_plain_zarr_array_are_not_dropped(tmp_path: Path) -> N
 
 
 # --- JSON ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_json_as_windows_writes_it(tmp_path: Path, encoding: str) -> None:
+    text = json.dumps({"bumps": [{"centre": 100, "width": 80, "opacity": 0.3}]})
+    (tmp_path / "tf.json").write_bytes(text.encode(encoding))
+    assert (
+        TransferFunction.read(tmp_path / "tf.json").to_dict()
+        == TransferFunction.from_dict(parsed(text), "tf.json").to_dict()
+    )
+    (tmp_path / "steps.vti.series").write_bytes(json.dumps({"files": [{"name": "a.vti", "time": 2}]}).encode(encoding))
+    assert read_series(tmp_path / "steps.vti.series") == [(2.0, tmp_path / "a.vti")]
 
 
 def test_a_byte_order_mark_is_no_part_of_json() -> None:

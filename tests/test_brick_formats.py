@@ -89,7 +89,7 @@ def test_every_format_gives_its_boxes(form: str, kind: str, tmp_path: Path) -> N
     if form == "hdf5":
         assert source.levels[0].spacing.tolist() == [1.0, 2.0, 3.0]
     if form == "mhd":
-        assert np.allclose(source.levels[0].axes, np.array([[0, 2, 0], [-1, 0, 0], [0, 0, 3]]))
+        assert np.allclose(source.levels[0].axes, [[0, -2, 0], [1, 0, 0], [0, 0, 3]])  # its rows are the axes
         assert source.levels[0].origin.tolist() == [1.0, 2.0, 3.0]
 
 
@@ -135,6 +135,19 @@ def test_a_damaged_chunk_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"Cannot read voxels 0\.\.7 x 0\.\.7 x 4\.\.7 of v\.zarr: ") as caught:
         source.read(0, (4, 0, 0), (8, 8, 8))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["v.mhd", "v.nrrd", "v.nii", "v.tif", "v.vti", "v.what"])
+def test_a_file_that_may_not_be_read_is_a_sentence(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / name).write_bytes(b"something")
+
+    def refused(*_: Any, **__: Any) -> Any:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refused)
+    monkeypatch.setattr("builtins.open", refused)
+    with pytest.raises(BadInput, match=r"Cannot read .*: (Permission denied|it is damaged)"):
+        open_bricks(tmp_path / name)
 
 
 BAD: dict[str, tuple[str, dict[str, Any], str]] = {

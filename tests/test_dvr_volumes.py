@@ -138,8 +138,10 @@ def test_direction_matrices_place_every_voxel(tmp_path: Path, name: str, mirror:
     path = tmp_path / name
     if name == "v.vti":
         write(vtkXMLImageDataWriter(), path, image)
-    elif name == "v.mha":
-        write(vtkMetaImageWriter(), path, image)
+    elif name == "v.mha":  # not by VTK, which writes the matrix transposed
+        turn = " ".join(str(x) for x in axes.T.ravel())
+        head = f"NDims = 3\nDimSize = 5 6 7\nElementSpacing = 1 2 3\nOffset = 7 8 9\nTransformMatrix = {turn}\n"
+        path.write_bytes(f"{head}ElementType = MET_SHORT\nElementDataFile = LOCAL\n".encode() + array.tobytes())
     elif name == "v.nrrd":
         columns = " ".join("(" + ",".join(str(x) for x in column) + ")" for column in matrix[:3, :3].T)
         nrrd(path, array, f"space: left-posterior-superior\nspace directions: {columns}\nspace origin: (7,8,9)\n")
@@ -286,7 +288,7 @@ BAD = {
     "truncated nifti": (truncated(vtkNIFTIImageWriter(), "v.nii"), "damaged"),
     "truncated nrrd": (truncated_nrrd, "damaged"),
     "truncated tiff": (truncated_tiff, "damaged"),
-    "data gone": (save("v.mhd", MHD.format("5 6 7")), "damaged"),
+    "data gone": (save("v.mhd", MHD.format("5 6 7")), "gone.raw, which does not exist"),
     "too large": (save("v.mhd", MHD.format("90000 90000 90000")), "memory"),
     "too large vti": (save("v.vti", VTI.format(n=99999)), "memory"),
     "negative size": (save("v.mhd", MHD.format("-5 6 7")), "damaged"),

@@ -21,7 +21,8 @@ import pytest
 from hypothesis import given, settings
 from PIL import Image
 
-from svv.bricks.mapped import open_meta, open_npy, open_vti
+from svv.bricks.mapped import open_npy, open_vti
+from svv.bricks.meta_image import open_meta
 from svv.core.cameras import Camera, CameraRig
 from svv.core.json_values import parsed
 from svv.dvr.transfer_functions import TransferFunction

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -106,3 +109,67 @@ def test_pillow_s_own_limit_is_left_as_it_was(tmp_path: Path) -> None:
     with pytest.raises(BadInput):
         read_style(tmp_path / "text.png")
     assert before == Image.MAX_IMAGE_PIXELS
+
+
+GRID = np.mgrid[0:64, 0:80]
+LEVELS = np.stack([(3 * GRID[1] + 2 * GRID[0]) % 256, GRID[1] * 3, GRID[0] * 4 % 256], -1).astype(np.uint16)
+"""Levels of a picture with 8 bits; other depths hold multiples of them."""
+
+COLOURS: dict[str, tuple[np.ndarray, dict[str, Any]]] = {
+    "planes of 16 bits": (257 * LEVELS, {"planarconfig": "separate"}),
+    "tiled planes": (257 * LEVELS, {"planarconfig": "separate", "tile": (16, 16)}),
+    "packed planes": (257 * LEVELS, {"planarconfig": "separate", "compression": "zlib", "byteorder": ">"}),
+    "12 bits in 16": (LEVELS * 16 + LEVELS // 16, {}),
+    "planes of 12 bits in 16": (LEVELS * 16 + LEVELS // 16, {"planarconfig": "separate"}),
+    "real numbers": ((LEVELS / 255).astype(np.float32), {}),
+}
+
+
+@pytest.mark.parametrize("case", COLOURS)
+def test_deep_colours_in_tiff(tmp_path: Path, case: str) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    values, how = COLOURS[case]
+    stored = np.moveaxis(values, -1, 0).copy() if "planarconfig" in how else values
+    tifffile.imwrite(tmp_path / "s.tif", stored, photometric="rgb", **how)
+    np.testing.assert_allclose(read_style(tmp_path / "s.tif"), LEVELS / 255, atol=0.51 / 255)
+
+
+GREYS = LEVELS[..., 0].astype(np.uint32)
+DEPTHS: dict[str, tuple[np.ndarray, dict[str, Any]]] = {
+    "8 bits in 16": (GREYS.astype(np.uint16), {}),
+    "10 bits in 16": ((GREYS * 1023 // 255).astype(np.uint16), {}),
+    "12 bits in 16": ((GREYS * 4095 // 255).astype(np.uint16), {}),
+    "16 bits": ((GREYS * 257).astype(np.uint16), {}),
+    "16 bits, white is zero": ((65535 - GREYS * 257).astype(np.uint16), {"photometric": "miniswhite"}),
+    "32 bits": (GREYS * 16843009, {}),
+    "signed": ((GREYS * 32767 // 255).astype(np.int16), {}),
+    "double": (GREYS / 255, {}),
+}
+
+
+@pytest.mark.parametrize("case", DEPTHS)
+def test_greys_of_any_depth_in_tiff(tmp_path: Path, case: str) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    values, how = DEPTHS[case]
+    tifffile.imwrite(tmp_path / "s.tif", values, **{"photometric": "minisblack", **how})
+    np.testing.assert_allclose(read_style(tmp_path / "s.tif")[..., 0], GREYS / 255, atol=0.6 / 255)
+
+
+def test_12_bits_in_a_png(tmp_path: Path) -> None:
+    Image.fromarray((GREYS * 4095 // 255).astype(np.uint16)).save(tmp_path / "grey.png")
+    np.testing.assert_allclose(read_style(tmp_path / "grey.png")[..., 0], GREYS / 255, atol=0.6 / 255)
+    (tmp_path / "colour.png").write_bytes(png16(LEVELS * 16))
+    with pytest.raises(BadInput, match="almost black, as if its 16 bits held 12: multiply its values by 16"):
+        read_style(tmp_path / "colour.png")
+
+
+def png16(values: np.ndarray) -> bytes:
+    """A PNG file of 16 bits per sample, which Pillow does not write in colours."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    height, width, _ = values.shape
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in values)
+    head = chunk(b"IHDR", struct.pack(">2I5B", width, height, 16, 2, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")

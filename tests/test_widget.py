@@ -134,15 +134,36 @@ def test_python_sets_the_page_and_a_frame_that_loads_again_keeps_it(notebook: Op
     assert notebook.page.locator("iframe").bounding_box()["height"] == 300, "a view that was removed hears nothing"
 
 
-def test_without_widgets_the_page_is_there(shown: SceneWidget, open_page: Any, tmp_path: Path) -> None:
-    data, _ = DisplayFormatter().format(shown)
-    assert data["application/vnd.jupyter.widget-view+json"]["model_id"] == shown.model_id
-    (tmp_path / "exported.html").write_text(f"<!doctype html><body>{data['text/html'] * 2}</body>")
+def displayed(widget: SceneWidget, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """The outputs of a cell that ends with a widget."""
+    outputs: list[dict[str, Any]] = []
+    monkeypatch.setattr("svv.render.notebook.display", lambda data, raw: outputs.append(data))
+    assert DisplayFormatter().format(widget) == ({}, {})  # it displays itself
+    return outputs
+
+
+def test_without_widgets_the_page_is_there(
+    shown: SceneWidget, open_page: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page, widget = displayed(shown, monkeypatch)
+    assert widget["application/vnd.jupyter.widget-view+json"]["model_id"] == shown.model_id
+    assert list(page) == ["text/html"], "exporters choose one kind of an output, and the widget first"
+    (tmp_path / "exported.html").write_text(f"<!doctype html><body>{page['text/html'] * 2}</body>")
     opened = open_page(tmp_path / "exported.html")
     for number in range(2):
         frame = opened.page.frame_locator("iframe").nth(number)
         frame.locator("body.live").wait_for()
         assert frame.get_by_role("heading", level=1).inner_text() == '"><script>alert(1)</script>'
+
+
+def test_the_widget_takes_the_place_of_the_page(notebook: Opened, shown: SceneWidget, balls: Scene) -> None:
+    other = dataset_of(balls).svv.widget()
+    html = shown._repr_html_() + other._repr_html_()
+    notebook.page.evaluate("(html) => document.body.insertAdjacentHTML('afterbegin', html)", html)
+    notebook.page.evaluate("([program, states]) => show(program, states)", [shown._esm, [state(shown)]])
+    told(notebook, 0, 1)
+    assert notebook.page.locator("iframe").count() == 2, "the other widget's page stays"
+    assert notebook.page.locator("[data-svv]").count() == 1
 
 
 def test_paintings_are_those_of_the_page(balls: Scene) -> None:

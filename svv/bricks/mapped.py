@@ -1,4 +1,4 @@
-"""Volumes whose files can be mapped into memory: raw data, MetaImage, VTK XML image data, and NumPy arrays.
+"""Volumes whose files can be mapped into memory: raw data, VTK XML image data, and NumPy arrays.
 
 A box is copied from the map when it is needed; the system reads the pages that this touches, and drops them when
 memory is short. The pages count as memory of the process until then, so the map lets go of them from time to time.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import mmap
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -19,7 +19,6 @@ from numpy.typing import DTypeLike, NDArray
 from svv.bricks.source import ArraySource, Box
 from svv.core.xml_values import parsed_xml
 from svv.errors import BadInput
-from svv.io.atomic import is_file
 
 KEPT = 16 << 20
 """Bytes read from a map after which its pages are let go."""
@@ -32,12 +31,6 @@ RAW_TYPES = {
     "float": "float32", "double": "float64", "half": "float16",
 }  # fmt: skip
 """C types that may occur in the names of raw files, besides NumPy's own type names."""
-
-META_TYPES = {
-    "MET_UCHAR": "u1", "MET_CHAR": "i1", "MET_USHORT": "u2", "MET_SHORT": "i2", "MET_UINT": "u4", "MET_INT": "i4",
-    "MET_ULONG_LONG": "u8", "MET_LONG_LONG": "i8", "MET_FLOAT": "f4", "MET_DOUBLE": "f8",
-}  # fmt: skip
-"""Types of MetaImage files."""
 
 XML_TYPES = {
     "UInt8": "u1", "Int8": "i1", "UInt16": "u2", "Int16": "i2", "UInt32": "u4", "Int32": "i4", "UInt64": "u8",
@@ -85,14 +78,19 @@ def mapped(
     dtype = np.dtype(kind)
     needed, there = offset + int(np.prod(shape, dtype=object)) * dtype.itemsize, file.stat().st_size
     if there < needed:
-        size = " x ".join(str(side) for side in reversed(shape))
-        raise BadInput(
-            f"{file} has {there} bytes, but {size} voxels of {dtype.name} need {needed}: it is damaged or cut off."
-        )
+        raise too_short(file, there, needed, shape[::-1], dtype)
     if min(shape) < 1 or offset < 0:
         raise BadInput(f"Cannot read {file}: its header is damaged.")
     values = np.memmap(file, dtype, "r", offset, tuple(shape))
     return MappedSource(values, np.asarray(axes, float), np.asarray(origin, float), file.name)
+
+
+def too_short(file: Path, there: int, needed: int, sides: Sequence[int], dtype: np.dtype[Any]) -> BadInput:
+    """Return the error to raise for a file that is shorter than its header says."""
+    size = " x ".join(str(side) for side in sides)
+    return BadInput(
+        f"{file} has {there} bytes, but {size} voxels of {dtype.name} need {needed}: it is damaged or cut off."
+    )
 
 
 def raw_layout(
@@ -137,54 +135,10 @@ def open_npy(file: Path) -> MappedSource:
     return MappedSource(values, name=file.name)
 
 
-def open_meta(file: Path) -> MappedSource | None:
-    """Open a MetaImage file, ``.mhd`` or ``.mha``; None if its data is compressed or in several files.
-
-    Raises:
-        BadInput: The header is damaged, or the data is cut off.
-    """
-    with file.open("rb") as opened:
-        head = opened.read(MOST_HEADER)
-    # The last line of the header names the file with the data; in the same file, the data follows.
-    end = re.search(rb"^\s*ElementDataFile\s*=\s*(.*?)\s*$", head, re.MULTILINE)
-    if end is None:
-        raise BadInput(f"Cannot read {file}: its header has no ElementDataFile.")
-    lines = head[: end.start()].decode("latin-1").splitlines()
-    fields = {key.strip(): value.strip() for key, sign, value in (line.partition("=") for line in lines) if sign}
-    target = end[1].decode("latin-1")
-    packed = fields.get("CompressedData", "False").lower() == "true"
-    if packed or target.split(" ")[0] == "LIST" or "%" in target or fields.get("ElementNumberOfChannels", "1") != "1":
-        return None
-    try:
-        dims = [int(n) for n in fields["DimSize"].split()]
-        spacing = _numbers(fields, ("ElementSpacing", "ElementSize"), "1 1 1")
-        axes = np.array(_numbers(fields, ("TransformMatrix", "Rotation", "Orientation"), "1 0 0 0 1 0 0 0 1"))
-        origin = _numbers(fields, ("Offset", "Position", "Origin"), "0 0 0")
-        msb = next((fields[k] for k in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB") if k in fields), "False")
-        kind = np.dtype(META_TYPES[fields["ElementType"]]).newbyteorder(">" if msb.lower() == "true" else "<")
-        with np.errstate(all="ignore"):  # what is not finite is rejected below
-            turned = axes.reshape(3, 3) * spacing  # the rows of VTK's direction matrix; ITK takes them for the axes
-        skipped = int(fields.get("HeaderSize", "0"))
-    except (KeyError, ValueError) as error:
-        raise BadInput(f"Cannot read {file}: its header is damaged ({error}).") from error
-    if len(dims) != 3:
-        return None
-    data = file if target.upper() == "LOCAL" else file.parent / target
-    if not is_file(data):
-        raise BadInput(f"{file} refers to {data}, which does not exist.")
-    count = int(np.prod(dims, dtype=object)) * kind.itemsize
-    offset = end.end() + 1 if data == file else data.stat().st_size - count if skipped < 0 else skipped
-    if data == file and head[end.end() : end.end() + 1] == b"\r":
-        offset += 1
-    return mapped(data, max(offset, 0), kind, dims[::-1], turned, origin)
-
-
-def _numbers(fields: Mapping[str, str], keys: Sequence[str], default: str) -> list[float]:
-    return [float(x) for x in next((fields[key] for key in keys if key in fields), default).split()]
-
-
 def open_vti(file: Path, array: str | None) -> MappedSource | None:
-    """Open a VTK XML image file; None unless its values are stored as they are (raw appended data, one piece).
+    """Open a VTK XML image file; None unless its values are stored as they are, in one piece, without blanking.
+
+    As they are: as raw appended data that is not compressed.
 
     Raises:
         BadInput: The header is damaged, there is no such array, or the data is cut off.
@@ -198,7 +152,10 @@ def open_vti(file: Path, array: str | None) -> MappedSource | None:
         root = parsed_xml(head[: begin.start()] + b"</VTKFile>")
         grid = root.find("ImageData")
         pieces = [] if grid is None else grid.findall("Piece")
-        if grid is None or len(pieces) != 1 or root.get("compressor"):
+        blanked = any(
+            data.get("Name") == "vtkGhostType" for data in root.iter("DataArray")
+        )  # points that are not shown
+        if grid is None or len(pieces) != 1 or root.get("compressor") or blanked:
             return None
         extent = [int(n) for n in pieces[0].attrib["Extent"].split()]
         if [int(n) for n in grid.attrib["WholeExtent"].split()] != extent:
@@ -210,6 +167,8 @@ def open_vti(file: Path, array: str | None) -> MappedSource | None:
         if chosen is None:
             return None
         data, on_cells = chosen
+        if data.attrib["type"] == "Bit":
+            return None
         kind = np.dtype((">" if root.get("byte_order") == "BigEndian" else "<") + XML_TYPES[data.attrib["type"]])
         length = np.dtype({"UInt32": "u4", "UInt64": "u8"}[root.get("header_type", "UInt32")]).itemsize
         offset = begin.end() + int(data.attrib["offset"]) + length
@@ -231,13 +190,22 @@ def open_vti(file: Path, array: str | None) -> MappedSource | None:
 def _data_array(piece: Element, array: str | None, name: str) -> tuple[Element, bool] | None:
     """Return the array with one component that is shown, and whether it belongs to cells; None if it is not appended.
 
+    Without a name it is the active one, as for :func:`svv.dvr.grids.pick_scalars`, which chooses among VTK's arrays.
+
     Raises:
         BadInput: There is no array of this name.
     """
-    there = [(data, False) for data in piece.iterfind("PointData/DataArray")]
-    there += [(data, True) for data in piece.iterfind("CellData/DataArray")]
-    wanted = [e for e in there if array in (None, e[0].get("Name")) and e[0].get("NumberOfComponents", "1") == "1"]
+    there: list[tuple[Element, bool]] = []
+    wanted: list[tuple[Element, bool]] = []
+    for place, on_cells in (("PointData", False), ("CellData", True)):
+        group = piece.find(place)
+        arrays = [] if group is None else [(data, on_cells) for data in group.iterfind("DataArray")]
+        active = None if group is None else group.get("Scalars")
+        there += arrays
+        single = [e for e in arrays if e[0].get("NumberOfComponents", "1") == "1"]
+        wanted += sorted(single, key=lambda e: e[0].get("Name") != active)
     if array is not None and not any(data.get("Name") == array for data, _ in there):
         names = ", ".join(str(data.get("Name")) for data, _ in there) or "none"
         raise BadInput(f"{name} has no array '{array}'; it has {names}.")
-    return wanted[0] if wanted and wanted[0][0].get("format") == "appended" else None
+    named = [e for e in wanted if array in (None, e[0].get("Name"))]
+    return named[0] if named and named[0][0].get("format") == "appended" else None

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from svv.bricks.chunked import is_zarr, open_hdf5, open_tiff, open_zarr
-from svv.bricks.mapped import mapped, open_meta, open_npy, open_vti, raw_layout
+from svv.bricks.axes import Choice
+from svv.bricks.chunked import is_zarr, open_hdf5, open_zarr
+from svv.bricks.dicom import is_dicom, open_dicom
+from svv.bricks.mapped import mapped, open_npy, open_vti, raw_layout
+from svv.bricks.meta_image import meta_header
+from svv.bricks.nifti import nifti_header
+from svv.bricks.nrrd import nrrd_header
 from svv.bricks.source import Level, Source, level_of
+from svv.bricks.stored import Stored
+from svv.bricks.tiff import open_tiff
 from svv.errors import BadInput
 
 HDF5 = (".h5", ".hdf5", ".he5")
@@ -19,7 +26,17 @@ HDF5 = (".h5", ".hdf5", ".he5")
 RAW = (".raw", ".bin", ".dat")
 """Endings of raw files."""
 
-BRICKED = ".raw .mhd .mha .vti .npy .h5 .zarr .tif (or a folder of .tif)"
+TIFF = (".tif", ".tiff")
+"""Endings of TIFF files."""
+
+HEADERS: dict[str, Callable[[Path], Stored]] = {
+    **dict.fromkeys((".mhd", ".mha"), meta_header),
+    **dict.fromkeys((".nrrd", ".nhdr"), nrrd_header),
+    **dict.fromkeys((".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"), nifti_header),
+}
+"""Readers of the headers of formats that consist of a header and values, by the ending."""
+
+BRICKED = ".raw .mhd .mha .nrrd .nhdr .nii .vti .npy .h5 .zarr .tif (or a folder of .tif)"
 """Formats of which bricks can be read, if the values are stored as they are or in chunks."""
 
 
@@ -30,6 +47,8 @@ def open_bricks(
     spacing: Sequence[float] | None = None,
     origin: Sequence[float] | None = None,
     array: str | None = None,
+    choice: Choice = Choice(),  # noqa: B008 - frozen
+    whole: bool = False,
 ) -> Source | None:
     """Open a volume for bricked access; nothing but its header is read.
 
@@ -39,7 +58,9 @@ def open_bricks(
         dtype: Type of a raw file's values; by default taken from the file name.
         spacing: Spacing (x, y, z) in world units that overrides the file's.
         origin: Origin (x, y, z) in world units that overrides the file's.
-        array: Name of the array, dataset or group, if there are several.
+        array: Name of the array, dataset, group or image, if there are several.
+        choice: The channel and the time point that are shown of a file with several.
+        whole: Open it for being read as a whole: what is compressed is decoded then, and formats of VTK are left to it.
 
     Returns:
         The volume, or None if bricks cannot be read of this file.
@@ -50,35 +71,80 @@ def open_bricks(
     file = Path(path)
     if not file.exists():
         raise BadInput(f"There is no volume {file}; check the path.")
-    source = _opened(file, dims, dtype, array)
+    try:
+        source = _opened(file, (dims, dtype), array, choice, whole)
+    except OSError as error:
+        raise BadInput(f"Cannot read {file}: {error.strerror or error}.") from error
     if source is None or (spacing is None and origin is None):
         return source
     source.levels = [_moved(level, source.levels[0], spacing, origin, source.name) for level in source.levels]
     return source
 
 
-def _opened(file: Path, dims: Sequence[int] | None, dtype: DTypeLike | None, array: str | None) -> Source | None:
+def _opened(
+    file: Path, raw: tuple[Sequence[int] | None, DTypeLike | None], array: str | None, choice: Choice, whole: bool
+) -> Source | None:
+    name = file.name.lower()
     if file.is_dir():
         if is_zarr(file):
-            return open_zarr(file, array)
-        return open_tiff(file) if any(f.suffix.lower() in (".tif", ".tiff") for f in file.iterdir()) else None
-    suffix = file.suffix.lower()
+            return open_zarr(file, choice, array)
+        tiff = any(f.suffix.lower() in TIFF for f in file.iterdir())
+        if not tiff and whole and is_dicom(file):
+            return open_dicom(file, choice, array)
+        return open_tiff(file, choice, array, whole) if tiff else None
     if file.stat().st_size == 0:
         raise BadInput(f"{file} is empty.")
-    if suffix == ".npy":
+    if name.endswith(HDF5):
+        return open_hdf5(file, choice, array)
+    if name.endswith(TIFF):
+        return open_tiff(file, choice, array, whole)
+    if raw == (None, None) and is_dicom(file):
+        return open_dicom(file, choice, array) if whole else None
+    if header := header_reader(file):
+        stored = header(file)
+        check_array(array, stored.title, file)
+        return stored.source(choice, whole)
+    check_alone(choice, file)
+    if name.endswith(".vti"):
+        return None if whole else open_vti(file, array)
+    if name.endswith(".npy"):
+        check_array(array, file.stem, file)
         return open_npy(file)
-    if suffix in (".mhd", ".mha"):
-        return open_meta(file)
-    if suffix == ".vti":
-        return open_vti(file, array)
-    if suffix in HDF5:
-        return open_hdf5(file, array)
-    if suffix in (".tif", ".tiff"):
-        return open_tiff(file)
-    if suffix in RAW or dims is not None or dtype is not None:
-        size, kind = raw_layout(file, dims, dtype)
+    if name.endswith(RAW) or raw != (None, None):
+        check_array(array, file.stem, file)
+        size, kind = raw_layout(file, *raw)
         return mapped(file, 0, kind, size[::-1], np.eye(3), (0.0, 0.0, 0.0))
     return None
+
+
+def header_reader(file: Path) -> Callable[[Path], Stored] | None:
+    """Return the reader of the header of a file, if its format has one."""
+    return next((read for ending, read in HEADERS.items() if file.name.lower().endswith(ending)), None)
+
+
+def data_files(file: Path) -> list[Path]:
+    """Return the other files that a header refers to, such as the ``.raw`` file of an ``.mhd``.
+
+    A damaged header refers to none: reading it tells what is wrong.
+    """
+    read = header_reader(file) if file.is_file() else None
+    try:
+        return [] if read is None else [other for other in read(file).files if other != file and other.is_file()]
+    except BadInput:
+        return []
+
+
+def check_array(array: str | None, title: str, file: Path) -> None:
+    """Raise BadInput if an array is asked for that a file with a single array does not have."""
+    if array not in (None, title):
+        raise BadInput(f"{file.name} has no array '{array}'; it has {title}.")
+
+
+def check_alone(choice: Choice, file: Path) -> None:
+    """Raise BadInput if a channel or a time point is asked for of a file that has one volume alone."""
+    for option, value in (("--channel", choice.channel), ("--time", choice.time)):
+        if value is not None:
+            raise BadInput(f"{file.name} has neither channels nor time points: leave out {option}.")
 
 
 def _moved(

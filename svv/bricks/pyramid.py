@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from svv.bricks.mapped import MappedSource, mapped
+from svv.bricks.opened import data_files
 from svv.bricks.source import Box, Level, Source
 from svv.errors import BadInput, Progress
 from svv.io.atomic import atomic_path, cannot_write, make_folder, sync_folder
@@ -69,18 +70,19 @@ def pyramids() -> Cache:
     return Cache(folder, bytes_in(size, "SVV_PYRAMIDS_SIZE") if size else BOUND)
 
 
-def with_pyramid(source: Source, path: Path, progress: Progress) -> PyramidSource:
+def with_pyramid(source: Source, path: Path, progress: Progress, part: Sequence[Any] = ()) -> PyramidSource:
     """Return a volume with coarser levels, which are made and kept in the cache if they are not there yet.
 
     Args:
         source: The volume; only its finest level is used.
         path: Its file or folder: a pyramid is made again if that changes.
         progress: Called often; the work stops when it raises, and goes on from there the next time.
+        part: What was chosen of the file: another array or channel has a pyramid of its own.
 
     Raises:
         BadInput: A part of the volume cannot be read, a value is not finite, or the pyramid cannot be written.
     """
-    cache, name = pyramids(), _name(source, path)
+    cache, name = pyramids(), _name(source, path, part)
     if not cache.holds(name):
         unfinished = cache.folder / f".{name}"
         try:
@@ -105,12 +107,12 @@ def with_pyramid(source: Source, path: Path, progress: Progress) -> PyramidSourc
     return PyramidSource(source, coarse, float(ranges[..., 0].min()), float(ranges[..., 1].max()))
 
 
-def _name(source: Source, path: Path) -> str:
-    """Return the name of a pyramid in the cache: it depends on the file, its size and time, and how it is read."""
-    files = sorted(path.rglob("*")) if path.is_dir() else [path]
-    about = [(str(f.relative_to(path)), f.stat().st_size, f.stat().st_mtime_ns) for f in files if f.is_file()]
+def _name(source: Source, path: Path, part: Sequence[Any]) -> str:
+    """Return the name of a pyramid in the cache: it depends on the files, their sizes and times, and how it is read."""
+    files = sorted(path.rglob("*")) if path.is_dir() else [path, *data_files(path)]
+    about = [(os.path.relpath(f, path), f.stat().st_size, f.stat().st_mtime_ns) for f in files if f.is_file()]
     level = source.levels[0]
-    read = (source.dtype.str, level.shape, level.axes.tolist(), level.origin.tolist(), source.name)
+    read = (source.dtype.str, level.shape, level.axes.tolist(), level.origin.tolist(), source.name, *part)
     hashes = [hashlib.sha256(repr(text).encode()).hexdigest()[:20] for text in ((str(path.resolve()), about), read)]
     return f"pyramid-{hashes[0]}-{hashes[1]}-{FORMAT}"
 

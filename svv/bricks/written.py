@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from svv.bricks.mapped import META_TYPES
+from svv.bricks.meta_image import META_TYPES
 from svv.bricks.source import Source
 from svv.errors import Progress
 from svv.io.atomic import atomic_path
@@ -29,7 +29,7 @@ def write_meta(path: Path, source: Source, level: int, progress: Progress) -> No
     """
     grid, kind = source.levels[level], source.dtype.str[1:]
     depth, height, width = grid.shape
-    axes = grid.axes / grid.spacing  # row by row, as VTK reads and writes the matrix
+    axes = (grid.axes / grid.spacing).T  # its rows are the axes, as ITK reads it
     header = {
         "ObjectType": "Image", "NDims": "3", "BinaryData": "True", "BinaryDataByteOrderMSB": "False",
         "CompressedData": "False", "TransformMatrix": _words(axes.ravel()), "Offset": _words(grid.origin),

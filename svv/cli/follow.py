@@ -94,7 +94,10 @@ def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
     return [
         Step(
             path.name, time,
-            partial(read_volume, path, reading.dims, reading.dtype, reading.spacing, array=reading.array),
+            partial(
+                read_volume, path, reading.dims, reading.dtype, reading.spacing, None, reading.array, reading.channel,
+                reading.time,
+            ),
         )
         for time, path in told
     ]  # fmt: skip

@@ -15,6 +15,6 @@ def parsed_xml(text: str | bytes) -> ElementTree.Element:
     if mark in text:  # type: ignore[operator]
         raise ValueError("it defines entities")
     try:
-        return ElementTree.fromstring(text)
+        return ElementTree.fromstring(text.lstrip("\ufeff") if isinstance(text, str) else text)
     except ElementTree.ParseError as error:
         raise ValueError(str(error)) from error

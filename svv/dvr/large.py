@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
+from svv.bricks.axes import Choice
 from svv.bricks.caster import BrickCaster, Look
 from svv.bricks.opened import open_bricks
 from svv.bricks.pyramid import PyramidSource, with_pyramid
@@ -158,7 +159,7 @@ def straight(drawn: NDArray[np.float32]) -> Pixels:
     return pixels
 
 
-def open_volume(
+def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which part of it, and how it is drawn
     path: str | Path,
     dims: Sequence[int] | None = None,
     dtype: DTypeLike | None = None,
@@ -167,6 +168,8 @@ def open_volume(
     mapper: str = "auto",
     memory: float | None = None,
     progress: Progress = silent,
+    channel: str | int | None = None,
+    time: int | None = None,
 ) -> vtkImageData | LargeVolume:
     """Read a volume, or open it for drawing by bricks if the ray caster is ``bricks``, or ``auto`` and it is too large.
 
@@ -181,29 +184,32 @@ def open_volume(
         mapper: Ray caster: ``auto``, ``bricks``, ``gpu`` or ``cpu``.
         memory: Gigabytes that drawing may take; by default half of what there is.
         progress: Called often; the work stops when it raises.
+        channel: See :func:`svv.dvr.volumes.read_volume`.
+        time: See there.
 
     Raises:
-        BadInput: The file does not exist, is damaged or has no supported format.
+        BadInput: See there.
     """
     file, allowed = Path(path), memory_allowed(memory)
     if not file.exists():
         raise BadInput(f"There is no volume {file}; check the path.")
     progress(0.0, "Reading the volume")
-    source = open_bricks(file, dims, dtype, spacing, None, array) if mapper in ("auto", "bricks") else None
+    choice = Choice(None if channel is None else str(channel), time)
+    source = open_bricks(file, dims, dtype, spacing, None, array, choice) if mapper in ("auto", "bricks") else None
     if source is None:
-        return read_volume(file, dims, dtype, spacing, None, array)
+        return read_volume(file, dims, dtype, spacing, None, array, channel, time)
     needed = vtk_bytes(source)
     if mapper == "auto" and needed <= allowed and file.suffix.lower() not in READ_BY_BRICKS_ONLY:
-        return read_volume(file, dims, dtype, spacing, None, array)
+        return read_volume(file, dims, dtype, spacing, None, array, channel, time)
     if mapper == "auto" and needed > allowed:
         progress(0.0, f"Drawing by bricks: VTK would need {needed / 1e9:.1f} GB, more than {allowed / 1e9:.1f} GB")
     if len(source.levels) == 1:
-        source = with_pyramid(source, file, progress)
+        source = with_pyramid(source, file, progress, (array, choice.channel, choice.time))
     return LargeVolume(source, allowed // 2, file.name)
 
 
 READ_BY_BRICKS_ONLY = (".h5", ".hdf5", ".he5", ".zarr")
-"""Endings of volumes that VTK does not read."""
+"""Endings of volumes that are drawn by bricks unless another ray caster is asked for."""
 
 
 def vtk_bytes(source: Source) -> int:

@@ -16,22 +16,19 @@ from svv.dvr.vtk_readers import vtk_messages
 
 
 def reader_of(path: Path) -> Any | None:
-    """Return the VTK reader that PyVista chooses for a file or a folder of DICOM slices.
+    """Return the VTK reader that PyVista chooses for a file.
 
     Returns:
         A ``vtkAlgorithm`` whose file name is not yet set; None for formats that PyVista does not know or reads without
         VTK, if PyVista is not installed, and inside ParaView.
     """
-    if "paraview" in sys.modules or find_spec("pyvista") is None:
+    if path.is_dir() or "paraview" in sys.modules or find_spec("pyvista") is None:
         return None
     import pyvista
 
-    suffix = path.suffix.lower()
-    if path.is_dir():
-        suffix = ".dcm" if any(file.suffix.lower() == ".dcm" for file in path.iterdir()) else ""
     try:
         with vtk_messages():
-            reader = pyvista.get_reader(str(path), force_ext=suffix).reader
+            reader = pyvista.get_reader(str(path), force_ext=path.suffix.lower()).reader
     except (ValueError, ImportError):  # unknown to PyVista, or needs a package that is not installed
         return None
     return reader if isinstance(reader, vtkAlgorithm) else None

@@ -273,7 +273,7 @@ class TransferFunction:
             BadInput: The file does not exist, is not JSON, or is rejected by ``from_dict``.
         """
         try:
-            data = parsed(Path(path).read_text(encoding="utf-8"))
+            data = parsed(Path(path).read_bytes())
         except OSError as error:
             raise BadInput(f"Cannot read the transfer function {path}: {error.strerror or error}.") from error
         except ValueError as error:

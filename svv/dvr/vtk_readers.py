@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkImageData, vtkRectilinearGrid
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 
+from svv.bricks.stored import damaged, too_large
 from svv.errors import BadInput
 
 EVEN = 4 * float(np.finfo(np.float32).eps)
@@ -94,14 +95,13 @@ def check_size(reader: Any, file: Path) -> None:
         return
     extent = [about.Get(key, i) for i in range(6)]
     size = [extent[2 * i + 1] - extent[2 * i] + 1 for i in range(3)]
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
     if min(size) < 1:
         raise damaged(file)
-    if size[0] * size[1] * size[2] > memory:
-        shape = " x ".join(str(d) for d in size)
-        raise BadInput(f"The header of {file} gives {shape} voxels, more than this computer's memory can hold.")
+    check_memory(size, 1, file)
 
 
-def damaged(file: Path) -> BadInput:
-    """Return the error to raise for a file that its reader cannot read."""
-    return BadInput(f"Cannot read {file}: it is damaged, incomplete, or not of the type that its name suggests.")
+def check_memory(size: Sequence[int], bytes_each: int, file: Path) -> None:
+    """Reject a volume of ``size`` voxels along x, y, z that exceeds this computer's memory."""
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**40
+    if size[0] * size[1] * size[2] * bytes_each > memory:
+        raise too_large(file, size)

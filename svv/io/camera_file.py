@@ -78,7 +78,7 @@ def _of_frame(path: Path, scene: dict[str, Any], frame: dict[str, Any], size: tu
 
 def _object(path: Path) -> dict[str, Any]:
     try:
-        content = parsed(path.read_text(encoding="utf-8"))
+        content = parsed(path.read_bytes())
     except FileNotFoundError as error:
         raise BadInput(f"There is no camera file {path}; check the path.") from error
     except OSError as error:

@@ -11,11 +11,14 @@ from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 
 from svv.errors import BadInput
 from svv.io.declared import check_pixels
+from svv.io.deep_tiff import deep_tiff, scaled
 
 SMALLEST = 16
 """Minimum side of a style picture in pixels; smaller pictures have no strokes to match."""
 LARGEST = 1024
 """Maximum long side in pixels; larger styles are shrunk to it. Matching uses a few hundred pixels."""
+NEARLY_BLACK = 15
+"""Largest level of a picture with 12 bits in 16, read as if it had 16."""
 MOST_PIXELS = 600_000_000
 """Maximum number of pixels in formats that cannot be shrunk while decoding."""
 
@@ -23,8 +26,9 @@ MOST_PIXELS = 600_000_000
 def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32]:
     """Read a style picture.
 
-    Greyscale becomes RGB, 16 bits are kept until the end, transparent pictures are placed on white, CMYK and other
-    colour profiles become sRGB, a camera's rotation is undone, and large pictures are shrunk (JPEG while decoding).
+    Greyscale becomes RGB, 16 bits are kept until the end (if they hold 8, 10 or 12, these count), transparent pictures
+    are placed on white, CMYK and other colour profiles become sRGB, a camera's rotation is undone, and large pictures
+    are shrunk (JPEG while decoding).
 
     Args:
         path: PNG, JPEG, TIFF, WebP, GIF (first frame), BMP ...
@@ -48,10 +52,20 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
         with Image.open(path) as image:
             check_pixels(path, *image.size)
             _check_size(path, *image.size, decoder_shrinks=image.format == "JPEG")
+            if (deep := deep_tiff(path)) is not None:
+                return _pixels(path, deep, long_side)
+            wide = any("16" in str(tile.args) for tile in image.tile)
             image.draft(image.mode, (2 * long_side, 2 * long_side))
             image.load()
+            if wide and image.mode.startswith("RGB") and np.asarray(image)[..., :3].max() <= NEARLY_BLACK:
+                raise BadInput(
+                    f"The style picture {path} is almost black, as if its 16 bits held 12: multiply its values by 16, "
+                    "or save it with 8 bits."
+                )
             return _pixels(path, image, long_side)
     except UnidentifiedImageError as error:
+        if (deep := _deep(path)) is not None:
+            return _pixels(path, deep, long_side)
         raise BadInput(f"{path} is not a picture that can be read: save it as PNG or JPEG.") from error
     except BadInput:
         raise
@@ -59,6 +73,17 @@ def read_style(path: str | Path, long_side: int = LARGEST) -> NDArray[np.float32
         raise BadInput(f"The style picture {path} is damaged or unusual ({error}): save it again.") from error
     finally:
         Image.MAX_IMAGE_PIXELS = limit
+
+
+def _deep(path: Path) -> Image.Image | None:
+    """Return a picture that Pillow does not know at all; None if tifffile does not know it either."""
+    try:
+        deep = deep_tiff(path)
+    except Exception:  # damaged files make tifffile raise all kinds of errors: Pillow's is reported
+        return None
+    if deep is not None:
+        _check_size(path, *deep.size, decoder_shrinks=False)
+    return deep
 
 
 def _check_size(path: Path, width: int, height: int, decoder_shrinks: bool) -> None:
@@ -74,10 +99,10 @@ def _pixels(path: Path, image: Image.Image, long_side: int) -> NDArray[np.float3
     deep = image.mode.startswith(("I", "F"))
     if deep:  # 16-bit, 32-bit or floating-point greyscale, which Pillow would clip to 8 bits
         upright = ImageOps.exif_transpose(image)
-        values = np.asarray(upright, np.float32)
-        full = 65535.0 if image.mode.startswith("I") else 1.0
-        values = np.clip(np.nan_to_num(values) / max(full, float(values.max())), 0, 1)
-        grey = Image.fromarray(values, "F")
+        values = np.asarray(upright)
+        if image.mode.startswith("I"):
+            values = np.clip(values, 0, None).astype(np.uint16 if values.max() < 65536 else np.uint32)
+        grey = Image.fromarray(scaled(values).astype(np.float32), "F")
         values = np.asarray(grey.resize(_size(grey, long_side), Image.Resampling.BOX, reducing_gap=2))
         return np.repeat(values[..., None], 3, 2)
     if image.has_transparency_data:

@@ -95,7 +95,7 @@ def read_selection(mask: Path) -> Selection | None:
     if not path.is_file():
         return None
     try:
-        values = parsed(path.read_text(encoding="utf-8"))
+        values = parsed(path.read_bytes())
         if values.pop("svv") != "selection":
             raise ValueError
         width, height = (int(v) for v in values.pop("size"))

@@ -19,7 +19,7 @@ def read_series(path: Path) -> list[tuple[float, Path]]:
         BadInput: The file is missing, damaged, lists nothing, or a time is no number or occurs twice.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_bytes()
         if path.suffix.lower() == ".pvd":
             listed = [(set_.attrib["timestep"], set_.attrib["file"]) for set_ in parsed_xml(text).iter("DataSet")]
         else:

@@ -56,7 +56,7 @@ def transforms_file(folder: str | Path, split: str) -> Path | None:
     if split == "train":
         return whole
     try:
-        listed = parsed(whole.read_text(encoding="utf-8")).get(f"{split}_filenames")
+        listed = parsed(whole.read_bytes()).get(f"{split}_filenames")
     except (OSError, ValueError, AttributeError):
         return None  # reading the training views says what is wrong with it
     return whole if listed else None
@@ -75,7 +75,7 @@ def read_transforms(folder: str | Path, split: str) -> tuple[Path, dict[str, Any
     """
     path = transforms_file(folder, split) or Path(folder) / f"transforms_{split}.json"
     try:
-        scene = parsed(path.read_text(encoding="utf-8"))
+        scene = parsed(path.read_bytes())
     except FileNotFoundError:
         raise BadInput(
             f"There is no {path}; a folder of views needs one, or a transforms.json (NeRF-synthetic layout)."

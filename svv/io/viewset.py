@@ -200,7 +200,7 @@ def read_classified(folder: str | Path) -> ClassifiedVolume | None:
     if not (file.exists() and views.exists()):
         return None
     try:
-        named = parsed(views.read_text(encoding="utf-8")).get("svv_classified")
+        named = parsed(views.read_bytes()).get("svv_classified")
     except (OSError, ValueError, AttributeError) as error:
         raise BadInput(f"Cannot read {views} ({error}); make the views again.") from error
     return _read_classified(file) if named == CLASSIFIED else None
@@ -247,7 +247,7 @@ def _own_files(path: Path) -> set[Path]:
     A set of someone else may name any files: those outside its folder are not ours, either.
     """
     try:
-        scene = parsed(path.read_text(encoding="utf-8"))
+        scene = parsed(path.read_bytes())
         frames = scene["frames"] if "svv" in scene else []
         names = [str(frame["file_path"]) for frame in frames]
         own = {CLASSIFIED} if scene.get("svv_classified") == CLASSIFIED else set()

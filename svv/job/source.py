@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from svv.bricks.opened import data_files
 from svv.core.cameras import Camera
 from svv.core.sharing import ALONE, Sharing
 from svv.errors import BadInput, Progress, part, silent
@@ -113,6 +113,8 @@ class VolumeSource(Drawn):
     dtype: str | None = None
     spacing: tuple[float, float, float] | None = None
     array: str | None = None
+    channel: str | None = None
+    time: int | None = None
 
     @property
     def name(self) -> str:
@@ -129,31 +131,28 @@ class VolumeSource(Drawn):
         for kind, path in files:
             if not path.exists():
                 raise BadInput(f"There is no {kind} {path}; check the path.")
+        part = self.channel, self.time  # not in the keys of volumes that have neither: what was made of them stays
         return {
-            "files": [fingerprint(path) for _, path in files] + [fingerprint(path) for path in _data_of(self.volume)],
-            "options": [self.dims, self.dtype, self.spacing, self.array],
+            "files": [fingerprint(path) for _, path in files] + [fingerprint(path) for path in data_files(self.volume)],
+            "options": [
+                self.dims,
+                self.dtype,
+                self.spacing,
+                self.array,
+                *(part if any(p is not None for p in part) else ()),
+            ],
         }
 
     def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
         """Read the volume, or open it to be drawn by bricks."""
         from svv.dvr.large import open_volume
 
-        return open_volume(self.volume, self.dims, self.dtype, self.spacing, self.array, mapper, memory, progress)
+        reading = self.dims, self.dtype, self.spacing, self.array
+        return open_volume(self.volume, *reading, mapper, memory, progress, self.channel, self.time)
 
     def how(self) -> dict[str, Any]:
         """Return the file of the transfer function."""
         return {"tf": self.tf}
-
-
-def _data_of(header: Path) -> list[Path]:
-    """Return the file with the voxels, if a header (.mhd, .nhdr) names a separate one."""
-    if header.suffix.lower() not in (".mhd", ".nhdr"):
-        return []
-    named = re.search(
-        r"^(?:ElementDataFile\s*=|data ?file:)\s*(\S.*?)\s*$", header.read_text("latin-1"), re.MULTILINE | re.IGNORECASE
-    )
-    data = header.parent / named[1] if named else header
-    return [data] if data != header and data.is_file() else []
 
 
 @dataclass(frozen=True)

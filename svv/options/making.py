@@ -41,6 +41,10 @@ class VolumeOptions:
     """Transfer function: a preset exported from ParaView, or a list of opacity bumps."""
     array: str | None = None
     """Name of the array, if the file has several."""
+    channel: Annotated[str | None, Setting(metavar="N|NAME")] = None
+    """Number (from 0) or name of the channel, if the file has several."""
+    time: Annotated[int | None, Setting(least=0, metavar="N")] = None
+    """Number (from 0) of the time point, if the file has several."""
     dims: Annotated[tuple[int, int, int] | None, Setting(metavar="X,Y,Z", syntax="dims")] = None
     """For raw files: number of voxels along each axis."""
     dtype: str | None = None

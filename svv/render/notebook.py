@@ -7,10 +7,12 @@ from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from typing import Any, ClassVar
+from uuid import uuid4
 
 import anywidget
 import numpy as np
 import traitlets
+from IPython.display import display
 
 from svv.core.cameras import Camera
 from svv.core.colour import WHITE
@@ -19,8 +21,12 @@ from svv.errors import BadInput, Progress, silent
 from svv.fields.scene import Scene
 from svv.render.web.page import html_of, numbers_of, paintings_of
 
-FRAME = '<iframe title="Scene" srcdoc="{page}" style="width: 100%; height: {height}px; border: 0"></iframe>'
-"""HTML that shows a page without Python and without the widget's own program: exported notebooks contain it."""
+FRAME = (
+    '<div data-svv="{name}"><iframe title="Scene" srcdoc="{page}" style="width: 100%; height: {height}px; border: 0">'
+    "</iframe></div>"
+)
+"""HTML that shows a page without Python, network, and the widget's own program, which removes it: exported notebooks
+contain it."""
 
 
 class SceneWidget(anywidget.AnyWidget):
@@ -37,6 +43,7 @@ class SceneWidget(anywidget.AnyWidget):
     view = traitlets.Dict().tag(sync=True)
     edits = traitlets.Dict().tag(sync=True)
     _camera = traitlets.Dict().tag(sync=True)
+    _name = traitlets.Unicode().tag(sync=True)
 
     def __init__(
         self,
@@ -48,7 +55,7 @@ class SceneWidget(anywidget.AnyWidget):
     ) -> None:
         """Write the page of a scene; see :func:`svv.widget`."""
         page = html_of(scene, title, title, background, progress).decode()
-        super().__init__(page=page, height=height)
+        super().__init__(page=page, height=height, _name=uuid4().hex)
         self._scene = scene
 
     @property
@@ -74,8 +81,17 @@ class SceneWidget(anywidget.AnyWidget):
             raise BadInput(f"These edits are not those of this scene's page ({error}).") from error
 
     def _repr_html_(self) -> str:
-        """Return the page itself, for where widgets are not shown; IPython puts both into the notebook."""
-        return FRAME.format(page=escape(self.page), height=self.height)
+        """Return the page itself, for where widgets are not shown."""
+        return FRAME.format(page=escape(self.page), height=self.height, name=self._name)
+
+    def _ipython_display_(self) -> None:
+        """Display the page, and then the widget, which takes its place.
+
+        They are two outputs: of one with both, a notebook that was exported with the widgets' state shows the widget
+        alone, whose program comes from the network.
+        """
+        display({"text/html": self._repr_html_()}, raw=True)
+        display(*(self._repr_mimebundle_() or ({},))[:1], raw=True)
 
 
 def _colour(told: Sequence[float] | None) -> tuple[float, float, float] | None:

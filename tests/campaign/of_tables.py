@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from svv.bricks.mapped import open_meta, open_npy, open_vti
+from svv.bricks.mapped import open_npy, open_vti
+from svv.bricks.meta_image import open_meta
 from svv.dvr.transfer_functions import TransferFunction
 from svv.io.cinema.placing import cameras_by_rows, rotations_of
 from svv.io.cinema.shot import read_shot

@@ -214,7 +214,7 @@ def _kind(files: list[str]) -> str:
 def _pattern(path: Path) -> str | None:
     """Return the pattern of the file names in Ascent's ``info.json``; None if it is no such file."""
     try:
-        content = parsed(path.read_text(encoding="utf-8"))
+        content = parsed(path.read_bytes())
         pattern = content["name_pattern"]
         return pattern if isinstance(pattern, str) and "{phi}_{theta}_" in pattern else None
     except (OSError, ValueError, KeyError, TypeError):
@@ -223,7 +223,7 @@ def _pattern(path: Path) -> str | None:
 
 def _of_info(folder: Path) -> Table:
     path = folder / INFO
-    content = object_in(parsed(path.read_text(encoding="utf-8")), str(path))
+    content = object_in(parsed(path.read_bytes()), str(path))
     pattern = text_in(content["name_pattern"], f"{path}: name_pattern")
     arguments = object_in(content.get("arguments", {}), f"{path}: arguments")
     values: dict[str, list[str]] = {}

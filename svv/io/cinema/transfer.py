@@ -18,7 +18,7 @@ def opacity_function(folder: Path, number: str) -> Json | None:
     if not file.is_file():
         return None
     try:
-        content = parsed(file.read_text(encoding="utf-8"))
+        content = parsed(file.read_bytes())
     except (OSError, ValueError) as error:
         raise BadInput(f"Cannot read {file} ({error}); delete it to go on without the transfer function.") from error
     preset = content[0] if isinstance(content, list) and content else content

@@ -1,4 +1,5 @@
 // A scene's page below a notebook's cell, in a frame of its own: pages neither meet each other nor the notebook's styles.
+// It takes the place of the page that stands there as plain HTML, for notebooks that are shown without this program.
 // What is set in the page goes to Python and comes from there: the view, its camera, and the edits.
 
 const PAUSE_MS = 100; // without a further change before Python is told
@@ -44,6 +45,7 @@ function render({ model, el }) {
   model.on("change:edits", hear);
   model.on("change:height", sized);
   sized();
+  for (const page of document.querySelectorAll(`[data-svv="${model.get("_name")}"]`)) page.remove();
   frame.srcdoc = model.get("page");
   el.append(frame);
   return () => {

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from svv.core.agreement import MOST_PAIRS, Outlines
-from svv.core.camera_mistakes import mistakes, turned_by
+from svv.core.camera_mistakes import Mistake, mistakes, turned_by
 from svv.core.cameras import Camera
 from svv.core.silhouettes import Views, differences
 from svv.errors import BadInput
@@ -35,7 +35,7 @@ WORSE = 1.5, 0.3
 FAR_OFF = 1.0
 """Degrees by which cameras would be turned, from which on silhouettes contradict them; at least 1.5 pixels."""
 
-NO_BETTER = 0.5
+NO_BETTER = 0.7
 """Fraction of the difference in any order from which on cameras agree no better than in any order."""
 
 SCREENED = 14, 4, 3, 40
@@ -67,15 +67,20 @@ class Cause:
 
 
 def check_agreement(
-    cameras: Sequence[Camera], images: NDArray[np.uint8], where: object, names: Sequence[str] | None = None
+    cameras: Sequence[Camera],
+    images: NDArray[np.uint8],
+    names: Sequence[str],
+    where: object = None,
+    also: Sequence[Mistake] = (),
 ) -> tuple[str | None, str | None]:
     """Check that pictures agree with their cameras.
 
     Args:
         cameras: One camera a picture.
         images: Pictures with straight alpha. (n, height, width, 4)
-        where: Where they come from, for messages.
         names: Names of the pictures.
+        where: Where they come from, for messages.
+        also: Mistakes to be tried before the usual ones.
 
     Returns:
         By how many pixels silhouettes differ, as a sentence, and a warning, if they differ more than true cameras of
@@ -85,6 +90,7 @@ def check_agreement(
         BadInput: The pictures contradict their cameras.
     """
     outlines = Outlines.of(images)
+    which = "The pictures" if where is None else f"The pictures of {where}"
     if not outlines.levels:
         return None, None
     whole = Views.of(cameras)
@@ -98,22 +104,22 @@ def check_agreement(
     tells = ~(mixed <= 2.0 * GOOD)  # others, such as those of a ball, agree with anything
     if faced and (found[tells] <= GOOD).sum() >= 0.5 * tells.sum():
         return _agree(found), None
-    cause = _cause(whole, outlines, found, names or [str(k) for k in range(len(cameras))], cameras[0])
+    cause = _cause(whole, outlines, found, [*also, *mistakes(whole.matrices, names)], cameras[0])
     if cause is not None:
         raise BadInput(
-            f"The pictures of {where} contradict their cameras: silhouettes differ by {_most(found)}, but only by "
+            f"{which} contradict their cameras: silhouettes differ by {_most(found)}, but only by "
             f"{cause.differ:.2g} if {cause.said}; {cause.mend}."
         )
     if not faced:
         raise BadInput(
-            f"The cameras of {where} look away from what the pictures show: check which way their axes point; "
+            f"{which} show what their cameras look away from: check which way their axes point; "
             "transform_matrix must be camera-to-world, with x right, y up and -z forward."
         )
-    return _without_cause(outlines, found, mixed, tells, where)
+    return _without_cause(outlines, found, mixed, tells, which)
 
 
 def _without_cause(
-    outlines: Outlines, found: Array, mixed: Array, tells: NDArray[np.bool_], where: object
+    outlines: Outlines, found: Array, mixed: Array, tells: NDArray[np.bool_], which: str
 ) -> tuple[str | None, str | None]:
     """Judge cameras that no usual mistake explains by the same cameras in another order."""
     tells = tells & np.isfinite(found) & np.isfinite(mixed)
@@ -124,23 +130,25 @@ def _without_cause(
     if (far & (found > NO_BETTER * mixed))[tells].all():
         turned = np.degrees(least / outlines.reach[tells][found[tells].argmin()])
         raise BadInput(
-            f"The pictures of {where} contradict their cameras: silhouettes differ by {least:.1f} pixels, as if the "
+            f"{which} contradict their cameras: silhouettes differ by {least:.1f} pixels, as if the "
             f"cameras were turned by {turned:.1f} degrees, and hardly more if the cameras are shuffled; check that "
             "each picture has its own camera, and how the cameras were converted."
         )
     if far[tells].all():
         return None, (
-            f"The pictures may contradict their cameras: silhouettes differ by {least:.1f} pixels or more; if the "
+            f"{which} may contradict their cameras: silhouettes differ by {least:.1f} pixels or more; if the "
             "scene becomes blurred, check how the cameras were made."
         )
     return _agree(found), None
 
 
-def _cause(whole: Views, outlines: Outlines, found: Array, names: Sequence[str], camera: Camera) -> Cause | None:
+def _cause(
+    whole: Views, outlines: Outlines, found: Array, usual: Sequence[Mistake], camera: Camera
+) -> Cause | None:
     """Return the mistake that explains the pictures several times better than the given cameras, if there is one."""
     few = outlines.fewer(*SCREENED[:3])
     tried = []
-    for rank, mistake in enumerate(mistakes(whole.matrices, names)):
+    for rank, mistake in enumerate(usual):
         views = replace(whole, matrices=mistake.matrices).take(few.chosen)
         tried.append((_score(few.residuals(views, SCREENED[3])[0]), rank, mistake))
     best: tuple[float, Cause] | None = None

@@ -65,8 +65,8 @@ def train_scene(
         wrong with the views).
 
     Raises:
-        BadInput: There are fewer than 3 views, no point is visible in all of them, an option does not exist, or the
-            time limit is not above 0.
+        BadInput: There are fewer than 3 views, no point is visible in all of them, they contradict their cameras, an
+            option does not exist, or the time limit is not above 0.
     """
     asked, chosen = given(TrainOptions, options, changes)
     device, time_limit, seed = device_named(asked.device), asked.time_limit, asked.seed

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from svv.core.cameras import Camera, CameraRig
 from svv.errors import BadInput, Progress, part, silent
+from svv.io.agreement import check_agreement
 from svv.io.cinema.pictures import read_pair, read_pictures, transparent
 from svv.io.cinema.placing import (
-    cameras_about,
     cameras_by_rows,
-    check_agreement,
     first_of_each,
     gap_in,
+    placed_about,
     rotations_of,
     spread_out,
 )
@@ -87,13 +87,13 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
     placed = None if _given(options) else cameras_by_rows(table, metas, size)
     if placed is not None:
         table, images, cameras = _distinct(table, images, placed, options, notes)
+        agreement, doubt = check_agreement(cameras, images, _names(table.files), table.folder)
     elif rotations is not None:
-        cameras, said = cameras_about(rotations, shot, images, table.ascent)
+        cameras, said, agreement, doubt = placed_about(table, rotations, shot, images)
     else:
         raise BadInput(f"{table.folder} says nothing about cameras: it has neither phi and theta nor cameras.")
     notes += [] if assumed is None else [assumed]
-    agreement = check_agreement(cameras, images, table.folder)
-    notes += said + [note for note in (agreement, gap_in(_axes(cameras))) if note]
+    notes += said + [note for note in (agreement, doubt, gap_in(_axes(cameras))) if note]
     progress(0.95, "Placing cameras")
     return _split(table, images, cameras, options, whole.key(), notes)
 

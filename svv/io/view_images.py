@@ -159,7 +159,14 @@ def decode(file: Path) -> Images:
 
 
 def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], str | None]:
-    """Return RGBA images and, if they had no alpha, a sentence that says what was taken for it."""
+    """Return RGBA images and, if they had no alpha, a sentence that says what was taken for it.
+
+    Alpha that is 255 in every pixel of every image, as viewers and renderers save opaque pictures, is none.
+    """
+    opaque = all(image.shape[-1] == 4 and image[..., 3].min() == 255 for image in decoded)
+    if opaque:
+        decoded = [image[..., :3] for image in decoded]
+    lack = "no alpha but 255 everywhere" if opaque else "no alpha"
     channels = [image.shape[-1] for image in decoded]
     if min(channels) == 4:
         return decoded, None
@@ -171,7 +178,7 @@ def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], 
     spread = int(np.abs(corners.astype(np.int16) - background).max())
     if spread > CORNER_SPREAD:
         raise BadInput(
-            f"The images of {files[0].parent} have no alpha, and their corners show no uniform background "
+            f"The images of {files[0].parent} have {lack}, and their corners show no uniform background "
             "to replace it; save them as RGBA with straight alpha, or give each frame a mask_path."
         )
     images = []
@@ -180,7 +187,7 @@ def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], 
         images.append(np.dstack([image, np.where(difference <= max(2, spread), 0, 255).astype(np.uint8)]))
     colour = ", ".join(str(int(c)) for c in background)
     return images, (
-        f"The images have no alpha: pixels of the background colour ({colour}) count as empty, all others as opaque."
+        f"The images have {lack}: pixels of the background colour ({colour}) count as empty, all others as opaque."
     )
 
 

@@ -54,10 +54,7 @@ class Outlines:
     @classmethod
     def of(cls, images: Images) -> Outlines:
         """Find the silhouettes of RGBA pictures. (n, height, width, 4)"""
-        count, height, width = images.shape[:3]
-        chosen = _spread(count, MOST_VIEWS)
-        step = max(1, round(max(height, width) / LONG_SIDE))
-        thin = images[chosen, step // 2 :: step, step // 2 :: step]
+        chosen, thin, step = thinned(images)
         masks: list[NDArray[np.bool_]] = []
         for values, levels in ((thin[..., 3], OPACITIES), (_contrast(thin), CONTRASTS)):
             masks += [values > level for level in levels]
@@ -106,6 +103,13 @@ class Outlines:
         position = views.matrices[usable, :3, 3]
         meeting = np.linalg.lstsq(away.sum(0), np.einsum("nab,nb->a", away, position), rcond=None)[0]
         return float((((meeting - position) * ray).sum(axis=1) > 0.0).mean())
+
+
+def thinned(images: Images) -> tuple[NDArray[np.intp], Images, int]:
+    """Return some views, spread evenly, and every so many-th of their pixels: indices, pixels, and how many-th."""
+    chosen = _spread(len(images), MOST_VIEWS)
+    step = max(1, round(max(images.shape[1:3]) / LONG_SIDE))
+    return chosen, images[chosen, step // 2 :: step, step // 2 :: step], step
 
 
 def _spread(count: int, most: int) -> NDArray[np.intp]:

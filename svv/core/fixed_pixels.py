@@ -64,7 +64,7 @@ def fixed_pixels(images: Images, views: Views, step: int = 1) -> Mask:
     same = filled.all(axis=0) & (np.ptp(images, axis=0).max(axis=-1) <= SAME)
     seen = _Seen(filled, views, step)
     for mask in (same, ever & ~same):
-        numbers, count = label(binary_dilation(mask, np.ones((3, 3)), JOINED), np.ones((3, 3)))
+        numbers, _ = label(binary_dilation(mask, np.ones((3, 3)), JOINED), np.ones((3, 3)))
         for number, place in enumerate(find_objects(numbers), start=1):
             thing = np.zeros_like(found)
             thing[place] = mask[place] & (numbers[place] == number)
@@ -128,7 +128,7 @@ class _Seen:
 
 def places_of(fixed: Mask) -> str:
     """Say where on the screen pixels are: "at the right, at the lower left"."""
-    numbers, count = label(binary_dilation(fixed, np.ones((3, 3)), 4 * JOINED), np.ones((3, 3)))
+    numbers, _ = label(binary_dilation(fixed, np.ones((3, 3)), 4 * JOINED), np.ones((3, 3)))
     said = []
     for rows, columns in find_objects(numbers):
         y = (rows.start + rows.stop) / 2 / fixed.shape[0]

@@ -140,9 +140,7 @@ def disagreement(cameras: Sequence[Camera], silhouettes: Silhouettes) -> Array:
     return differences(Views.of(cameras), silhouettes)
 
 
-def differences(
-    views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS, paired: Views | None = None
-) -> Array:
+def differences(views: Views, silhouettes: Silhouettes, most: int = MOST_PAIRS, paired: Views | None = None) -> Array:
     """Return what :func:`disagreement` returns, of cameras that may be mirrored.
 
     Args:

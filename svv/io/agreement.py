@@ -20,6 +20,7 @@ from svv.core.camera_mistakes import Mistake, mistakes, turned_by
 from svv.core.cameras import Camera
 from svv.core.silhouettes import Views, differences
 from svv.errors import BadInput
+from svv.io.on_screen import fixed_in, noticed, without
 
 Array = NDArray[np.float64]
 
@@ -39,10 +40,10 @@ NO_BETTER = 0.7
 """Fraction of the difference in any order from which on cameras agree no better than in any order."""
 
 SCREENED = 14, 4, 3, 40
-"""Views, levels, tangents (every so many-th) and pairs of views with which every mistake is tried; the best are tried with all."""
+"""Views, levels, tangents (every so many-th) and pairs of views with which every mistake is tried at first."""
 
 KEPT = 12
-"""How many are."""
+"""How many of them are tried with all."""
 
 STEPS = 20
 """Most steps in which a turn of all cameras and their angle of view are sought."""
@@ -66,13 +67,25 @@ class Cause:
     differ: float
 
 
+@dataclass(frozen=True)
+class Agreement:
+    """What the pictures of a set say about their cameras, a sentence each; None where there is nothing to say."""
+
+    found: str | None
+    """By how many pixels silhouettes differ."""
+    doubt: str | None
+    """That they differ more than the noise of pictures with true cameras would explain."""
+    fixed: str | None
+    """That something stands still on the screen, which was left out of the comparison."""
+
+
 def check_agreement(
     cameras: Sequence[Camera],
     images: NDArray[np.uint8],
     names: Sequence[str],
     where: object = None,
     also: Sequence[Mistake] = (),
-) -> tuple[str | None, str | None]:
+) -> Agreement:
     """Check that pictures agree with their cameras.
 
     Args:
@@ -82,13 +95,19 @@ def check_agreement(
         where: Where they come from, for messages.
         also: Mistakes to be tried before the usual ones.
 
-    Returns:
-        By how many pixels silhouettes differ, as a sentence, and a warning, if they differ more than true cameras of
-        noisy pictures would explain; each None if there is nothing to say.
-
     Raises:
         BadInput: The pictures contradict their cameras.
     """
+    fixed = fixed_in(cameras, images)
+    if fixed is not None:  # a colour bar must not be blamed on the cameras
+        images = without(images, fixed)
+    found, doubt = _check(cameras, images, names, where, also)
+    return Agreement(found, doubt, None if fixed is None else noticed(fixed))
+
+
+def _check(
+    cameras: Sequence[Camera], images: NDArray[np.uint8], names: Sequence[str], where: object, also: Sequence[Mistake]
+) -> tuple[str | None, str | None]:
     outlines = Outlines.of(images)
     which = "The pictures" if where is None else f"The pictures of {where}"
     if not outlines.levels:
@@ -142,9 +161,7 @@ def _without_cause(
     return _agree(found), None
 
 
-def _cause(
-    whole: Views, outlines: Outlines, found: Array, usual: Sequence[Mistake], camera: Camera
-) -> Cause | None:
+def _cause(whole: Views, outlines: Outlines, found: Array, usual: Sequence[Mistake], camera: Camera) -> Cause | None:
     """Return the mistake that explains the pictures several times better than the given cameras, if there is one."""
     few = outlines.fewer(*SCREENED[:3])
     tried = []

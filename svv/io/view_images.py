@@ -173,9 +173,12 @@ def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], 
     if max(channels) == 4:
         with_, without = files[channels.index(4)], files[channels.index(3)]
         raise BadInput(f"{with_.name} has alpha and {without} does not; all images of a view set need alpha.")
-    corners = np.concatenate([_corners(image) for image in decoded])
-    background = np.median(corners, axis=0).astype(np.int16)
-    spread = int(np.abs(corners.astype(np.int16) - background).max())
+    corners = np.stack([_corners(image) for image in decoded])  # (images, 4, pixels, 3)
+    background = np.median(corners.reshape(-1, 3), axis=0).astype(np.int16)
+    apart = np.abs(corners.astype(np.int16) - background).max(axis=(0, 2, 3))
+    # A logo or a caption may fill one corner.
+    spread = int(np.sort(apart)[-2])
+    spread = int(apart.max()) if apart.max() <= CORNER_SPREAD else spread
     if spread > CORNER_SPREAD:
         raise BadInput(
             f"The images of {files[0].parent} have {lack}, and their corners show no uniform background "
@@ -192,10 +195,10 @@ def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], 
 
 
 def _corners(image: Images) -> Images:
-    """Return the pixels of the four corners. (pixels, 3)"""
+    """Return the pixels of the four corners. (4, pixels, 3)"""
     edge = max(1, min(image.shape[:2]) // 50)
-    ends = [*range(edge), *range(-edge, 0)]
-    return image[ends][:, ends].reshape(-1, 3)
+    ends = slice(None, edge), slice(-edge, None)
+    return np.stack([image[rows, columns].reshape(-1, 3) for rows in ends for columns in ends])
 
 
 def in_threads(

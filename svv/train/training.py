@@ -71,7 +71,8 @@ class Training:
         self.progress, self.saved, self.device = progress, saved, device
         self.seconds: dict[str, float] = {}
         self.notes: list[str] = []
-        told = ranks.once(lambda: (check_agreement(views.cameras, views.images, views.names)[1], equal_views(views)))
+        checked = ranks.once(lambda: check_agreement(views.cameras, views.images, views.names))
+        told = checked.doubt, checked.fixed, ranks.once(lambda: equal_views(views))
         self.warnings = [said for said in told if said is not None]
 
     @property

@@ -17,9 +17,10 @@ from svv.core.json_values import parsed
 from svv.core.phi_theta import ascent_rotations, paraview_rotations
 from svv.core.silhouettes import Silhouettes, best_fov, disagreement_of
 from svv.errors import BadInput
-from svv.io.agreement import check_agreement
+from svv.io.agreement import Agreement, check_agreement
 from svv.io.cinema.shot import Shot, camera_of, fov_x, view_angle
 from svv.io.cinema.table import Table
+from svv.io.on_screen import fixed_in, without
 
 Array = NDArray[np.float64]
 
@@ -94,7 +95,7 @@ def cameras_by_rows(table: Table, metas: Sequence[dict[str, Any]], size: tuple[i
 
 def placed_about(
     table: Table, rotations: Array, shot: Shot, images: NDArray[np.uint8]
-) -> tuple[list[Camera], list[str], str | None, str | None]:
+) -> tuple[list[Camera], list[str], Agreement]:
     """Return cameras that look at one point, what was estimated, and what :func:`check_agreement` says of them.
 
     Up to ParaView 5.8, phi ran the other way. It does here, too, if the images contradict the usual way and agree with
@@ -109,13 +110,13 @@ def placed_about(
             turned = _meant(table, -1.0, 1.0, 0.0) if backwards else rotations
             cameras, notes = cameras_about(turned, shot, images, table.ascent)
             also = [] if backwards else _other_meanings(table, cameras, shot)
-            agreement, doubt = check_agreement(cameras, images, names, table.folder, also)
+            agreement = check_agreement(cameras, images, names, table.folder, also)
         except BadInput as error:
             first = first or error
             continue
         if backwards:
             notes.append("The images agree with their cameras if phi runs the other way, as up to ParaView 5.8.")
-        return cameras, notes, agreement, doubt
+        return cameras, notes, agreement
     assert first is not None
     raise first
 
@@ -178,7 +179,8 @@ def cameras_about(
             cameras.append(Camera(matrix, fov, width, height))
     if shot.parallel_scale is not None:
         return cameras, notes
-    silhouettes = silhouettes_of(images)
+    fixed = fixed_in(cameras, images)
+    silhouettes = silhouettes_of(images if fixed is None else without(images, fixed))
     usual, fit = cameras[0].fov_x, best_fov(cameras, silhouettes)
     if fit is None:
         return cameras, [*notes, *([_assumed(ascent)] if shot.view_angle is None else [])]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from svv.io.cinema.placing import (
 from svv.io.cinema.shot import BESIDE, Shot, read_shot
 from svv.io.cinema.table import OPACITY_FUNCTION, Table, check_files, is_database, read_table, select
 from svv.io.cinema.transfer import opacity_function
+from svv.io.on_screen import ignoring_fixed
 from svv.io.view_meta import ViewMeta
 from svv.io.viewset import MIN_TRAIN_VIEWS, ViewSet
 from svv.options.cinema import DatabaseOptions
@@ -87,13 +88,14 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
     placed = None if _given(options) else cameras_by_rows(table, metas, size)
     if placed is not None:
         table, images, cameras = _distinct(table, images, placed, options, notes)
-        agreement, doubt = check_agreement(cameras, images, _names(table.files), table.folder)
+        agreement = check_agreement(cameras, images, _names(table.files), table.folder)
     elif rotations is not None:
-        cameras, said, agreement, doubt = placed_about(table, rotations, shot, images)
+        cameras, said, agreement = placed_about(table, rotations, shot, images)
     else:
         raise BadInput(f"{table.folder} says nothing about cameras: it has neither phi and theta nor cameras.")
     notes += [] if assumed is None else [assumed]
-    notes += said + [note for note in (agreement, doubt, gap_in(_axes(cameras))) if note]
+    fixed = None if options.ignore_fixed else agreement.fixed
+    notes += said + [note for note in (agreement.found, agreement.doubt, fixed, gap_in(_axes(cameras))) if note]
     progress(0.95, "Placing cameras")
     return _split(table, images, cameras, options, whole.key(), notes)
 
@@ -230,6 +232,10 @@ def _split(
     )
     names = _names(table.files)
     views = ViewSet(tuple(cameras), images, names, meta)
+    if options.ignore_fixed:
+        views, said = ignoring_fixed(views)
+        views, cameras = replace(views, meta=replace(meta, assumed=" ".join([*notes, said]))), list(views.cameras)
+        notes.append(said)
     unseen = spread_out(_axes(cameras), count) if count else []
     train = [k for k in range(len(cameras)) if k not in set(unseen)]
     return Imported(views.take(train), views.take(unseen) if unseen else None, tuple(notes))

@@ -91,7 +91,7 @@ class Outlines:
 
     def faced(self, views: Views) -> float:
         """Return the fraction of views that have the point where their lines of sight meet in front of them."""
-        silhouettes = self.levels[0]
+        silhouettes = self.levels[0]  # of a set that has any
         usable = silhouettes.usable & ~views.parallel
         if not usable.any():
             return 1.0

@@ -65,10 +65,11 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
         BadInput: The database is damaged or incomplete, its images contradict its cameras, or an option is wrong.
     """
     options = options or DatabaseOptions()
-    whole = read_table(path)
-    check_files(whole)
+    listed = read_table(path)
+    whole, lacking = check_files(listed)
     wanted = _wanted(options.select)
     table, notes = select(whole, wanted)
+    notes += [] if lacking is None else [lacking]
     rotations = rotations_of(table)
     if rotations is not None:
         kept = first_of_each(rotations[:, :, 2])
@@ -97,7 +98,7 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
     fixed = None if options.ignore_fixed else agreement.fixed
     notes += said + [note for note in (agreement.found, agreement.doubt, fixed, gap_in(_axes(cameras))) if note]
     progress(0.95, "Placing cameras")
-    return _split(table, images, cameras, options, whole.key(), notes)
+    return _split(table, images, cameras, options, listed.key(), notes)
 
 
 def read_views(path: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
@@ -177,8 +178,7 @@ def _partners(table: Table, whole: Table, black: str, wanted: dict[str, str]) ->
     """Return the files over the other background, one a row."""
     producers = whole.column("producer") or []
     if is_database(black):
-        other = read_table(black)
-        check_files(other)
+        other, _ = check_files(read_table(black))
         other, _ = select(other, {k: v for k, v in wanted.items() if k.lower() != "producer"})
     elif black in producers:
         other, _ = select(whole, {**wanted, "producer": black})

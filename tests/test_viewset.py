@@ -201,7 +201,7 @@ def test_missing_pictures_are_left_out_and_counted(tmp_path: Path) -> None:
     (tmp_path / "train" / "r_2.png").unlink()
     read = ViewSet.read(tmp_path)
     assert read.names == ("r_0", "r_1", "r_3", "r_4", "r_5", "r_6")
-    assert read.meta.assumed == "1 of the 7 listed pictures are missing and left out (./train/r_2)."
+    assert read.meta.assumed == "1 of the 7 listed pictures could not be found and are left out: ./train/r_2."
     assert len(files_of(tmp_path, "train")) == 7  # and the JSON file
 
 

@@ -44,8 +44,8 @@ def _check_rotation(rotation: Array) -> None:
     if off <= ROTATION_TOLERANCE:
         raise BadInput(
             "A camera matrix must contain a rotation, but its 3x3 part mirrors (its determinant is -1): the world or "
-            "the camera axes are left-handed; negate the axis that was flipped, such as the third row and then the "
-            "third column, in each transform_matrix."
+            "the camera axes are left-handed; negate one row (an axis of the world) or one of the first three columns "
+            "(an axis of the camera) in each transform_matrix."
         )
     why = f"R^T R is off by {off:.3g}"
     if 0.0 < scale < np.inf:

@@ -54,6 +54,9 @@ EXPLAINED = 1.0, np.radians(0.6)
 EQUAL = 0.15
 """Difference of scores below which two explanations are equally good."""
 
+WHOLE_EDGE, MANY = 0.95, 0.3
+"""Fraction of the pixels at a picture's edge that the scene fills if its camera is inside, and of such views."""
+
 FACED = 0.5
 """Fraction of the cameras that must look towards what they show."""
 
@@ -74,7 +77,7 @@ class Agreement:
     found: str | None
     """By how many pixels silhouettes differ."""
     doubt: str | None
-    """That they differ more than the noise of pictures with true cameras would explain."""
+    """That they differ more than the noise of pictures with true cameras would explain, or are inside the scene."""
     fixed: str | None
     """That something stands still on the screen, which was left out of the comparison."""
 
@@ -102,7 +105,22 @@ def check_agreement(
     if fixed is not None:  # a colour bar must not be blamed on the cameras
         images = without(images, fixed)
     found, doubt = _check(cameras, images, names, where, also)
+    doubt = " ".join(filter(None, (doubt, _surrounded(images)))) or None
     return Agreement(found, doubt, None if fixed is None else noticed(fixed))
+
+
+def _surrounded(images: NDArray[np.uint8]) -> str | None:
+    """Say in how many views the scene fills the edge of the picture, if these are many."""
+    alpha = images[..., 3] > 0
+    edges = np.concatenate([alpha[:, 0], alpha[:, -1], alpha[:, :, 0], alpha[:, :, -1]], axis=1)
+    full = int((edges.mean(axis=1) > WHOLE_EDGE).sum())
+    if full < MANY * len(images):
+        return None
+    return (
+        f"In {full} of {len(images)} views, the scene fills the edge of the picture all around: the cameras stand "
+        "inside of it or very near (or alpha is inverted), and what lies beyond or behind them is not learned; views "
+        "from outside would show it."
+    )
 
 
 def _check(
@@ -243,4 +261,4 @@ def _agree(found: Array) -> str | None:
 
 def _most(found: Array) -> str:
     finite = found[np.isfinite(found)]
-    return f"{finite.max():.2g} pixels" if len(finite) else "more than can be compared"
+    return f"{finite.max():.3g} pixels" if len(finite) else "more than can be compared"

@@ -163,7 +163,7 @@ def present(path: Path, frames: Sequence[dict[str, Any]]) -> tuple[list[dict[str
     if not missing:
         return found, None
     some = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
-    return found, f"{len(missing)} of the {len(frames)} listed pictures are missing and left out ({some})."
+    return found, f"{len(missing)} of the {len(frames)} listed pictures could not be found and are left out: {some}."
 
 
 def file_in(path: Path, frame: Frame, key: str = "file_path") -> Path:

@@ -17,7 +17,7 @@ from svv.io.agreement import Agreement, check_agreement
 from svv.io.on_screen import ignoring_fixed
 from svv.io.viewset import ViewSet
 from svv.train.pipeline import train_scene
-from tests.cinema_database import picture
+from tests.cinema_database import BALLS, picture
 
 Matrices = NDArray[np.float64]
 CAMERAS = sphere_cameras(24, (0.0, 0.0, 0.0), 6.0, float(np.radians(30.0)), 96)
@@ -55,7 +55,6 @@ WRONG = {
     "COLMAP": (OPENCV @ np.linalg.inv(MATRICES), "world-to-camera and the camera axes are those of OpenCV"),
     "transposed": (joined(R.transpose(0, 2, 1), T), "the rotations are transposed"),
     "next frame": (np.roll(MATRICES, -1, axis=0), "belongs to the camera 1 frame earlier"),
-    "reversed": (MATRICES[::-1], "reverse order"),
     "names as text": (MATRICES[np.argsort(sorted(range(24), key=lambda k: NAMES[k]))], "order of their names as text"),
     "turned pictures": (turned(2, 90.0), "turned by 90 degrees .* EXIF"),
     "turned a little": (turned(2, 12.0), r"turned by 1[12]\.\d degrees, mostly about their line of sight"),
@@ -138,7 +137,7 @@ def test_right_cameras_are_never_refused(case: str) -> None:
 
 @pytest.mark.parametrize("size", [0.02, 0.05])
 def test_a_few_points_are_enough_to_agree(size: float) -> None:
-    points = np.random.default_rng(1).normal(size=(6, 3)) * 0.6
+    points = np.random.default_rng(1).normal(size=(3, 3)) * 0.6
     balls = tuple((*point, size) for point in points)
     assert check(images=np.stack([picture(camera, balls) for camera in CAMERAS])).doubt is None
 
@@ -146,7 +145,7 @@ def test_a_few_points_are_enough_to_agree(size: float) -> None:
 def test_a_ball_agrees_with_any_cameras_that_look_at_it() -> None:
     ball = np.stack([picture(camera, ((0.0, 0.0, 0.0, 1.0),)) for camera in CAMERAS])
     assert check(with_matrices(np.roll(MATRICES, -1, axis=0)), ball).doubt is None
-    with pytest.raises(BadInput, match="OpenCV"):  # its cameras look away
+    with pytest.raises(BadInput, match=r"look away from: .* OpenCV"):
         check(with_matrices(MATRICES @ OPENCV), ball)
 
 
@@ -166,10 +165,11 @@ def test_training_refuses_before_it_begins() -> None:
 # --- what stands still on the screen ---------------------------------------------------------------------------------
 
 
-def with_bar(place: tuple[slice, slice] = (slice(20, 70), slice(88, 93))) -> NDArray[np.uint8]:
+def with_bar(first: int = 92, top: int = 20) -> NDArray[np.uint8]:
+    """Pictures with a colour bar of 50 rows and three columns."""
     images = IMAGES.copy()
-    images[:, *place] = np.linspace(60, 250, 50)[:, None, None].astype(np.uint8)[: place[0].stop - place[0].start]
-    images[:, *place, 3] = 255
+    images[:, top : top + 50, first : first + 3] = np.linspace(60, 250, 50)[:, None, None].astype(np.uint8)
+    images[:, top : top + 50, first : first + 3, 3] = 255
     return images
 
 
@@ -182,11 +182,11 @@ def test_a_colour_bar_is_named_and_not_blamed_on_the_cameras() -> None:
 
 
 def test_axes_that_turn_in_their_corner_are_noticed() -> None:
-    images = IMAGES.copy()
+    images = np.stack([picture(camera, tuple(0.6 * np.array(BALLS))) for camera in CAMERAS])
     for k, image in enumerate(images):
         towards = np.round(4 * np.array((np.sin(k), np.cos(k)))).astype(int)
         for step in np.linspace(0, 1, 9):
-            row, column = (88, 7) + np.round(step * towards).astype(int)
+            row, column = np.array((88, 7)) + np.round(step * towards).astype(int)
             image[row : row + 2, column : column + 2] = (250, 40, 40, 255)
     found = check(images=images)
     assert found.fixed is not None and "at the lower left" in found.fixed and found.doubt is None
@@ -197,7 +197,7 @@ def test_it_is_left_out_on_request() -> None:
     left, said = ignoring_fixed(views)
     assert "at the right" in said and check(list(left.cameras), left.images).fixed is None
     kept = np.stack([IMAGES[NAMES.index(name)] for name in left.names])
-    assert np.array_equal(left.images[:, :, :84], kept[:, :, :84]) and not left.images[:, 20:70, 88:93].any()
+    assert np.array_equal(left.images[:, :, :84], kept[:, :, :84]) and not left.images[:, 20:70, 92:95].any()
     same, said = ignoring_fixed(ViewSet(tuple(CAMERAS), IMAGES, tuple(NAMES)))
     assert np.array_equal(same.images, IMAGES) and "changes nothing" in said
 
@@ -206,6 +206,6 @@ def test_views_that_reach_it_are_left_out_or_refused() -> None:
     columns = (IMAGES[..., 3] > 0).any(axis=1)
     rightmost = np.array([np.flatnonzero(own).max() for own in columns])
     at = int(np.sort(rightmost)[-5])
-    views = ViewSet(tuple(CAMERAS), with_bar((slice(5, 55), slice(at, at + 3))), tuple(NAMES))
+    views = ViewSet(tuple(CAMERAS), with_bar(at, 5), tuple(NAMES))
     left, said = ignoring_fixed(views)
     assert len(left) < 24 and f"so are {24 - len(left)} of 24 views" in said

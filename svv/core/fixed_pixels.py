@@ -123,7 +123,8 @@ class _Seen:
             hits += within & mask[at]
             inside += within
         # A point that few views have in their image could be anything.
-        return ((hits >= IN_VIEWS * inside) & (inside >= OBJECT * len(self._near))).any(axis=1)
+        seen = (hits >= IN_VIEWS * inside) & (inside >= OBJECT * len(self._near))
+        return np.asarray(seen.any(axis=1), np.bool_)
 
 
 def places_of(fixed: Mask) -> str:

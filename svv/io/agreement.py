@@ -149,8 +149,8 @@ def _check(
         )
     if not faced:
         raise BadInput(
-            f"{which} show what their cameras look away from: check which way their axes point; "
-            "transform_matrix must be camera-to-world, with x right, y up and -z forward."
+            f"{which} show what their cameras look away from: transform_matrix must be camera-to-world with x right, y "
+            "up and -z forward; if the axes are those of OpenCV, multiply the second and third columns by -1."
         )
     return _without_cause(outlines, found, mixed, tells, which)
 

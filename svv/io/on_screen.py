@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 RIM = 2
 """Pixels around what stands still that are left out with it, because its edges are blurred."""
 
-MOST_LEFT_OUT = 0.34
+MOST_LEFT_OUT = 0.5
 """Fraction of the views that are left out at most because the scene reaches what stands still."""
 
 

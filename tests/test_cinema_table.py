@@ -87,8 +87,20 @@ def test_rows_and_files_belong_together(tmp_path: Path) -> None:
         check_files(read_table(tmp_path))
     (tmp_path / "3.png").unlink()
     (tmp_path / "1.png").unlink()
-    with pytest.raises(BadInput, match=r"1 row of 3 has no image, the first is 1.png"):
+    table, said = check_files(read_table(tmp_path))
+    assert table.files == ["0.png", "2.png"] and table.columns["phi"] == ["0", "2"]
+    assert said == "1 row of 3 has no image and is left out, the first is 1.png."
+    (tmp_path / "0.png").unlink()
+    with pytest.raises(BadInput, match=r"2 rows of 3 have no image, the first is 0.png"):
         check_files(read_table(tmp_path))
+
+
+def test_a_row_without_a_file_is_named(tmp_path: Path) -> None:
+    save_rows(tmp_path, [{**row, "FILE": "" if row["phi"] == "1" else row["FILE"]} for row in rows()])
+    for k in (0, 2):
+        (tmp_path / f"{k}.png").touch()
+    table, said = check_files(read_table(tmp_path))
+    assert table.files == ["0.png", "2.png"] and said is not None and "row 2, which names no file" in said
 
 
 def test_layers_are_not_the_picture(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from PIL import Image
 from svv.core.cameras import Camera, sphere_cameras
 from svv.errors import BadInput, Cancelled
 from svv.io.view_meta import ViewMeta
-from svv.io.viewset import ViewSet
+from svv.io.viewset import ViewSet, files_of
 
 META = ViewMeta(bounds=((0, 1, 2), (3, 4, 5)), other={"of": "the test"})
 
@@ -163,7 +163,15 @@ def truncate(folder: Path) -> None:
 
 
 BAD = {
-    "missing frame": (lambda f: (f / "train" / "r_1.png").unlink(), "no such file"),
+    "missing frames": (lambda f: [(f / "train" / f"r_{k}.png").unlink() for k in (0, 1)], "2 of the 3 pictures"),
+    "a picture twice": (spoil_json("file_path", "train/r_0.png"), r"train/r_0.png twice, the second time in frame 2"),
+    "degrees": (spoil_json("camera_angle_x", 30.0), r"if these are degrees, write 0.523599"),
+    "mirrored": (spoil_json("transform_matrix", np.diag([-1, 1, 1, 1]).tolist()), r"mirrors \(its determinant is -1"),
+    "scaled": (spoil_json("transform_matrix", np.diag([2, 2, 2, 1]).tolist()), "it is scaled by 2: divide"),
+    "transposed": (
+        spoil_json("transform_matrix", [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [1, 2, 3, 1]]),
+        "it is transposed",
+    ),
     "truncated PNG": (truncate, "truncated or not an image"),
     "no image": (lambda f: (f / "train" / "r_1.png").write_text("x"), "truncated or not an image"),
     "another size": (lambda f: save(f / "train" / "r_1.png", rgba(1, 5)[0]), "the same size"),
@@ -186,6 +194,55 @@ def test_bad_sets_are_refused_with_one_sentence(tmp_path: Path, case: str) -> No
     with pytest.raises(BadInput, match=words) as caught:
         ViewSet.read(tmp_path)
     assert "\n" not in str(caught.value)
+
+
+def test_missing_pictures_are_left_out_and_counted(tmp_path: Path) -> None:
+    foreign(tmp_path, rgba(7))
+    (tmp_path / "train" / "r_2.png").unlink()
+    read = ViewSet.read(tmp_path)
+    assert read.names == ("r_0", "r_1", "r_3", "r_4", "r_5", "r_6")
+    assert read.meta.assumed == "1 of the 7 listed pictures could not be found and are left out: ./train/r_2."
+    assert len(files_of(tmp_path, "train")) == 7  # and the JSON file
+
+
+@pytest.mark.parametrize("suffix", [".JPG", ".PNG", ".webp", ".WEBP", ""])
+def test_pictures_of_any_suffix(tmp_path: Path, suffix: str) -> None:
+    foreign(tmp_path, rgba())
+    for file in (tmp_path / "train").iterdir():
+        kind = {".JPG": "JPEG", "": "PNG"}.get(suffix, suffix[1:].upper())
+        flat = np.full((8, 8, 3), 9, np.uint8)
+        flat[3:5, 3:5] = 200
+        Image.fromarray(flat).save(file.with_suffix(suffix), kind)
+        if suffix != ".png":
+            file.unlink()
+    assert ViewSet.read(tmp_path).names == ("r_0", "r_1", "r_2")
+
+
+def test_the_file_itself_may_be_given(tmp_path: Path) -> None:
+    foreign(tmp_path, rgba())
+    file = tmp_path / "transforms_train.json"
+    assert np.array_equal(ViewSet.read(file).images, ViewSet.read(tmp_path).images)
+    assert ViewSet.read(file.rename(tmp_path / "mine.json")).names == ("r_0", "r_1", "r_2")
+    with pytest.raises(BadInput, match=r"There is no .*transforms_test\.json"):
+        ViewSet.read(tmp_path / "mine.json", "test")
+
+
+def test_alpha_of_255_everywhere_is_none(tmp_path: Path) -> None:
+    images = [np.full((40, 40, 4), 255, np.uint8) for _ in range(3)]
+    for k, image in enumerate(images):
+        image[10 : 20 + k, 12:30, :3] = 40
+    foreign(tmp_path, images)
+    read = ViewSet.read(tmp_path)
+    assert np.array_equal(read.images[..., 3] == 255, np.stack(images)[..., 0] == 40)
+    assert read.meta.assumed is not None and "no alpha but 255 everywhere" in read.meta.assumed
+
+
+def test_a_logo_in_a_corner_leaves_the_background_uniform(tmp_path: Path) -> None:
+    images = [np.zeros((40, 40, 3), np.uint8) for _ in range(3)]
+    for image in images:
+        image[15:25, 15:25], image[:6, :9] = 90, 200
+    foreign(tmp_path, images)
+    assert ViewSet.read(tmp_path).images[:, 30, 30, 3].max() == 0
 
 
 def test_two_views_are_too_few_to_train_on(tmp_path: Path) -> None:

@@ -14,15 +14,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from svv.core.camera_matrix import checked_matrix
 from svv.core.directions import geodesic_directions
 from svv.core.json_values import list_in, needed, number_in, object_in, vector_in, whole_in
 from svv.errors import BadInput
 
 Array = NDArray[np.float64]
 Distance = TypeVar("Distance", float, NDArray[np.floating])
-
-ROTATION_TOLERANCE = 1e-3
-"""Largest entry of |R^T R - I| for which R counts as a rotation: view sets round theirs to 1e-8 ... 1e-4."""
 
 NOMINAL_FOV = np.pi / 6
 """``fov_x`` of orthographic cameras, in radians; nothing depends on it."""
@@ -65,25 +63,12 @@ class Camera:
     centre: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        matrix = np.array(self.camera_to_world, dtype=np.float64)
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-            raise BadInput("A camera matrix must be a 4x4 matrix of finite numbers; check transform_matrix.")
-        if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > ROTATION_TOLERANCE:
-            raise BadInput("A camera matrix must end with the row 0, 0, 0, 1; check transform_matrix.")
-        rotation = matrix[:3, :3]
-        with np.errstate(over="ignore"):  # numbers may be as large as a file says
-            off = np.abs(rotation.T @ rotation - np.eye(3)).max()
-        if not off <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-            raise BadInput(
-                "A camera matrix must contain a rotation (no scale, shear or mirror), but its 3x3 part is not one "
-                f"(R^T R is off by {off:.3g}); check transform_matrix."
-            )
+        matrix = checked_matrix(self.camera_to_world)
         _check_angle_and_span(self.fov_x, self.span_x, "a camera")
         if not (1 <= self.width <= MOST_PIXELS and 1 <= self.height <= MOST_PIXELS):
             raise BadInput(f"A camera's image has 1 to {MOST_PIXELS} pixels a side, not {self.width} x {self.height}.")
         if self.centre is not None and not np.isfinite(self.centre).all():
             raise BadInput(f"A camera's principal point must be two finite numbers, not {self.centre}.")
-        matrix[3] = (0.0, 0.0, 0.0, 1.0)  # files from other programs have 1e-8 here
         matrix.setflags(write=False)
         object.__setattr__(self, "camera_to_world", matrix)
         if self.centre == (0.5 * self.width, 0.5 * self.height):

@@ -28,7 +28,8 @@ from svv.errors import BadInput
 from svv.io.atomic import is_file
 from svv.io.lenses import Lens
 
-SUFFIXES = ("", ".png", ".PNG", ".jpg", ".jpeg", ".tif", ".tiff")
+SUFFIXES = ("", *(case for suffix in (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
+                  for case in (suffix, suffix.upper())))  # fmt: skip
 """Suffixes that ``file_path`` may lack; NeRF-synthetic sets omit ``.png``."""
 
 LENGTHS = ("fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "span_x")
@@ -41,15 +42,27 @@ PARALLEL = ("ORTHOPHOTO", "ORTHOGRAPHIC")
 MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "PERSPECTIVE", "OPENCV_FISHEYE", *PARALLEL)
 """Values of ``camera_model`` that can be read."""
 
+MOST_MISSING = 0.5
+"""Fraction of the listed pictures that may be missing."""
+
 Frame = Mapping[str, Any]
+
+
+class _Missing(BadInput):
+    """A picture is not there."""
 
 
 def transforms_file(folder: str | Path, split: str) -> Path | None:
     """Return the file that lists the views of a split, or None.
 
     It is ``transforms_<split>.json``, or ``transforms.json``, whose frames are all for training unless it has lists
-    ``train_filenames``, ``val_filenames`` and ``test_filenames`` (nerfstudio).
+    ``train_filenames``, ``val_filenames`` and ``test_filenames`` (nerfstudio). Instead of the folder, a file of it may
+    be given: it lists the training views, whatever its name, and the other splits are beside it.
     """
+    if Path(folder).suffix.lower() == ".json" and Path(folder).is_file():
+        if split == "train" or Path(folder).name == f"transforms_{split}.json":
+            return Path(folder) if _lists_frames(Path(folder)) else None
+        folder = Path(folder).parent
     own, whole = Path(folder) / f"transforms_{split}.json", Path(folder) / "transforms.json"
     if own.exists() or not whole.exists():
         return own if own.exists() else None
@@ -60,6 +73,15 @@ def transforms_file(folder: str | Path, split: str) -> Path | None:
     except (OSError, ValueError, AttributeError):
         return None  # reading the training views says what is wrong with it
     return whole if listed else None
+
+
+def _lists_frames(path: Path) -> bool:
+    """Return whether a JSON file lists frames; one that cannot be read does, so that reading it says what is wrong."""
+    try:
+        content = parsed(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return path.name.startswith("transforms")
+    return isinstance(content, dict) and "frames" in content
 
 
 def split_of(file: Path) -> str:
@@ -73,7 +95,9 @@ def read_transforms(folder: str | Path, split: str) -> tuple[Path, dict[str, Any
     Raises:
         BadInput: There is no such file, it cannot be read, or it has no frames for the split.
     """
-    path = transforms_file(folder, split) or Path(folder) / f"transforms_{split}.json"
+    place = Path(folder)
+    beside = place.parent if place.is_file() else place
+    path = transforms_file(place, split) or beside / f"transforms_{split}.json"
     try:
         scene = parsed(path.read_bytes())
     except FileNotFoundError:
@@ -106,6 +130,42 @@ def _of_split(path: Path, scene: Frame, frames: list[dict[str, Any]], split: str
     return [frame for frame in frames if str(frame.get("file_path")) not in others]
 
 
+def present(path: Path, frames: Sequence[dict[str, Any]]) -> tuple[list[dict[str, Any]], str | None]:
+    """Return the frames whose pictures are there, and a sentence on the others, if any.
+
+    Raises:
+        BadInput: Most pictures are missing, a frame names none or one outside the folder, or two name the same.
+    """
+    found, missing, first = [], [], None
+    seen: dict[Path, str] = {}
+    for number, frame in enumerate(frames, start=1):
+        name = str(frame.get("file_path"))
+        try:
+            file = file_in(path, frame)
+        except _Missing as error:
+            missing.append(name)
+            first = first or error
+            continue
+        if file in seen:
+            raise BadInput(
+                f"{path} names the picture {name} twice, the second time in frame {number}: give each frame its own "
+                "picture, or delete one of the two frames."
+            )
+        seen[file] = name
+        found.append(frame)
+    if first is not None and len(missing) > MOST_MISSING * len(frames):
+        if len(missing) == 1:
+            raise first
+        raise BadInput(
+            f"{len(missing)} of the {len(frames)} pictures that {path} lists are missing, the first is {missing[0]}: "
+            "copy the pictures beside the file, or correct its paths."
+        )
+    if not missing:
+        return found, None
+    some = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
+    return found, f"{len(missing)} of the {len(frames)} listed pictures could not be found and are left out: {some}."
+
+
 def file_in(path: Path, frame: Frame, key: str = "file_path") -> Path:
     """Return the file that a frame names; raises BadInput if it names none or there is none."""
     name = frame.get(key)
@@ -121,7 +181,7 @@ def file_in(path: Path, frame: Frame, key: str = "file_path") -> Path:
             file = path.parent / (plain + suffix)
             if is_file(file):
                 return file
-    raise BadInput(f"{path} names the image {name}, but there is no such file (with or without .png).")
+    raise _Missing(f"{path} names the image {name}, but there is no such file (with or without .png).")
 
 
 def leaves(name: str) -> bool:
@@ -228,6 +288,13 @@ def _angle(width: int, focal: float) -> float:
     return 2.0 * math.atan(0.5 * width / focal)
 
 
+def _turned(numbers: Mapping[str, float], width: int, height: int) -> str:
+    """Say that the picture is turned if that would explain its size."""
+    if (numbers.get("w"), numbers.get("h")) != (height, width):
+        return ""
+    return ": it is stored turned by 90 degrees, perhaps with an EXIF orientation; turn its pixels"
+
+
 def _lens(numbers: Mapping[str, float], width: int, height: int, fisheye: bool) -> Lens:
     """Return the intrinsics of an image of the given size, which may be smaller than the file says."""
     for key in ("w", "h"):
@@ -237,13 +304,15 @@ def _lens(numbers: Mapping[str, float], width: int, height: int, fisheye: bool) 
         if not 1 <= size <= MOST_PIXELS:
             raise BadInput(f"an image can be 1 to {MOST_PIXELS} pixels in {key}, not {size}.")
     for key in ("camera_angle_x", "camera_angle_y"):
-        if not 0 < numbers.get(key, 1) < math.pi:
-            raise BadInput(f"{key} must lie between 0 and pi radians, not {numbers[key]:g}.")
+        value = numbers.get(key, 1)
+        if not 0 < value < math.pi:
+            meant = f": if these are degrees, write {math.radians(value):.6g}" if math.pi < value < 180 else ""
+            raise BadInput(f"{key} must lie between 0 and pi radians, not {value:g}{meant}.")
     across, down = width / numbers.get("w", width), height / numbers.get("h", height)
     if abs(across / down - 1.0) > 0.02 and any(key in numbers for key in ("fl_x", "cx", "cy")):
         raise BadInput(
             f"the image has {width} x {height} pixels, but w and h say {numbers.get('w', width):g} x "
-            f"{numbers.get('h', height):g}."
+            f"{numbers.get('h', height):g}" + _turned(numbers, width, height) + "."
         )
     if "fl_x" in numbers:
         focal = across * numbers["fl_x"]

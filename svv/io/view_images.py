@@ -159,19 +159,29 @@ def decode(file: Path) -> Images:
 
 
 def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], str | None]:
-    """Return RGBA images and, if they had no alpha, a sentence that says what was taken for it."""
+    """Return RGBA images and, if they had no alpha, a sentence that says what was taken for it.
+
+    Alpha that is 255 in every pixel of every image, as viewers and renderers save opaque pictures, is none.
+    """
+    opaque = all(image.shape[-1] == 4 and image[..., 3].min() == 255 for image in decoded)
+    if opaque:
+        decoded = [image[..., :3] for image in decoded]
+    lack = "no alpha but 255 everywhere" if opaque else "no alpha"
     channels = [image.shape[-1] for image in decoded]
     if min(channels) == 4:
         return decoded, None
     if max(channels) == 4:
         with_, without = files[channels.index(4)], files[channels.index(3)]
         raise BadInput(f"{with_.name} has alpha and {without} does not; all images of a view set need alpha.")
-    corners = np.concatenate([_corners(image) for image in decoded])
-    background = np.median(corners, axis=0).astype(np.int16)
-    spread = int(np.abs(corners.astype(np.int16) - background).max())
+    corners = np.stack([_corners(image) for image in decoded])  # (images, 4, pixels, 3)
+    background = np.median(corners.reshape(-1, 3), axis=0).astype(np.int16)
+    apart = np.abs(corners.astype(np.int16) - background).max(axis=(0, 2, 3))
+    # A logo or a caption may fill one corner.
+    spread = int(np.sort(apart)[-2])
+    spread = int(apart.max()) if apart.max() <= CORNER_SPREAD else spread
     if spread > CORNER_SPREAD:
         raise BadInput(
-            f"The images of {files[0].parent} have no alpha, and their corners show no uniform background "
+            f"The images of {files[0].parent} have {lack}, and their corners show no uniform background "
             "to replace it; save them as RGBA with straight alpha, or give each frame a mask_path."
         )
     images = []
@@ -180,15 +190,15 @@ def with_alpha(decoded: list[Images], files: list[Path]) -> tuple[list[Images], 
         images.append(np.dstack([image, np.where(difference <= max(2, spread), 0, 255).astype(np.uint8)]))
     colour = ", ".join(str(int(c)) for c in background)
     return images, (
-        f"The images have no alpha: pixels of the background colour ({colour}) count as empty, all others as opaque."
+        f"The images have {lack}: pixels of the background colour ({colour}) count as empty, all others as opaque."
     )
 
 
 def _corners(image: Images) -> Images:
-    """Return the pixels of the four corners. (pixels, 3)"""
+    """Return the pixels of the four corners. (4, pixels, 3)"""
     edge = max(1, min(image.shape[:2]) // 50)
-    ends = [*range(edge), *range(-edge, 0)]
-    return image[ends][:, ends].reshape(-1, 3)
+    ends = slice(None, edge), slice(-edge, None)
+    return np.stack([image[rows, columns].reshape(-1, 3) for rows in ends for columns in ends])
 
 
 def in_threads(

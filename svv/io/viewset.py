@@ -25,7 +25,7 @@ from svv.core.json_values import parsed
 from svv.errors import BadInput, Progress, silent
 from svv.io.atomic import atomic_path, cannot_write, is_file, make_folder, partial_folder, sync, sync_folder, to_json
 from svv.io.declared import arrays_of_npz
-from svv.io.transforms import file_in, intrinsics_of, leaves, mask_files, names_of, read_transforms
+from svv.io.transforms import file_in, intrinsics_of, leaves, mask_files, names_of, present, read_transforms
 from svv.io.view_images import Images, in_threads, read_views
 from svv.io.view_meta import ViewMeta
 
@@ -91,25 +91,26 @@ class ViewSet:
         Images without alpha take that of their masks. Without masks, if their corners all show one colour, pixels of
         that colour count as empty and all others as opaque; other images without alpha are rejected. Distorted images
         are undistorted. Images of the same shape but of different sizes, which their frames state, are reduced to the
-        smallest. ``meta.assumed`` says what was assumed or changed.
+        smallest. Frames whose pictures are missing are left out. ``meta.assumed`` says what was assumed or changed.
 
         Args:
-            folder: Folder of the JSON file.
+            folder: Folder of the JSON file, or the file itself.
             split: ``train`` (at least 3 views), ``test`` or ``val``.
             progress: Called after each image.
 
         Raises:
-            BadInput: A file is missing or damaged, images differ in shape or have neither alpha nor a uniform
-                background, a camera model is not supported, a matrix is not a rotation, there are too few views, or
-                metadata is invalid.
+            BadInput: Most pictures are missing, one is named twice or damaged, images differ in shape or have neither
+                alpha nor a uniform background, a camera model is not supported, a matrix is not a rotation, there are
+                too few views, or metadata is invalid.
         """
-        path, scene, frames = read_transforms(folder, split)
+        path, scene, listed = read_transforms(folder, split)
         meta = ViewMeta.from_json(scene.get("svv"), f"{path}: svv")
+        frames, missing = present(path, listed)
         if split == "train" and len(frames) < MIN_TRAIN_VIEWS:
             raise BadInput(f"{path} has {len(frames)} views; at least {MIN_TRAIN_VIEWS} are needed.")
         images, cameras, assumed = read_views(path, scene, frames, progress, f"Reading {split} views")
-        if assumed:
-            meta = replace(meta, assumed=assumed)
+        if assumed or missing:
+            meta = replace(meta, assumed=" ".join(filter(None, (missing, assumed))))
         file = path.parent / CLASSIFIED
         classified = _read_classified(file) if scene.get("svv_classified") == CLASSIFIED and file.exists() else None
         return cls(cameras, images, names_of(frames), meta, classified)
@@ -196,7 +197,8 @@ def read_classified(folder: str | Path) -> ClassifiedVolume | None:
     Raises:
         BadInput: The file is damaged.
     """
-    file, views = Path(folder) / CLASSIFIED, Path(folder) / "transforms_train.json"
+    folder = Path(folder).parent if Path(folder).is_file() else Path(folder)
+    file, views = folder / CLASSIFIED, folder / "transforms_train.json"
     if not (file.exists() and views.exists()):
         return None
     try:
@@ -264,7 +266,8 @@ def files_of(folder: Path, split: str) -> list[Path]:
     Raises:
         BadInput: The JSON file or an image is missing, or the JSON file is invalid.
     """
-    path, _, frames = read_transforms(folder, split)
+    path, _, listed = read_transforms(folder, split)
+    frames, _ = present(path, listed)
     return [path, *(file_in(path, frame) for frame in frames), *(mask_files(path, frames) or [])]
 
 

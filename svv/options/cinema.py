@@ -28,6 +28,8 @@ class DatabaseOptions:
     """Full vertical angle of view; by default estimated from the silhouettes."""
     parallel_scale: Annotated[float | None, Setting(metavar="S")] = None
     """Half the height of the images in world units, if the cameras are orthographic."""
+    ignore_fixed: Annotated[bool, Setting("--ignore-fixed")] = False
+    """Leave out what stands still on the screen: colour bars, axes, logos, text."""
     n: Annotated[int, Setting(least=3)] = 200
     """Use at most this many training views, spread evenly."""
     test: Annotated[int | None, Setting(least=0)] = None

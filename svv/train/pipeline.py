@@ -14,6 +14,7 @@ import torch
 from svv._version import __version__
 from svv.errors import BadInput, Progress, silent
 from svv.fields.scene import Scene
+from svv.io.on_screen import ignoring_fixed
 from svv.io.viewset import ViewSet
 from svv.kernels.dispatch import device_named, forget_gpu_peak
 from svv.kernels.gpu import gpu_errors
@@ -65,13 +66,14 @@ def train_scene(
         wrong with the views).
 
     Raises:
-        BadInput: There are fewer than 3 views, no point is visible in all of them, an option does not exist, or the
-            time limit is not above 0.
+        BadInput: There are fewer than 3 views, no point is visible in all of them, they contradict their cameras, an
+            option does not exist, or the time limit is not above 0.
     """
     asked, chosen = given(TrainOptions, options, changes)
     device, time_limit, seed = device_named(asked.device), asked.time_limit, asked.seed
     if asked.views_only:
         views = replace(views, classified=None)
+    views, left_out = ranks.once(lambda: ignoring_fixed(views)) if asked.ignore_fixed else (views, None)
     if len(views.cameras) < LEAST_VIEWS:
         raise BadInput(f"{len(views.cameras)} views are too few to train on; give at least {LEAST_VIEWS} (usually 92).")
     if time_limit is not None and not time_limit > 0:
@@ -82,6 +84,7 @@ def train_scene(
     forget_gpu_peak(device)
     with gpu_errors(device), measured() as cost:
         training = Training(views, chosen, time_limit, seed, progress, saved, device)
+        training.notes += [] if left_out is None else [left_out]
         scene = training.run()
     seconds = {**training.seconds, "total": sum(training.seconds.values())}
     report = report_on(

@@ -203,7 +203,7 @@ def extinction_from(
             says whether to keep their neighbours.
         seed: Seed of the order of the views.
         progress: Called several times a second.
-        limit: Seconds after which no more steps are taken.
+        limit: Seconds after which no more steps are taken; after twice as many, cells are not refined any further.
 
     Returns:
         The log extinction on the occupied cells' vertices, the occupied cells, and how well they agree with the views.
@@ -216,6 +216,8 @@ def extinction_from(
     # A round costs about eight times as much with cells half as large; the last ones are nearly all of the time.
     shares = np.cumsum([0.0, *(count * 4.0**k for k, count in enumerate(plan))])
     for k, (resolution, count) in enumerate(zip(levels, plan, strict=True)):
+        if k and limit is not None and end is not None and time.monotonic() > end + limit:
+            break  # finer cells of a scene that fills its box would take many times the limit
         if k:
             work.refine(pruned(work.lattice, work.occupancy, True), resolution)
         steps = count * max(1, round(len(views) / VIEWS_A_STEP))

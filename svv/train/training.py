@@ -19,6 +19,7 @@ from svv.fields.occupancy import Occupancy
 from svv.fields.scene import Scene
 from svv.fields.time_steps import TimeSteps
 from svv.fields.value_function import ValueFunction
+from svv.io.agreement import check_agreement
 from svv.io.equal_views import equal_views
 from svv.io.viewset import ViewSet
 from svv.train import ranks
@@ -70,7 +71,9 @@ class Training:
         self.progress, self.saved, self.device = progress, saved, device
         self.seconds: dict[str, float] = {}
         self.notes: list[str] = []
-        self.warnings = [said for said in (ranks.once(lambda: equal_views(views)),) if said is not None]
+        checked = ranks.once(lambda: check_agreement(views.cameras, views.images, views.names))
+        told = checked.doubt, checked.fixed, ranks.once(lambda: equal_views(views))
+        self.warnings = [said for said in told if said is not None]
 
     @property
     def learned_from(self) -> str:

@@ -37,12 +37,7 @@ def read_pictures(files: Sequence[Path], progress: Progress) -> tuple[list[Image
 
 
 def transparent(pictures: list[Images], files: Sequence[Path]) -> tuple[Images, str | None]:
-    """Return pictures as RGBA, and a sentence on what counts as empty if they have no alpha.
-
-    Pictures whose alpha is 255 everywhere, as pycinema writes opaque ones, count as having none.
-    """
-    if all(p.shape[-1] == 4 and p[..., 3].min() == 255 for p in pictures):
-        pictures = [p[..., :3] for p in pictures]
+    """Return pictures as RGBA, and a sentence on what counts as empty if they have no alpha."""
     images, assumed = with_alpha(pictures, list(files))
     return np.stack(images), assumed
 

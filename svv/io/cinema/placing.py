@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from svv.core.camera_mistakes import Mistake
 from svv.core.cameras import Camera
 from svv.core.directions import geodesic_directions
 from svv.core.json_values import parsed
 from svv.core.phi_theta import ascent_rotations, paraview_rotations
-from svv.core.silhouettes import Silhouettes, best_fov, disagreement
+from svv.core.silhouettes import Silhouettes, best_fov, disagreement_of
 from svv.errors import BadInput
+from svv.io.agreement import Agreement, check_agreement
 from svv.io.cinema.shot import Shot, camera_of, fov_x, view_angle
 from svv.io.cinema.table import Table
+from svv.io.on_screen import fixed_in, without
 
 Array = NDArray[np.float64]
 
@@ -34,7 +37,11 @@ UNSURE = 1.0
 """Uncertainty of an estimate in degrees from which on the usual angle is taken instead."""
 
 CONTRADICTION = 1.0
-"""Degrees by which cameras may differ from what the silhouettes say."""
+"""Degrees by which a view angle may differ from what the silhouettes say."""
+
+MUCH_WORSE, FINEST = 2.0, 0.2
+"""Factor by which silhouettes differ more with an angle that they contradict, and the least pixels that it multiplies:
+true angles differ from the best by up to a fifth of this."""
 
 SURE = 3.0
 """Standard deviations that make a difference certain."""
@@ -86,6 +93,58 @@ def cameras_by_rows(table: Table, metas: Sequence[dict[str, Any]], size: tuple[i
     return cameras
 
 
+def placed_about(
+    table: Table, rotations: Array, shot: Shot, images: NDArray[np.uint8]
+) -> tuple[list[Camera], list[str], Agreement]:
+    """Return cameras that look at one point, what was estimated, and what :func:`check_agreement` says of them.
+
+    Up to ParaView 5.8, phi ran the other way. It does here, too, if the images contradict the usual way and agree with
+    the other one.
+
+    Raises:
+        BadInput: The images contradict their cameras either way.
+    """
+    names, first = [str(name) for name in table.files], None
+    for backwards in (False, True) if not table.ascent else (False,):
+        try:
+            turned = _meant(table, -1.0, 1.0, 0.0) if backwards else rotations
+            cameras, notes = cameras_about(turned, shot, images, table.ascent)
+            also = [] if backwards else _other_meanings(table, cameras, shot)
+            agreement = check_agreement(cameras, images, names, table.folder, also)
+        except BadInput as error:
+            first = first or error
+            continue
+        if backwards:
+            notes.append("The images agree with their cameras if phi runs the other way, as up to ParaView 5.8.")
+        return cameras, notes, agreement
+    assert first is not None
+    raise first
+
+
+def _other_meanings(table: Table, cameras: Sequence[Camera], shot: Shot) -> list[Mistake]:
+    """Return the cameras that phi and theta would name in other programs."""
+    point, distance = np.array(shot.focal_point or (0.0, 0.0, 0.0)), shot.distance or 1.0
+    found = []
+    for said, signs in () if table.ascent else (
+        ("theta runs the other way", (1.0, -1.0, 0.0)),
+        ("theta counts from the pole", (1.0, -1.0, 90.0)),
+        ("theta counts from the other pole", (1.0, 1.0, -90.0)),
+        ("phi runs the other way and theta counts from the pole", (-1.0, -1.0, 90.0)),
+        ("phi runs the other way and theta counts from the other pole", (-1.0, 1.0, -90.0)),
+    ):  # fmt: skip
+        matrices = np.stack([camera.camera_to_world for camera in cameras])
+        matrices[:, :3, :3] = _meant(table, *signs)
+        matrices[:, :3, 3] = point + distance * matrices[:, :3, 2]
+        found.append(Mistake(said, "write the angles as ParaView counts them", matrices))
+    return found
+
+
+def _meant(table: Table, phi: float, theta: float, offset: float) -> Array:
+    """Return rotations of other angles: phi and theta times signs, theta with an offset in degrees. (n, 3, 3)"""
+    own = np.array([table.column("phi"), table.column("theta")], np.float64)
+    return paraview_rotations(phi * own[0], theta * own[1] + offset)
+
+
 def cameras_about(
     rotations: Array, shot: Shot, images: NDArray[np.uint8], ascent: bool
 ) -> tuple[list[Camera], list[str]]:
@@ -120,59 +179,40 @@ def cameras_about(
             cameras.append(Camera(matrix, fov, width, height))
     if shot.parallel_scale is not None:
         return cameras, notes
-    fit = best_fov(cameras, silhouettes_of(images))
-    usual = USUAL_ANGLE[ascent]
-    if shot.view_angle is None:
-        if fit is None or np.degrees(fit.uncertainty) > UNSURE:
-            notes.append(
-                f"The silhouettes hardly depend on the view angle, so {usual:g} degrees are assumed, the usual angle "
-                f"of {'Ascent' if ascent else 'ParaView'}; if you know it, give --view-angle."
-            )
-            return cameras, notes
-        if fit.fov_x < PARALLEL:
-            notes.append("The silhouettes show no perspective: the cameras count as orthographic.")
-            span = 2.0 * distance * np.tan(0.5 * fit.fov_x)
-            return [Camera.orthographic(c.camera_to_world, span, width, height) for c in cameras], notes
-        angle, spread = view_angle(fit.fov_x, width, height), np.degrees(fit.uncertainty)
-        notes.append(
-            f"View angle estimated from the silhouettes: {angle:.2f} degrees (standard deviation {spread:.2f}), with "
-            f"which they differ by {fit.residual:.2f} pixels."
-        )
-        return [replace(camera, fov_x=fit.fov_x) for camera in cameras], notes
-    if fit is not None:
-        off = abs(np.degrees(fit.fov_x - cameras[0].fov_x))
-        if off > CONTRADICTION and off > SURE * np.degrees(fit.uncertainty):
+    fixed = fixed_in(cameras, images)
+    silhouettes = silhouettes_of(images if fixed is None else without(images, fixed))
+    usual, fit = cameras[0].fov_x, best_fov(cameras, silhouettes)
+    if fit is None:
+        return cameras, [*notes, *([_assumed(ascent)] if shot.view_angle is None else [])]
+    angle, spread = view_angle(fit.fov_x, width, height), np.degrees(fit.uncertainty)
+    differ, least = disagreement_of(cameras, silhouettes, (usual, fit.fov_x))
+    # Angles alone would not do: how certain an estimate is depends on the object.
+    contradicted = differ > MUCH_WORSE * max(least, FINEST)
+    if shot.view_angle is not None:
+        if contradicted and abs(np.degrees(fit.fov_x - usual)) > max(CONTRADICTION, SURE * spread):
             raise BadInput(
-                f"The images contradict a view angle of {shot.view_angle:.4g} degrees: their silhouettes say "
-                f"{view_angle(fit.fov_x, width, height):.4g}; correct the cameras, or leave the angle out."
+                f"The images contradict a view angle of {shot.view_angle:.4g} degrees, with which their silhouettes "
+                f"differ by {differ:.1f} pixels: they say {angle:.4g}; correct the cameras, or leave the angle out."
             )
-    return cameras, notes
+        return cameras, notes
+    if spread > UNSURE and not contradicted:
+        return cameras, [*notes, _assumed(ascent)]
+    if fit.fov_x < PARALLEL:
+        notes.append("The silhouettes show no perspective: the cameras count as orthographic.")
+        span = 2.0 * distance * np.tan(0.5 * fit.fov_x)
+        return [Camera.orthographic(c.camera_to_world, span, width, height) for c in cameras], notes
+    notes.append(
+        f"View angle estimated from the silhouettes: {angle:.2f} degrees (standard deviation {spread:.2f}), with "
+        f"which they differ by {fit.residual:.2f} pixels."
+    )
+    return [replace(camera, fov_x=fit.fov_x) for camera in cameras], notes
 
 
-def check_agreement(cameras: Sequence[Camera], images: NDArray[np.uint8], folder: object) -> str | None:
-    """Check that the silhouettes of images agree with their cameras.
-
-    Returns:
-        A sentence with the difference; None if too few can be compared.
-
-    Raises:
-        BadInput: They differ by more than a turn of the cameras by a degree would explain.
-    """
-    silhouettes = silhouettes_of(images)
-    found = disagreement(cameras, silhouettes)
-    found = np.abs(found[np.isfinite(found)])
-    if len(found) < 6:
-        return None
-    points = silhouettes.points[silhouettes.usable]
-    reach = float(np.median(0.5 * (points.max(axis=1) - points.min(axis=1)).max(axis=1)))  # pixels
-    differ, most = float(np.median(found)), max(np.radians(CONTRADICTION) * reach, 1.5)
-    if differ > most:
-        raise BadInput(
-            f"The images of {folder} contradict their cameras: silhouettes differ by {differ:.1f} pixels, as if the "
-            f"cameras were turned by {np.degrees(differ / reach):.1f} degrees; check which angles, focal point and "
-            "view angle the images were drawn with."
-        )
-    return f"The silhouettes agree with the cameras to {differ:.2f} pixels."
+def _assumed(ascent: bool) -> str:
+    return (
+        f"The silhouettes hardly depend on the view angle, so {USUAL_ANGLE[ascent]:g} degrees are assumed, the usual "
+        f"angle of {'Ascent' if ascent else 'ParaView'}; if you know it, give --view-angle."
+    )
 
 
 def silhouettes_of(images: NDArray[np.uint8]) -> Silhouettes:

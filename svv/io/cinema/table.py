@@ -14,7 +14,7 @@ from pathlib import Path
 from svv.core.json_values import list_in, object_in, parsed, text_in
 from svv.errors import BadInput
 from svv.io.atomic import is_file
-from svv.io.transforms import leaves
+from svv.io.transforms import MOST_MISSING, leaves
 
 TABLE, INFO = "data.csv", "info.json"
 """Files by which a database is recognised."""
@@ -22,7 +22,7 @@ TABLE, INFO = "data.csv", "info.json"
 ANGLES = ("phi", "theta")
 """Columns with the direction of a view, in degrees."""
 
-IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".h5", ".hdf5")
+IMAGES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".h5", ".hdf5")
 """Suffixes of images, lower case."""
 
 LAYERS = ("file_depth", "file_region", "file_layer", "file_normal", "file_value")
@@ -60,7 +60,10 @@ class Table:
     def key(self) -> str:
         """Return a text that changes with the table and its images."""
         stats = [
-            (name, stat.st_size, stat.st_mtime_ns) for name in self.files for stat in [(self.folder / name).stat()]
+            (name, stat.st_size, stat.st_mtime_ns)
+            for name in self.files
+            if name and is_file(self.folder / name)
+            for stat in [(self.folder / name).stat()]
         ]
         return hashlib.sha256(repr((self.columns, stats)).encode()).hexdigest()
 
@@ -100,19 +103,23 @@ def read_table(path: str | Path) -> Table:
     raise BadInput(f"{folder} is not a Cinema database: it has neither {TABLE} nor Ascent's {INFO}.")
 
 
-def check_files(table: Table) -> None:
-    """Check that rows and files of a database belong to each other.
+def check_files(table: Table) -> tuple[Table, str | None]:
+    """Return the rows of a database whose images are there, and a sentence on the others, if any.
 
     Raises:
-        BadInput: A row has no file, or a file has no row.
+        BadInput: Most rows have no image, or an image has no row.
     """
-    missing = [name for name in table.files if not is_file(table.folder / name)]
+    there = [k for k, name in enumerate(table.files) if name and is_file(table.folder / name)]
+    said, missing = None, [k for k in range(len(table)) if k not in set(there)]
     if missing:
-        raise BadInput(
-            f"{table.folder} is incomplete: {_count(len(missing), 'row')} of {len(table)} "
-            f"{'has' if len(missing) == 1 else 'have'} no image, the first is {missing[0]}; "
-            "write the database again, or delete those rows."
-        )
+        first = table.files[missing[0]] or f"that of row {missing[0] + 1}, which names no file"
+        lacks = f"{_count(len(missing), 'row')} of {len(table)} {'has' if len(missing) == 1 else 'have'} no image"
+        said = f"{lacks} and {'is' if len(missing) == 1 else 'are'} left out, the first is {first}."
+        if len(missing) > MOST_MISSING * len(table):
+            raise BadInput(
+                f"{table.folder} is incomplete: {lacks}, the first is {first}; write the database again, or delete "
+                "those rows."
+            )
     named = {(table.folder / name).resolve() for name in table.all_files}
     suffixes = {path.suffix.lower() for path in named}
     extra = sorted(
@@ -127,6 +134,7 @@ def check_files(table: Table) -> None:
             f"{table.folder} has {_count(len(extra), 'image')} that no row of its table names, the first is "
             f"{extra[0].name}; the table may be cut off: write the database again, or delete the images."
         )
+    return (table.take(there) if missing else table), said
 
 
 def select(table: Table, wanted: dict[str, str]) -> tuple[Table, list[str]]:
@@ -193,7 +201,7 @@ def _of_csv(folder: Path) -> Table:
     cells = [[cell.strip() for cell in column] for column in zip(*rows[1:], strict=True)]
     files = {name: column for name, column in zip(header, cells) if name.lower().startswith("file")}
     pictures = [name for name in files if not name.lower().startswith(LAYERS)]
-    shown = [name for name in pictures if _kind(files[name]) in IMAGES]
+    shown = [n for n in pictures if (kind := _kind(files[n])) in IMAGES or (not kind and n.lower() == "file")]
     if not shown:
         raise BadInput(f"{path} has no column of images: Spec D calls it FILE or FILE_png.")
     _check_inside(path, (name for column in files.values() for name in column))
@@ -208,7 +216,7 @@ def _of_csv(folder: Path) -> Table:
 
 
 def _kind(files: list[str]) -> str:
-    return Path(files[0]).suffix.lower()
+    return Path(next(filter(None, files), "")).suffix.lower()
 
 
 def _pattern(path: Path) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 
 from svv.core.cameras import Camera, CameraRig
 from svv.errors import BadInput, Progress, part, silent
+from svv.io.agreement import check_agreement
 from svv.io.cinema.pictures import read_pair, read_pictures, transparent
 from svv.io.cinema.placing import (
-    cameras_about,
     cameras_by_rows,
-    check_agreement,
     first_of_each,
     gap_in,
+    placed_about,
     rotations_of,
     spread_out,
 )
 from svv.io.cinema.shot import BESIDE, Shot, read_shot
 from svv.io.cinema.table import OPACITY_FUNCTION, Table, check_files, is_database, read_table, select
 from svv.io.cinema.transfer import opacity_function
+from svv.io.on_screen import ignoring_fixed
 from svv.io.view_meta import ViewMeta
 from svv.io.viewset import MIN_TRAIN_VIEWS, ViewSet
 from svv.options.cinema import DatabaseOptions
@@ -64,10 +65,11 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
         BadInput: The database is damaged or incomplete, its images contradict its cameras, or an option is wrong.
     """
     options = options or DatabaseOptions()
-    whole = read_table(path)
-    check_files(whole)
+    listed = read_table(path)
+    whole, lacking = check_files(listed)
     wanted = _wanted(options.select)
     table, notes = select(whole, wanted)
+    notes += [] if lacking is None else [lacking]
     rotations = rotations_of(table)
     if rotations is not None:
         kept = first_of_each(rotations[:, :, 2])
@@ -87,15 +89,16 @@ def read_database(path: str | Path, options: DatabaseOptions | None = None, prog
     placed = None if _given(options) else cameras_by_rows(table, metas, size)
     if placed is not None:
         table, images, cameras = _distinct(table, images, placed, options, notes)
+        agreement = check_agreement(cameras, images, _names(table.files), table.folder)
     elif rotations is not None:
-        cameras, said = cameras_about(rotations, shot, images, table.ascent)
+        cameras, said, agreement = placed_about(table, rotations, shot, images)
     else:
         raise BadInput(f"{table.folder} says nothing about cameras: it has neither phi and theta nor cameras.")
     notes += [] if assumed is None else [assumed]
-    agreement = check_agreement(cameras, images, table.folder)
-    notes += said + [note for note in (agreement, gap_in(_axes(cameras))) if note]
+    fixed = None if options.ignore_fixed else agreement.fixed
+    notes += said + [note for note in (agreement.found, agreement.doubt, fixed, gap_in(_axes(cameras))) if note]
     progress(0.95, "Placing cameras")
-    return _split(table, images, cameras, options, whole.key(), notes)
+    return _split(table, images, cameras, options, listed.key(), notes)
 
 
 def read_views(path: str | Path, split: str = "train", progress: Progress = silent) -> ViewSet:
@@ -175,8 +178,7 @@ def _partners(table: Table, whole: Table, black: str, wanted: dict[str, str]) ->
     """Return the files over the other background, one a row."""
     producers = whole.column("producer") or []
     if is_database(black):
-        other = read_table(black)
-        check_files(other)
+        other, _ = check_files(read_table(black))
         other, _ = select(other, {k: v for k, v in wanted.items() if k.lower() != "producer"})
     elif black in producers:
         other, _ = select(whole, {**wanted, "producer": black})
@@ -230,6 +232,10 @@ def _split(
     )
     names = _names(table.files)
     views = ViewSet(tuple(cameras), images, names, meta)
+    if options.ignore_fixed:
+        views, said = ignoring_fixed(views)
+        views, cameras = replace(views, meta=replace(meta, assumed=" ".join([*notes, said]))), list(views.cameras)
+        notes.append(said)
     unseen = spread_out(_axes(cameras), count) if count else []
     train = [k for k in range(len(cameras)) if k not in set(unseen)]
     return Imported(views.take(train), views.take(unseen) if unseen else None, tuple(notes))

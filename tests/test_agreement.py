@@ -1,0 +1,211 @@
+"""Pictures that contradict their cameras are told by what was done wrong; right ones are accepted, however noisy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from svv.core.camera_mistakes import mistakes
+from svv.core.cameras import Camera, sphere_cameras
+from svv.errors import BadInput
+from svv.io.agreement import Agreement, check_agreement
+from svv.io.on_screen import ignoring_fixed
+from svv.io.viewset import ViewSet
+from svv.train.pipeline import train_scene
+from tests.cinema_database import BALLS, picture
+
+Matrices = NDArray[np.float64]
+CAMERAS = sphere_cameras(24, (0.0, 0.0, 0.0), 6.0, float(np.radians(30.0)), 96)
+MATRICES = np.stack([camera.camera_to_world for camera in CAMERAS])
+IMAGES = np.stack([picture(camera) for camera in CAMERAS])
+NAMES = [f"r_{k}" for k in range(len(CAMERAS))]
+OPENCV = np.diag((1.0, -1.0, -1.0, 1.0))
+Y_UP = np.array(((1.0, 0, 0), (0, 0, 1), (0, -1, 0)))
+
+
+def with_matrices(matrices: Matrices) -> list[Camera]:
+    return [replace(camera, camera_to_world=matrix) for camera, matrix in zip(CAMERAS, matrices, strict=True)]
+
+
+def joined(rotation: Matrices, position: Matrices) -> Matrices:
+    found = MATRICES.copy()
+    found[:, :3, :3], found[:, :3, 3] = rotation, position
+    return found
+
+
+def turned(axis: int, degrees: float) -> Matrices:
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_rotvec(np.radians(degrees) * np.eye(3)[axis]).as_matrix()
+    return MATRICES @ turn
+
+
+def check(cameras: list[Camera] | None = None, images: NDArray[np.uint8] = IMAGES) -> Agreement:
+    return check_agreement(cameras or list(CAMERAS), images, NAMES)
+
+
+R, T = MATRICES[:, :3, :3], MATRICES[:, :3, 3]
+WRONG = {
+    "world-to-camera": (np.linalg.inv(MATRICES), "world-to-camera; invert each"),
+    "OpenCV": (MATRICES @ OPENCV, "OpenCV and COLMAP .* multiply their second and third columns by -1"),
+    "COLMAP": (OPENCV @ np.linalg.inv(MATRICES), "world-to-camera and the camera axes are those of OpenCV"),
+    "transposed": (joined(R.transpose(0, 2, 1), T), "the rotations are transposed"),
+    "next frame": (np.roll(MATRICES, -1, axis=0), "belongs to the camera 1 frame earlier"),
+    "names as text": (MATRICES[np.argsort(sorted(range(24), key=lambda k: NAMES[k]))], "order of their names as text"),
+    "turned pictures": (turned(2, 90.0), "turned by 90 degrees .* EXIF"),
+    "turned a little": (turned(2, 12.0), r"turned by 1[12]\.\d degrees, mostly about their line of sight"),
+    "other world": (joined(Y_UP @ R, T), "a world with other axes than that of the positions"),
+    "quaternions": (joined(Rotation.from_quat(np.roll(Rotation.from_matrix(R).as_quat(), 1, 1)).as_matrix(), T),
+                    "come from quaternions"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_the_mistake_is_named(case: str) -> None:
+    matrices, says = WRONG[case]
+    with pytest.raises(BadInput, match=says) as caught:
+        check(with_matrices(matrices))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda images: images[:, :, ::-1], "mirrored left to right"),
+        (lambda images: np.rot90(images, 1, (1, 2)), "turn the pictures clockwise"),
+        (lambda images: np.rot90(images, -1, (1, 2)), "turn the pictures counter-clockwise"),
+    ],
+)
+def test_pictures_that_are_turned_or_mirrored(change: Callable[..., NDArray[np.uint8]], says: str) -> None:
+    with pytest.raises(BadInput, match=says):
+        check(images=np.ascontiguousarray(change(IMAGES)))
+
+
+def test_cameras_in_any_order_are_refused_without_a_cause() -> None:
+    with pytest.raises(BadInput, match="hardly more if the cameras are shuffled"):
+        check(with_matrices(MATRICES[np.random.default_rng(3).permutation(24)]))
+
+
+def test_undoing_a_mistake_gives_the_cameras_back() -> None:
+    """Of those that the mistakes would yield, one is the truth, up to the world's axes."""
+    for case in ("world-to-camera", "OpenCV", "COLMAP", "transposed", "next frame", "names as text", "quaternions"):
+        found = (mistake.matrices for mistake in mistakes(np.ascontiguousarray(WRONG[case][0]), NAMES))
+        assert any(np.allclose(matrices, MATRICES, atol=1e-9) for matrices in found), case
+
+
+def dusty(images: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    images[rng.random(images.shape[:3]) < 0.003] = 255
+    return images
+
+
+def grainy(images: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    noise = images[..., 3] + rng.normal(0.0, 30.0, images.shape[:3])
+    images[..., 3] = np.where(images[..., 3] > 0, np.clip(noise, 1, 255), 0)
+    return images
+
+
+def faint(images: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    images[..., 3] //= 30
+    return images
+
+
+def unequal(images: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    images[..., 3] = images[..., 3] * rng.uniform(0.3, 1.0, (len(images), 1, 1))
+    return images
+
+
+def cut_off(images: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    images[:, :, :40] = 0
+    return images
+
+
+RIGHT = {"as they are": lambda images, rng: images, "dust": dusty, "grain": grainy, "faint": faint,
+         "other exposure": unequal, "cut off": cut_off, "nothing": lambda images, rng: 0 * images}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", RIGHT)
+def test_right_cameras_are_never_refused(case: str) -> None:
+    found = check(images=RIGHT[case](IMAGES.copy(), np.random.default_rng(0)))
+    assert found.fixed is None
+    if case in ("as they are", "faint"):
+        assert found.doubt is None and found.found is not None and found.found.startswith("The silhouettes agree")
+
+
+@pytest.mark.parametrize("size", [0.02, 0.05])
+def test_a_few_points_are_enough_to_agree(size: float) -> None:
+    points = np.random.default_rng(1).normal(size=(3, 3)) * 0.6
+    balls = tuple((*point, size) for point in points)
+    assert check(images=np.stack([picture(camera, balls) for camera in CAMERAS])).doubt is None
+
+
+def test_a_ball_agrees_with_any_cameras_that_look_at_it() -> None:
+    ball = np.stack([picture(camera, ((0.0, 0.0, 0.0, 1.0),)) for camera in CAMERAS])
+    assert check(with_matrices(np.roll(MATRICES, -1, axis=0)), ball).doubt is None
+    with pytest.raises(BadInput, match=r"look away from: .* OpenCV"):
+        check(with_matrices(MATRICES @ OPENCV), ball)
+
+
+def test_cameras_inside_are_mentioned() -> None:
+    full = IMAGES.copy()
+    full[..., 3] = np.maximum(full[..., 3], 9)
+    found = check(images=full)
+    assert found.doubt is not None and "24 of 24 views, the scene fills the edge" in found.doubt
+
+
+def test_training_refuses_before_it_begins() -> None:
+    views = ViewSet(tuple(with_matrices(np.linalg.inv(MATRICES))), IMAGES, tuple(NAMES))
+    with pytest.raises(BadInput, match="contradict their cameras"):
+        train_scene(views, "draft")
+
+
+# --- what stands still on the screen ---------------------------------------------------------------------------------
+
+
+def with_bar(first: int = 92, top: int = 20) -> NDArray[np.uint8]:
+    """Pictures with a colour bar of 50 rows and three columns."""
+    images = IMAGES.copy()
+    images[:, top : top + 50, first : first + 3] = np.linspace(60, 250, 50)[:, None, None].astype(np.uint8)
+    images[:, top : top + 50, first : first + 3, 3] = 255
+    return images
+
+
+def test_a_colour_bar_is_named_and_not_blamed_on_the_cameras() -> None:
+    found = check(images=with_bar())
+    assert found.doubt is None and found.fixed is not None and "at the right stands still" in found.fixed
+    assert found.found is not None and found.found.startswith("The silhouettes agree")
+    with pytest.raises(BadInput, match="world-to-camera"):
+        check(with_matrices(np.linalg.inv(MATRICES)), with_bar())
+
+
+def test_axes_that_turn_in_their_corner_are_noticed() -> None:
+    images = np.stack([picture(camera, tuple(0.6 * np.array(BALLS))) for camera in CAMERAS])
+    for k, image in enumerate(images):
+        towards = np.round(4 * np.array((np.sin(k), np.cos(k)))).astype(int)
+        for step in np.linspace(0, 1, 9):
+            row, column = np.array((88, 7)) + np.round(step * towards).astype(int)
+            image[row : row + 2, column : column + 2] = (250, 40, 40, 255)
+    found = check(images=images)
+    assert found.fixed is not None and "at the lower left" in found.fixed and found.doubt is None
+
+
+def test_it_is_left_out_on_request() -> None:
+    views = ViewSet(tuple(CAMERAS), with_bar(), tuple(NAMES))
+    left, said = ignoring_fixed(views)
+    assert "at the right" in said and check(list(left.cameras), left.images).fixed is None
+    kept = np.stack([IMAGES[NAMES.index(name)] for name in left.names])
+    assert np.array_equal(left.images[:, :, :84], kept[:, :, :84]) and not left.images[:, 20:70, 92:95].any()
+    same, said = ignoring_fixed(ViewSet(tuple(CAMERAS), IMAGES, tuple(NAMES)))
+    assert np.array_equal(same.images, IMAGES) and "changes nothing" in said
+
+
+def test_views_that_reach_it_are_left_out_or_refused() -> None:
+    columns = (IMAGES[..., 3] > 0).any(axis=1)
+    rightmost = np.array([np.flatnonzero(own).max() for own in columns])
+    at = int(np.sort(rightmost)[-5])
+    views = ViewSet(tuple(CAMERAS), with_bar(at, 5), tuple(NAMES))
+    left, said = ignoring_fixed(views)
+    assert len(left) < 24 and f"so are {24 - len(left)} of 24 views" in said

@@ -74,7 +74,8 @@ def volume_display(source: Any, view: Any = None) -> Any:
     for candidate in [v for v in (first, *simple.GetRenderViews()) if v is not None]:
         for display in candidate.Representations:
             given = getattr(display, "Input", None)
-            if given is not None and given.SMProxy == source and display.Representation == "Volume":
+            kind = getattr(display, "Representation", "")
+            if given is not None and given.SMProxy == source and kind == "Volume":
                 return display
     raise BadInput(
         "No view shows the input as a volume: set its representation to Volume in the active view, which gives it a "

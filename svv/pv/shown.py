@@ -69,7 +69,7 @@ def volume_shown(data: vtkImageData, values: Mapping[str, Any], name: str = "The
     image = as_volume(data, values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
     given = {**PLAIN, **chosen_of(values)}
     place = index_to_world(image)
-    crop = _crop(data, place, given) if given["UseCropping"] else None
+    crop = _crop(data, image, given) if given["UseCropping"] else None
     moved = matrix_of(given) @ place
     longer = np.linalg.norm(moved[:3, :3], axis=0) / np.linalg.norm(place[:3, :3], axis=0)
     if longer.min() <= 0:
@@ -100,10 +100,15 @@ def matrix_of(given: Mapping[str, Any]) -> Array:
     return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
 
 
-def _crop(data: vtkImageData, place: Array, given: Mapping[str, Any]) -> Array:
-    """Return the corners of the part that a display shows, as indices of voxels that lie at ``place``. (2, 3)"""
+def _crop(data: vtkImageData, image: vtkImageData, given: Mapping[str, Any]) -> Array:
+    """Return the corners of the part of its data that a display shows, as indices of the image's voxels. (2, 3)"""
+    place = index_to_world(image)
     if np.abs(place[:3, :3] - np.diag(np.diag(place[:3, :3]))).max() > 1e-6 * np.abs(place[:3, :3]).max():
         raise BadInput(TURNED)
     bounds = np.array(data.GetBounds()).reshape(3, 2).T
     corners = np.array(given["CroppingOrigin"]) + bounds * np.array(given["CroppingScale"])
-    return np.sort((corners - place[:3, 3]) / np.diag(place[:3, :3]), axis=0)
+    index = (corners - place[:3, 3]) / np.diag(place[:3, :3])
+    if image.GetNumberOfPoints() == data.GetNumberOfPoints():
+        # As ParaView draws it: VTK's ray caster mistakes the outermost points for the edges of their texels.
+        index = index / (1.0 - 1.0 / np.array(image.GetDimensions())) - 0.5
+    return np.sort(index, axis=0)

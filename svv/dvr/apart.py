@@ -162,7 +162,7 @@ def _received(stream: Any) -> vtkImageData:
 
 def _fill(values: NDArray[Any], stream: Any) -> None:
     """Fill an array with what comes through the pipe."""
-    left = memoryview(values).cast("B")
+    left = values.data.cast("B")
     while len(left):
         count = stream.readinto(left[:BLOCK])
         if not count:

@@ -14,7 +14,7 @@ from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMP
 
 from svv.errors import BadInput
 from svv.pv import follow, placing
-from svv.pv.display_table import LIGHTS, refused_by
+from svv.pv.display_table import LIGHTS, refused_by, value_of
 from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
 from svv.pv.picking import watch_picks
@@ -109,7 +109,7 @@ def shown_as(display: Any) -> dict[str, Any]:
         "Scalars": [display.ColorArrayName[0], display.ColorArrayName[1]],
         "OpacityUnitDistance": display.ScalarOpacityUnitDistance,
         "Shade": shade,
-        **{name: _plain(getattr(display, name)) for name in (*COEFFICIENTS, *PLAIN) if hasattr(display, name)},
+        **{name: value_of(display, name) for name in (*COEFFICIENTS, *PLAIN) if hasattr(display, name)},
     }
 
 
@@ -118,11 +118,6 @@ def _views_of(display: Any) -> list[Any]:
     from paraview import simple
 
     return [view for view in simple.GetRenderViews() if display in view.Representations]
-
-
-def _plain(value: Any) -> Any:
-    """Return a property's value as numbers or text, not as an object that goes on changing with the property."""
-    return str(value).strip("'") if isinstance(value, str) else list(value) if hasattr(value, "__len__") else value
 
 
 def capture(filter: Any, view: Any = None) -> None:

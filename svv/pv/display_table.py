@@ -24,7 +24,7 @@ class Row(NamedTuple):
 
 
 def _other_than(*values: Any) -> Callable[[Any], bool]:
-    return lambda value: str(value).strip("'") not in map(str, values)
+    return lambda value: value not in values
 
 
 PANEL = Row(REPRODUCED, "the property of the same name in the filter's panel")
@@ -181,7 +181,12 @@ def refused_by(display: Any) -> str:
     for name, row in REPRESENTATION.items():
         if row.becomes is not REFUSED or (name in WITH_SHADE and not getattr(display, "Shade", 0)):
             continue
-        value = getattr(display, name, None)
+        value = value_of(display, name) if hasattr(display, name) else None
         if value is not None and row.refuses(value):
-            return row.why.format(value=str(value).strip("'"))
+            return row.why.format(value=value)
     return ""
+
+
+def value_of(proxy: Any, name: str) -> Any:
+    """Return a property's value as numbers or text, not as an object that goes on changing with the property."""
+    return proxy.GetProperty(name).GetData()

@@ -281,7 +281,7 @@ refusals = {REFUSALS!r}
 input = source(image())
 display = show(input, shade=1)
 for name, (value, _) in refusals.items():
-    before = getattr(display, name)
+    before = display.GetProperty(name).GetData()
     setattr(display, name, value)
     said[name] = str(views_of(input).Status)
     setattr(display, name, before)
@@ -358,14 +358,10 @@ failing.Views = 5
 failing.UpdatePipeline(); failing.UpdatePropertyInformation()
 said["itself again"] = str(failing.Status)
 
-import svv.render.baked
-from svv.pv.filters import VolumeOutput
-from svv.pv import proxies
-volume = StyleRFVolume(Input=StyleRFTrain(Input=input))
-python = volume.GetClientSideObject()
-python.grid_for = lambda data: 1 / 0
-volume.UpdatePipelineInformation(); volume.UpdatePropertyInformation()
-said["information"] = str(volume.Status)
+failing.GetClientSideObject().RequestInformation = lambda *_: 1 / 0
+failing.Views = 6
+failing.UpdatePipelineInformation(); failing.UpdatePropertyInformation()
+said["information"] = str(failing.Status)
 """,
     )
     assert "vtkUnstructuredGrid" in said["mesh"] or said["mesh"].startswith("4 views")
@@ -374,5 +370,6 @@ said["information"] = str(volume.Status)
     assert said["itself again"].startswith("5 views")
     assert "could not be read (IndexError" in said["capture failed"]
     assert "TypeError: not what was expected in " in said["work failed"] and said["empty"] == 0
+    assert "ZeroDivisionError" in said["information"]
     assert "This should not have failed" in said["stderr"]  # in Output Messages
     assert "Traceback" not in said["stderr"]

@@ -14,7 +14,7 @@ from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMP
 
 from svv.errors import BadInput
 from svv.pv import follow, placing
-from svv.pv.display_table import LIGHTS, refused_by, value_of
+from svv.pv.display_table import LIGHT_KIT, LIGHTS, light_of, refused_by, value_of
 from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
 from svv.pv.picking import watch_picks
@@ -42,8 +42,8 @@ IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsR
 DISPLAY = "UniformGridRepresentation"
 """XML name of the representation with which ParaView shows a ``vtkImageData`` in a 3D view."""
 
-COEFFICIENTS = ("Ambient", "Diffuse", "Specular", "SpecularPower")
-"""Properties of a display's light."""
+COEFFICIENTS = ("Diffuse", "Specular", "SpecularPower")
+"""Properties of how a display is lit."""
 
 UNKNOWN = (
     "How the volume is shown could not be read ({error}): show it as a volume in the active view, and please report "
@@ -100,7 +100,8 @@ def shown_as(display: Any) -> dict[str, Any]:
         raise BadInput("The volume is shown without a colour map: choose an array under Coloring.")
     # Representations of unstructured grids have neither light nor some of the other properties.
     shade = int(getattr(display, "Shade", 0))
-    if shade and any(light.Enable for view in _views_of(display) for light in view.AdditionalLights):
+    light = next(map(light_of, _views_of(display)), "") if shade else ""
+    if light == LIGHTS:
         raise BadInput(LIGHTS)
     if display.ScalarOpacityFunction is not None:
         table.ScalarOpacityFunction = display.ScalarOpacityFunction
@@ -109,6 +110,8 @@ def shown_as(display: Any) -> dict[str, Any]:
         "Scalars": [display.ColorArrayName[0], display.ColorArrayName[1]],
         "OpacityUnitDistance": display.ScalarOpacityUnitDistance,
         "Shade": shade,
+        "Ambient": 0.0 if light == LIGHT_KIT else getattr(display, "Ambient", 0.0),
+        "Notice": light,
         **{name: value_of(display, name) for name in (*COEFFICIENTS, *PLAIN) if hasattr(display, name)},
     }
 

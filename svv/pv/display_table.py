@@ -57,7 +57,7 @@ REPRESENTATION: Mapping[str, Row] = {
     "Orientation": PANEL,
     "Origin": PANEL,
     "Shade": PANEL,
-    "Ambient": PANEL,
+    "Ambient": Row(REPRODUCED, "the panel's Ambient; 0 in the light kit, in which ParaView shows none"),
     "Diffuse": PANEL,
     "Specular": PANEL,
     "SpecularPower": PANEL,
@@ -167,9 +167,12 @@ OPACITIES: Mapping[str, Row] = {
 """Rows of the properties of the opacity function."""
 
 LIGHTS = (
-    "The volume is lit by lights that were added to the view, and StyleRF's light stays at the camera: remove them "
-    "under Lights in the view's properties, or turn Shade off in the display's."
+    "The volume is shaded by other lights than the light kit, and StyleRF's light stays at the camera: under Lights in "
+    "the view's properties, turn the light kit on and remove the added lights, or leave one white Headlight alone; or "
+    "turn Shade off in the display's properties."
 )
+LIGHT_KIT = "Lit from the camera, which is darker than the light kit of ParaView's view."
+"""What is said about volumes that are shaded in ParaView's default light."""
 
 
 def refused_by(display: Any) -> str:
@@ -185,6 +188,18 @@ def refused_by(display: Any) -> str:
         if value is not None and row.refuses(value):
             return row.why.format(value=value)
     return ""
+
+
+def light_of(view: Any) -> str:
+    """Return what the light of a view means for a shaded volume: empty, ``LIGHT_KIT`` or the refusal ``LIGHTS``."""
+    added = [light for light in view.AdditionalLights if light.Enable]
+    if view.UseLight:
+        return LIGHTS if added else LIGHT_KIT
+    alike = [
+        value_of(light, "Coords") == "Headlight" and light.Intensity == 1.0 and list(light.DiffuseColor) == [1.0] * 3
+        for light in added
+    ]
+    return "" if alike == [True] else LIGHTS
 
 
 def value_of(proxy: Any, name: str) -> Any:

@@ -111,7 +111,8 @@ class Filter(VTKPythonAlgorithmBase):
         inputs = [vtkDataObject.GetData(port, 0) for port in in_info]
         outputs = [vtkDataObject.GetData(out_info, port) for port in range(self.GetNumberOfOutputPorts())]
         try:
-            self._status = self.work(inputs, outputs, out_info) or "Done."
+            said = self.work(inputs, outputs, out_info) or "Done."
+            self._status = " ".join(filter(None, [said, self.values.get("Notice")]))
         except Cancelled:
             self.say("Stopped; the previous result is kept. Press Apply again to resume.", error=False)
             self.before(outputs)

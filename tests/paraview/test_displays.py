@@ -73,16 +73,16 @@ def drawn():
     window.Update()
     return vtk_to_numpy(window.GetOutput().GetPointData().GetScalars()).reshape(SIZE, SIZE, 3).astype(float)
 
-def views_of(input):
-    made = StyleRFViews(Input=input, Views=4, ViewSize=SIZE, RayCaster=sys.argv[2] if len(sys.argv) > 2 else "cpu")
+def views_of(input, caster="cpu"):
+    made = StyleRFViews(Input=input, Views=4, ViewSize=SIZE, RayCaster=caster)
     made.UpdatePipeline()
     made.UpdatePropertyInformation()
     return made
 
-def difference(input):
+def difference(input, caster="cpu"):
     "Mean difference of our views from ParaView's pictures, levels of 255; the status if there are no views."
     from svv.pv.data import views_of as in_memory
-    made = views_of(input)
+    made = views_of(input, caster)
     views = in_memory(made.GetClientSideObject().GetOutputDataObject(0))
     if views is None:
         return str(made.Status)
@@ -107,10 +107,10 @@ json.dump(said, open(sys.argv[1] + "/said.json", "w"))
 """
 
 CASES = """
-def compare(name, data, **how):
+def compare(name, data, caster="cpu", **how):
     input = source(data)
     show(input, **how)
-    said[name] = difference(input)
+    said[name] = difference(input, caster)
     Hide(input, view)
     Delete(input)
     return said[name]
@@ -125,6 +125,7 @@ both = image(200 - field)
 both.GetCellData().AddArray(named("s", field[:-1, :-1, :-1]))
 compare("array of the cells that points have, too", both, association="CELLS")
 compare("blank points", ghosts(image(), 2 * (z > 9)))
+compare("blank points, on the GPU", ghosts(image(), 2 * (z > 9)), "gpu")
 compare("blank cells", ghosts(image(), 32 * ((x < 6) & (z > 4))[:-1, :-1, :-1], True))
 compare("blank cells, array of cells", ghosts(image(cells=True), 32 * (y < 8), True), association="CELLS")
 grid = image(kind=vtkUniformGrid)
@@ -141,6 +142,10 @@ compare("nearest", image(), InterpolationType="Nearest")
 compare("linear", image(), InterpolationType="Linear")
 compare("unit distance", image(), ScalarOpacityUnitDistance=9.0)
 compare("opacity of surfaces", image(), Opacity=0.3)
+view.UseLight, headlight = 0, AddLight(view=view)
+headlight.Coords = "Headlight"
+compare("shaded by a headlight", image(), shade=1, caster="gpu", Diffuse=0.8, Ambient=0.4, Specular=0.3)
+view.UseLight, headlight.Enable = 1, 0
 compare("all", ghosts(image(spacing=(1, 0.7, 1.3)), 2 * (x * y % 11 == 0)), Scale=[1, 2, 0.5], Position=[1, 2, 3],
         Orientation=[0, 0, 60], UseCropping=1, CroppingScale=[0.9, 1, 0.8], InterpolationType="Nearest")
 z, y, x = np.indices((24, 24, 24))
@@ -176,7 +181,7 @@ def _said(pvpython: Any, folder: Any, script: str, *arguments: str, **options: A
 def test_what_a_display_does_is_in_the_views(drawn: dict[str, Any]) -> None:
     differences = {name: value for name, value in drawn.items() if name != "stderr"}
     assert {name: value for name, value in differences.items() if not (isinstance(value, float) and value <= 0.5)} == {}
-    assert len(differences) == 19
+    assert len(differences) == 21
 
 
 def test_the_tables_are_complete(pvpython, tmp_path) -> None:
@@ -212,8 +217,8 @@ def test_properties_without_effect_have_none(pvpython, tmp_path) -> None:
         """
 from svv.pv.display_table import COLOURS, NO_EFFECT, OPACITIES, REPRESENTATION
 display = show(source(image()), shade=1)
-ResetCamera(view)
-view.GetActiveCamera().Azimuth(30)
+Render(view)
+view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = [35, 30, 50], [6, 8, 10], [0, 1, 0]
 table, opacities = GetColorTransferFunction("s"), GetOpacityTransferFunction("s")
 
 def others(property):
@@ -291,6 +296,11 @@ display.Shade = 0
 said["light without shade"] = str(views_of(input).Status)
 display.Shade, light.Enable = 1, 0
 said["light turned off"] = str(views_of(input).Status)
+view.UseLight, light.Enable, light.Coords = 0, 1, "Headlight"
+said["headlight"] = str(views_of(input).Status)
+light.Intensity = 0.5
+said["weak headlight"] = str(views_of(input).Status)
+view.UseLight, light.Enable = 1, 0
 turned = image()
 turned.SetDirectionMatrix(0, 0.6, 0.8, 1, 0, 0, 0, 0.8, -0.6)
 show(source(turned), Scale=[1, 2, 3])
@@ -317,7 +327,9 @@ said["again"] = str(made.Status)
     }
     for name, (_, words) in REFUSALS.items():
         assert words in said[name] and said[name].endswith("Then run the macro 'StyleRF capture'."), said[name]
-    assert "lights that were added" in said["light"]
+    assert "other lights than the light kit" in said["light"] and "other lights" in said["weak headlight"]
+    assert said["headlight"].startswith("4 views") and "Lit from" not in said["headlight"]
+    assert "Lit from the camera" in said["light turned off"] and "Lit from" not in said["light without shade"]
     assert said["light without shade"].startswith("4 views") and said["light turned off"].startswith("4 views")
     assert "blend mode" in said["capture"] and "blend mode" in said["after"] and said["again"].startswith("4 views")
     assert "Traceback" not in said["stderr"]

@@ -20,9 +20,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import create_vtk_array, get_vtk_array_type, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
+from svv.dvr.appearance import Appearance, put
 from svv.dvr.grids import to_array
 from svv.errors import BadInput
 
@@ -112,17 +114,19 @@ def serve(read: Callable[..., vtkImageData]) -> None:
         except BadInput as error:
             _send(out, {"says": str(error)})
             continue
-        values = np.ascontiguousarray(to_array(image)).reshape(-1)
+        values, shown = np.ascontiguousarray(to_array(image)).reshape(-1), Appearance.of(image)
         matrix = image.GetDirectionMatrix()
         told = {
             "dims": image.GetDimensions(), "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
             "direction": [matrix.GetElement(i, j) for i in range(3) for j in range(3)], "dtype": values.dtype.str,
-            "name": image.GetPointData().GetScalars().GetName(),
+            "name": image.GetPointData().GetScalars().GetName(), "blank": shown.blank is not None,
         }  # fmt: skip
         _send(out, told)
         content = values.data.cast("B")
         for start in range(0, len(content), BLOCK):
             out.write(content[start : start + BLOCK])
+        if shown.blank is not None:
+            out.write(shown.blank.tobytes())
         out.flush()
         del image, values, content
 
@@ -147,14 +151,23 @@ def _received(stream: Any) -> vtkImageData:
     scalars = create_vtk_array(get_vtk_array_type(np.dtype(told["dtype"])))
     scalars.SetName(told["name"])
     scalars.SetNumberOfTuples(image.GetNumberOfPoints())
-    left = memoryview(vtk_to_numpy(scalars)).cast("B")
+    _fill(vtk_to_numpy(scalars), stream)
+    image.GetPointData().SetScalars(scalars)
+    if told["blank"]:
+        blank = np.empty(image.GetDimensions()[::-1], bool)
+        _fill(blank.reshape(-1), stream)
+        put(image, Appearance(blank))
+    return image
+
+
+def _fill(values: NDArray[Any], stream: Any) -> None:
+    """Fill an array with what comes through the pipe."""
+    left = values.data.cast("B")
     while len(left):
         count = stream.readinto(left[:BLOCK])
         if not count:
             raise EOFError
         left = left[count:]
-    image.GetPointData().SetScalars(scalars)
-    return image
 
 
 def _ended(path: Path, code: int) -> str:

@@ -17,6 +17,9 @@ from xml.sax.saxutils import escape, quoteattr
 SHAPES = ("Plane", "Box", "Sphere", "Cylinder")
 """ParaView's names of the surfaces between which :func:`shape` chooses."""
 
+CELLS = 1
+"""VTK's number of arrays that belong to cells."""
+
 Class = TypeVar("Class", bound=type)
 
 
@@ -227,7 +230,32 @@ def scalars() -> Property:
         "</RequiredProperties></ArrayListDomain><Documentation>The array that the volume rendering shows; one number "
         "per voxel.</Documentation></StringVectorProperty>"
     )
-    return Property("Scalars", xml, "", {"SetScalars": _store("Scalars", lambda *given: given[4] or "")})
+
+    def setter(self: Any, *given: Any) -> None:
+        chosen = given[4] or "", bool(given[4]) and int(given[3]) == CELLS
+        if chosen != (self.values["Scalars"], self.values.get("ScalarsOnCells", False)):
+            self.values["Scalars"], self.values["ScalarsOnCells"] = chosen
+            self.Modified()
+
+    return Property("Scalars", xml, "", {"SetScalars": setter})
+
+
+def capture_reports() -> list[Property]:
+    """Return the properties with which the client says what it could not take over of how the volume is shown."""
+    helps = {
+        "Refusal": "Why the volume cannot be drawn as it is shown; empty if it can.",
+        "Notice": "How it is drawn otherwise than it is shown; empty if it is not.",
+    }
+    return [
+        Property(
+            name,
+            f'<StringVectorProperty name="{name}" command="Set{name}" number_of_elements="1" default_values="" '
+            f'panel_visibility="never"><Documentation>{escape(help)}</Documentation></StringVectorProperty>',
+            "",
+            {f"Set{name}": _store(name, lambda value: value or "")},
+        )
+        for name, help in helps.items()
+    ]
 
 
 def transfer_function() -> Property:

@@ -156,7 +156,7 @@ def make_views(
         tf = TransferFunction.read(tf)
     given = tf or default_transfer_function(opened.image)
     fitted = given.fitted(*opened.range, rescale)
-    rescaled = fitted is not given
+    rescaled = given.is_stretched(*opened.range, rescale)
     fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(opened.whole))
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named

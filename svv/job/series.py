@@ -57,6 +57,11 @@ def with_time_steps(
     from svv.fields.following import at_step, check_follows
     from svv.fields.joined import members
 
+    if function is not None and not function.placed:
+        raise BadInput(
+            f"'{function.name}' has no opacity points, so it has no values of its own: leave it out, as the scene "
+            "knows its transfer function, or export it from ParaView with its opacities."
+        )
     every = members(scene)
     functions = []
     for member in every:

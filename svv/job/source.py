@@ -113,6 +113,8 @@ class VolumeSource(Drawn):
     dtype: str | None = None
     spacing: tuple[float, float, float] | None = None
     array: str | None = None
+    rescale: bool | None = None
+    """Whether to stretch the function over the data; see :meth:`svv.dvr.transfer_functions.TransferFunction.fitted`."""
 
     @property
     def name(self) -> str:
@@ -129,9 +131,10 @@ class VolumeSource(Drawn):
         for kind, path in files:
             if not path.exists():
                 raise BadInput(f"There is no {kind} {path}; check the path.")
+        rescale = [] if self.rescale is None else [self.rescale]
         return {
             "files": [fingerprint(path) for _, path in files] + [fingerprint(path) for path in _data_of(self.volume)],
-            "options": [self.dims, self.dtype, self.spacing, self.array],
+            "options": [self.dims, self.dtype, self.spacing, self.array, *rescale],
         }
 
     def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
@@ -141,8 +144,8 @@ class VolumeSource(Drawn):
         return open_volume(self.volume, self.dims, self.dtype, self.spacing, self.array, mapper, memory, progress)
 
     def how(self) -> dict[str, Any]:
-        """Return the file of the transfer function."""
-        return {"tf": self.tf}
+        """Return the file of the transfer function, and how it is fitted to the data."""
+        return {"tf": self.tf, "rescale": self.rescale}
 
 
 def _data_of(header: Path) -> list[Path]:

@@ -65,6 +65,15 @@ class VolumeOptions:
 
 
 @dataclass(frozen=True)
+class ShownVolumeOptions(VolumeOptions):
+    """Which transfer function shows a volume of which views are drawn, and how its file is read."""
+
+    rescale: Annotated[bool | None, Setting(flag="--rescale/--no-rescale", panel="")] = None
+    """Stretch the transfer function over the range of the data, or leave it at its own values; by default, a preset
+    without opacity points is stretched, and one that runs from 0 or -1 to 1 if the data lies elsewhere."""
+
+
+@dataclass(frozen=True)
 class ViewOptions:
     """Which views of a volume are drawn."""
 

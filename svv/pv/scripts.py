@@ -210,6 +210,8 @@ def _show_with(display: Any, tf: Path) -> None:
     low, high = arrays[name].GetRange()  # of all ranks
     function = TransferFunction.read(tf).fitted(low, high)
     table = display.LookupTable
+    table.UseLogScale = table.ScalarOpacityFunction.UseLogScale = 0  # the function is on linear scales
+    table.ColorSpace, table.HSVWrap = function.space, int(function.hsv_wrap)
     table.RGBPoints = [number for point in function.colours for number in point]
     table.ScalarOpacityFunction.Points = [number for point in function.opacities for number in point]
     display.ScalarOpacityFunction = table.ScalarOpacityFunction

@@ -15,7 +15,7 @@ def interval_text(low: float, high: float, digits: int = 4) -> str:
 
     Example:
         >>> interval_text(0.25, 1.0), interval_text(101325.21834, 101325.70114)
-        ('0.25 to 1', '101325.2183 to 101325.7011')
+        ('0.25 to 1', '101325.218 to 101325.701')
     """
     largest, width = max(abs(low), abs(high)), high - low
     if math.isfinite(width) and 0 < width < largest:

@@ -22,6 +22,9 @@ Triple = Sequence[float]
 ORTHOGONAL_TOLERANCE = 1e-3
 """Largest cosine of the angle between two axes of a grid that still count as perpendicular."""
 
+LEAST_NUMBERS = 256
+"""Least number of double-precision numbers in the range of a volume's values."""
+
 
 def as_volume(image: vtkImageData, array: str | None = None, name: str = "The volume") -> vtkImageData:
     """Check an image and reduce it to one single-component point scalar array.
@@ -88,6 +91,23 @@ def from_array(
 def to_array(image: vtkImageData) -> NDArray[Any]:
     """Return the scalars as an array (nz, ny, nx) that shares the image's memory."""
     return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
+
+
+def check_precision(values: NDArray[Any]) -> None:
+    """Reject 64-bit integers that double precision, in which transfer functions are, cannot tell apart.
+
+    Raises:
+        BadInput: There are less than ``LEAST_NUMBERS`` such numbers in the range of the values.
+    """
+    if values.dtype.kind not in "iu" or values.dtype.itemsize < 8:
+        return
+    low, high = int(values.min()), int(values.max())
+    count = (high - low) / float(np.spacing(float(max(abs(low), abs(high)))))
+    if low < high and count < min(LEAST_NUMBERS, high - low):
+        raise BadInput(
+            f"The values run from {low} to {high}, and transfer functions have double precision, which cannot tell "
+            f"most of them apart: subtract {low} from the values first."
+        )
 
 
 def index_to_world(image: vtkImageData) -> NDArray[np.float64]:

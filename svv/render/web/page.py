@@ -28,6 +28,7 @@ from PIL import Image
 from svv._version import __version__
 from svv.core.cameras import Camera, CameraRig
 from svv.core.colour import WHITE, over
+from svv.core.interval_text import interval_text
 from svv.core.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.joined import members
@@ -207,7 +208,7 @@ def _regions(scene: Scene) -> list[dict[str, Any]]:
     reflects = scene.coefficients()
     told = []
     for number, r in enumerate(scene.regions):
-        values = f"{r.share:.0%}" if r.values is None else "{:.4g} to {:.4g}".format(*r.values)
+        values = f"{r.share:.0%}" if r.values is None else interval_text(*r.values)
         told.append({
             "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity, "hidden": r.hidden, "values": values,
             "lighting": r.lighting, "strength": r.strength, "mean_light": r.mean_light,

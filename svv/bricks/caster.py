@@ -42,6 +42,14 @@ class Look:
     """Opacity unit distance, world units."""
     shading: Shading
     """Shading of the volume."""
+    nearest: bool = False
+    """Whether a sample has the value of the nearest voxel; otherwise values are interpolated trilinearly."""
+    blank: NDArray[np.bool_] | None = None
+    """Which voxels of the finest level are blanked: what is nearest to them is not shown. (nz, ny, nx)"""
+    crop: Array | None = None
+    """The part that is shown: lower and upper corner as voxel indices (x, y, z) of the finest level. (2, 3)"""
+    stretch: Array | None = None
+    """World lengths along the volume's axes per length by which opacities are measured; by default 1. (3,)"""
 
     def for_step(self, step: float) -> NDArray[np.float32]:
         """Return the table with the opacity of a sample of this length: 1 - (1 - a) ** (step / unit). (N, 4)"""
@@ -51,7 +59,7 @@ class Look:
         return np.ascontiguousarray(table, np.float32)
 
     def shades(self, view: Array) -> NDArray[np.float32]:
-        """Return the factor of the colour, and the highlight, of each code of a normal. (CODES ** 2 + 1, 2)
+        """Return the factor of the colour, and the highlight, of each code of a normal. (codes, 2)
 
         The light comes from the camera, along ``view`` everywhere in the image, and both sides of a surface are lit.
         So is a place without a gradient, but by the ambient light only (as in ``vtkEncodedGradientShader``).
@@ -59,9 +67,13 @@ class Look:
         shading, normals = self.shading, marching.decoded()
         cosine = np.abs(normals @ view)
         if not shading.on:
-            return np.stack([np.ones_like(cosine), np.zeros_like(cosine)], axis=1).astype(np.float32)
-        shine = np.where(cosine > 1e-3, shading.specular * cosine**shading.specular_power, 0.0)
-        return np.stack([shading.ambient + shading.diffuse * cosine, shine], axis=1).astype(np.float32)
+            shades = np.stack([np.ones_like(cosine), np.zeros_like(cosine)], axis=1)
+        else:
+            shine = np.where(cosine > 1e-3, shading.specular * cosine**shading.specular_power, 0.0)
+            shades = np.stack([shading.ambient + shading.diffuse * cosine, shine], axis=1)
+        if self.blank is not None:  # the same again for voxels that are blanked, on which shown samples may border
+            shades = np.concatenate([np.pad(shades, [(0, marching.BLANK - len(shades)), (0, 0)]), shades])
+        return shades.astype(np.float32)
 
 
 class BrickCaster:
@@ -117,14 +129,16 @@ class BrickCaster:
         rays = np.arange(count, dtype=np.int32)
         low = self._numbers.mapped(self.look.low)
         gain = (len(self.look.table) - 1) / max(float(self._numbers.mapped(self.look.high) - low), 1e-300)
-        bounds = np.array([np.zeros(3), np.array(self.level.shape[::-1]) - 1.0])
+        bounds, lengths = self._bounds(), np.zeros(3)
+        if self.look.stretch is not None:
+            lengths = self.level.spacing / self.look.stretch
         table, shades = self.look.for_step(step), self.look.shades(-camera.camera_to_world[:3, 2])
 
         def work(rays: NDArray[np.int32], wanted: NDArray[np.int32]) -> None:
             marching.march(
-                rays, camera.width, frame, corner, pixel, bounds, step, self._slots, self._stamps, self._now,
-                self._seen, self._values, self._codes, table, np.float32(low), np.float32(gain), shades, state,
-                samples, wanted,
+                rays, camera.width, frame, corner, pixel, lengths, bounds, step, self._slots, self._stamps, self._now,
+                self._seen, self._values, self._codes, table, np.float32(low), np.float32(gain), shades,
+                self.look.blank is not None, self.look.nearest, state, samples, wanted,
             )  # fmt: skip
 
         with ThreadPoolExecutor(self.threads) as pool:
@@ -140,6 +154,13 @@ class BrickCaster:
         state[state[:, 3] < marching.SPENT, 3] = 0.0
         state[:, 3] = 1.0 - state[:, 3]
         return state.reshape(camera.height, camera.width, 4)
+
+    def _bounds(self) -> Array:
+        """Return the positions between which anything is visible, in voxels. (2, 3)"""
+        last = np.array(self.level.shape[::-1]) - 1.0
+        if self.look.crop is None:
+            return np.array([np.zeros(3), last])
+        return np.array([np.maximum(self.look.crop[0], 0.0), np.minimum(self.look.crop[1], last)])
 
     def _frame(self, camera: Camera) -> tuple[Array, Array, float]:
         """Return the camera in voxels, the centre of its first pixel, and the side of a pixel at a distance of 1."""
@@ -183,6 +204,9 @@ class BrickCaster:
         if not marching.find_visible(box, first, self._ranges, self._seen[slot]):
             return False
         marching.fill(box, first, self._inverse.T.copy(), self._values[slot], self._codes[slot])
+        if self.look.blank is not None:
+            voxels = [np.minimum(i + np.arange(marching.SIDE), n - 1) for i, n in zip(index, self.level.shape)]
+            self._codes[slot][self.look.blank[np.ix_(*voxels)].ravel()] |= np.uint16(marching.BLANK)
         return True
 
 

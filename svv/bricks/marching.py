@@ -35,6 +35,9 @@ UNKNOWN, EMPTY = -1, -2
 CODES = 128
 """Steps along each side of the square on which normals are encoded: with 128, they are at most 1.1 degrees off."""
 
+BLANK = 1 << 15
+"""Flag in the code of a normal: the voxel is blanked."""
+
 SPENT = np.float32(1.0 / 128.0)
 """Transmittance at which a ray ends, as in VTK's ray caster (255 / 32767)."""
 
@@ -147,8 +150,9 @@ def _leaves(o, d, low, high):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def through_block(  # type: ignore[no-untyped-def]
-    ox, oy, oz, dx, dy, dz, step, k, until, values, codes, table, low, gain, shades, red, green, blue, through
-):
+    ox, oy, oz, dx, dy, dz, step, k, until, values, codes, table, low, gain, shades, blanks, nearest, red, green, blue,
+    through,
+):  # fmt: skip
     """Add the light of the samples ``k`` to ``until`` of a ray, which lie in one block, and return it.
 
     (ox, oy, oz) and (dx, dy, dz) are the ray's start and direction in voxels, counted from the brick's first one;
@@ -168,6 +172,12 @@ def through_block(  # type: ignore[no-untyped-def]
         a = (h * SIDE + j) * SIDE + i
         b, c = a + SIDE, a + SIDE * SIDE
         d = c + SIDE
+        if (blanks or nearest) and _to_nearest(codes, a, wx, wy, wz, blanks) < 0:
+            continue
+        if nearest:
+            a += _to_nearest(codes, a, wx, wy, wz, False)
+            b = c = d = a
+            wx = wy = wz = np.float32(0.0)
         near = _between(values[a], values[a + 1], values[b], values[b + 1], wx, wy)
         far = _between(values[c], values[c + 1], values[d], values[d + 1], wx, wy)
         entry = min(max(int((near + wz * (far - near) - low) * gain + np.float32(0.5)), 0), last)
@@ -184,6 +194,23 @@ def through_block(  # type: ignore[no-untyped-def]
         if through < SPENT:
             break
     return red, green, blue, through
+
+
+@njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
+def _to_nearest(codes, first, wx, wy, wz, blanks):  # type: ignore[no-untyped-def]
+    """Return the way from a cell's first voxel to the one nearest to a sample; -1 if the sample is blanked.
+
+    It is with the nearest voxel, and with those that are nearest after that along each axis.
+    """
+    x, y, z = int(wx >= 0.5), int(wy >= 0.5), int(wz >= 0.5)
+    way = (z * SIDE + y) * SIDE + x
+    if blanks:
+        voxel = first + way
+        flags = codes[voxel] | codes[voxel + 1 - 2 * x]
+        flags |= codes[voxel + (1 - 2 * y) * SIDE] | codes[voxel + (1 - 2 * z) * SIDE * SIDE]
+        if flags & BLANK:
+            return -1
+    return way
 
 
 @njit(nogil=True, fastmath=FAST_MATH, cache=True, inline="always")
@@ -232,8 +259,8 @@ def _clipped(o, d, low, high, near, far):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=FAST_MATH, cache=True)
 def march(  # type: ignore[no-untyped-def]
-    rays, width, frame, corner, pixel, bounds, step, slots, stamps, now, seen, values, codes, table, low, gain, shades,
-    state, samples, wanted,
+    rays, width, frame, corner, pixel, lengths, bounds, step, slots, stamps, now, seen, values, codes, table, low, gain,
+    shades, blanks, nearest, state, samples, wanted,
 ):  # fmt: skip
     """March rays until they end or reach a brick that is not in memory.
 
@@ -248,8 +275,9 @@ def march(  # type: ignore[no-untyped-def]
             voxels for a distance of 1 in the world along the axis. (4, 3)
         corner: Centre of the first pixel relative to the camera's axis, in pixels: column and row. (2,)
         pixel: Side of a pixel at a distance of 1; 0 for parallel rays, for which the steps in ``frame`` are a pixel's.
+        lengths: Size of a voxel by which a ray's length is measured; 0: as in the world. (3,)
         bounds: Positions between which anything is visible. (2, 3)
-        step: Sample distance, world units.
+        step: Sample distance, world units, or those of ``lengths``.
         slots: Slot of each brick, or UNKNOWN or EMPTY. (bz, by, bx)
         stamps: Time at which a slot was last used. (slots,)
         now: The present time.
@@ -260,6 +288,8 @@ def march(  # type: ignore[no-untyped-def]
         low: First value of the table.
         gain: Entries of the table per unit of the value.
         shades: Factor of the colour, and highlight, of each code. (CODES ** 2 + 1, 2)
+        blanks: Whether codes may have the flag BLANK; there are shades for those, too.
+        nearest: Whether samples have the value and the normal of the nearest voxel.
         state: Light so far (RGB times opacity) and transmittance of each pixel. (pixels, 4)
         samples: Number of each pixel's next sample. (pixels,)
         wanted: Receives the flat index of the brick that a ray needs, or -1 if it has ended. (R,)
@@ -270,6 +300,9 @@ def march(  # type: ignore[no-untyped-def]
         wanted[r] = -1
         u, v = corner[0] + number % width, corner[1] + number // width
         ox, oy, oz, dx, dy, dz = _ray(u, v, frame, pixel)
+        if lengths[0] > 0.0:
+            length = math.sqrt((dx * lengths[0]) ** 2 + (dy * lengths[1]) ** 2 + (dz * lengths[2]) ** 2)
+            dx, dy, dz = dx / length, dy / length, dz / length
         near, far = 0.0, 1e30
         for axis, o, d in ((0, ox, dx), (1, oy, dy), (2, oz, dz)):
             near, far = _clipped(o, d, bounds[0, axis], bounds[1, axis], near, far)
@@ -308,7 +341,7 @@ def march(  # type: ignore[no-untyped-def]
                 continue
             red, green, blue, through = through_block(
                 sx, sy, sz, dx, dy, dz, step, k, min(until, end + 1), values[slot], codes[slot], table, low, gain,
-                shades, red, green, blue, through,
+                shades, blanks, nearest, red, green, blue, through,
             )  # fmt: skip
             k = end + 1 if through < SPENT else until
         state[number, 0], state[number, 1], state[number, 2], state[number, 3] = red, green, blue, through

@@ -76,7 +76,25 @@ def classified(stage: Stage) -> ClassifiedVolume:
     image = to_array(stage.image)
     known, sigma = extinction(stage, box, float(image.min()), float(image.max()))
     values = resampled(stage, box, cells, np.zeros(3, np.int64), shape)
-    return classified_grid(stage, box, cells, values, (known, sigma), frequencies(image, known))
+    blank = stage.appearance.blank
+    hide(stage, box, cells, values)
+    counts = frequencies(image if blank is None else image[~blank], known)
+    return classified_grid(stage, box, cells, values, (known, sigma), counts)
+
+
+def hide(stage: Stage, box: Box, cells: int, values: NDArray[np.float32]) -> None:
+    """Set the values at vertices (Z, Y, X) that are blanked or cropped away to NaN, as those outside of the image."""
+    shown = stage.appearance
+    if shown.blank is None and shown.crop is None:
+        return
+    spacing, origin = np.array(stage.image.GetSpacing()), np.array(stage.image.GetOrigin())
+    turn = stage.scale * stage.rotation.T / spacing[:, None]  # from the world to indices of the stage's image
+    steps = turn * (box.size / cells)
+    y, x = np.indices(values.shape[1:])
+    for z, layer in enumerate(values):
+        vertices = np.stack([x, y, np.full_like(x, z)], axis=-1)
+        index = vertices @ steps.T + (turn @ (np.asarray(box.low) - stage.centre) - origin / spacing)
+        layer[shown.hidden_at(index)] = np.nan
 
 
 def grid_over(stage: Stage) -> tuple[Box, int]:
@@ -118,7 +136,10 @@ def resampled(
     reslice.SetOutputOrigin(0.0, 0.0, 0.0)
     last = first + shape - 1
     reslice.SetOutputExtent([int(i) for pair in zip(first, last) for i in pair])
-    reslice.SetInterpolationModeToLinear()
+    if stage.appearance.nearest:
+        reslice.SetInterpolationModeToNearestNeighbor()
+    else:
+        reslice.SetInterpolationModeToLinear()
     reslice.SetOutputScalarType(VTK_FLOAT)
     reslice.SetBackgroundLevel(float("nan"))
     reslice.Update()

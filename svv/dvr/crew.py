@@ -126,10 +126,11 @@ class Crew:
         ranks: The ranks.
         data: The rank's part of the volume, see :func:`svv.dvr.pieces.take_piece`.
         array: Name of the array.
+        cells: Whether that of the cells is meant, if points have one of this name, too.
     """
 
-    def __init__(self, ranks: Ranks, data: Any, array: str | None) -> None:
-        self.ranks, self._data, self._array = ranks, data, array
+    def __init__(self, ranks: Ranks, data: Any, array: str | None, cells: bool = False) -> None:
+        self.ranks, self._data, self._array, self._cells = ranks, data, array, cells
         self._piece: Piece | None = None
         self._stage: PieceStage | None = None
         self._mapper: PieceMapper | None = None
@@ -223,7 +224,7 @@ class Crew:
     # --- on all ranks -------------------------------------------------------------------------------------------------
 
     def _take(self) -> None:
-        self._piece = take_piece(self.ranks, self._data, self._array)
+        self._piece = take_piece(self.ranks, self._data, self._array, self._cells)
 
     def _digest(self) -> str:
         piece = self.piece

@@ -6,6 +6,7 @@ World coordinates are origin + direction matrix * spacing * index. NumPy arrays 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkDataSetAttributes, vtkImageData
 
 from svv.bricks.source import Level
+from svv.dvr.appearance import GHOSTS, Appearance, blanked, put, without_duplicates
 from svv.errors import BadInput
 
 Triple = Sequence[float]
@@ -26,7 +28,9 @@ LEAST_NUMBERS = 256
 """Least number of double-precision numbers in the range of a volume's values."""
 
 
-def as_volume(image: vtkImageData, array: str | None = None, name: str = "The volume") -> vtkImageData:
+def as_volume(
+    image: vtkImageData, array: str | None = None, name: str = "The volume", cells: bool = False
+) -> vtkImageData:
     """Check an image and reduce it to one single-component point scalar array.
 
     Cell scalars become point scalars at the cells' centres, which keeps every value unchanged (averaging at the
@@ -36,15 +40,18 @@ def as_volume(image: vtkImageData, array: str | None = None, name: str = "The vo
         image: Any image; it is not changed.
         array: Name of the array; by default the active scalars, or the first array with one component.
         name: Name of the image in messages.
+        cells: Whether the array of the cells is meant, if both points and cells have one of this name.
 
     Returns:
-        A new image with its own copy of the values.
+        A new image with its own copy of the values. Blanked points or cells stay blanked, and an appearance that the
+        image carries (:mod:`svv.dvr.appearance`) is kept.
 
     Raises:
         BadInput: There are no scalars, or they have several components, NaN or infinities; there are fewer than two
             points along an axis; the spacing is not positive; or the axes are not perpendicular.
     """
-    scalars, on_cells = pick_scalars(image, array, name)
+    image = without_duplicates(image)
+    scalars, on_cells = pick_scalars(image, array, name, cells)
     dims = np.array(image.GetDimensions()) - (1 if on_cells else 0)
     if dims.min() < 2:
         size = " x ".join(str(max(d, 0)) for d in dims)
@@ -58,6 +65,7 @@ def as_volume(image: vtkImageData, array: str | None = None, name: str = "The vo
     if values.size != dims.prod():
         raise BadInput(f"{name} has {values.size} values for {dims.prod()} voxels; it is damaged.")
     put_scalars(result, values, scalars.GetName() or "scalars")
+    put(result, replace(Appearance.of(image), blank=blanked(image, on_cells, name)))
     return result
 
 
@@ -135,18 +143,21 @@ def set_geometry(image: vtkImageData, axes: NDArray[np.float64], origin: NDArray
     image.SetOrigin(*origin)
 
 
-def pick_scalars(image: vtkImageData, array: str | None, name: str) -> tuple[vtkDataArray, bool]:
-    """Return the scalar array to show, and whether it belongs to the cells."""
+def pick_scalars(
+    image: vtkImageData, array: str | None, name: str, cells_first: bool = False
+) -> tuple[vtkDataArray, bool]:
+    """Return the scalar array to show, and whether it belongs to the cells; see :func:`as_volume`."""
     points, cells = image.GetPointData(), image.GetCellData()
+    both = sorted(((points, False), (cells, True)), key=lambda pair: pair[1] != cells_first)
     if array is not None:
-        for data, on_cells in ((points, False), (cells, True)):
+        for data, on_cells in both:
             if data.GetArray(array):
                 return data.GetArray(array), on_cells
         raise BadInput(f"{name} has no array '{array}'; it has {_names(points, cells)}.")
-    for data, on_cells in ((points, False), (cells, True)):
+    for data, on_cells in both:
         every = [data.GetArray(i) for i in range(data.GetNumberOfArrays())]
         for candidate in (data.GetScalars(), *every):
-            if candidate and candidate.GetNumberOfComponents() == 1 and candidate.GetName() != "vtkGhostType":
+            if candidate and candidate.GetNumberOfComponents() == 1 and candidate.GetName() != GHOSTS:
                 return candidate, on_cells
     for data in (points, cells):
         if data.GetNumberOfArrays() and data.GetArray(0):

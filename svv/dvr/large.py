@@ -18,8 +18,9 @@ from svv.bricks.pyramid import PyramidSource, with_pyramid
 from svv.bricks.source import ArraySource, Level, Source
 from svv.core.cameras import Camera
 from svv.core.shading import Shading
+from svv.dvr.appearance import Appearance
 from svv.dvr.grids import from_array, level_of_image, set_geometry, to_array
-from svv.dvr.mappers import Pixels
+from svv.dvr.mappers import CpuMapper, Pixels, choose_mapper
 from svv.dvr.stage import Stage
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.volumes import read_volume
@@ -129,7 +130,11 @@ class BrickMapper:
         values = np.linspace(low, high, ENTRIES)
         table = np.concatenate([tf.colour_at(values), tf.opacity_at(values)[:, None]], axis=1).astype(np.float32)
         ranges = np.array(tf.visible_ranges(low, high)).reshape(-1, 2)
-        self._look = Look(low, high, table, ranges, tf.unit_distance, shading)
+        shown = Appearance.of(volume.overview)
+        self._look = Look(
+            low, high, table, ranges, tf.unit_distance, shading, shown.nearest, shown.blank, shown.crop,
+            shown.stretch if shown.stretched else None,
+        )  # fmt: skip
         self._caster: BrickCaster | None = None
         self.set_step(step)
 
@@ -249,8 +254,13 @@ class Opened:
 
     @classmethod
     def of(cls, volume: vtkImageData | LargeVolume, mapper: str, memory: float | None) -> Opened:
-        """Return an image (see ``as_volume``) or a large volume as a subject for a ray caster."""
-        if isinstance(volume, vtkImageData) and mapper == "bricks":
+        """Return an image (see ``as_volume``) or a large volume as a subject for a ray caster.
+
+        VTK's CPU ray caster does not know blanking, so that ours draws what is not shown plainly.
+        """
+        if isinstance(volume, vtkImageData) and (
+            mapper == "bricks" or (not Appearance.of(volume).plain and choose_mapper(mapper) is CpuMapper)
+        ):
             volume = in_memory(volume, memory_allowed(memory) // 2)
         if isinstance(volume, LargeVolume):
             return cls(volume.overview, volume.whole, volume.range, str(volume.source.dtype), volume)

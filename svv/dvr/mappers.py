@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkMultiThreader, vtkUnsignedCharArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow, vtkVolume, vtkVolumeProperty
 from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper, vtkGPUVolumeRayCastMapper
 
@@ -175,8 +176,17 @@ class GpuMapper:
 
     def __init__(self, stage: Stage, shading: Shading, step: float) -> None:
         self._stage = stage
-        mapper = vtkGPUVolumeRayCastMapper()
-        mapper.SetInputData(stage.image)
+        mapper, shown = vtkGPUVolumeRayCastMapper(), stage.appearance
+        image = vtkImageData()
+        image.ShallowCopy(stage.image)
+        # VTK measures lengths in the data, so that a display's scale belongs to the volume.
+        image.SetSpacing(*(np.array(image.GetSpacing()) / shown.stretch))
+        image.SetOrigin(*(np.array(image.GetOrigin()) / shown.stretch))
+        mapper.SetInputData(image)
+        if shown.crop is not None:
+            mapper.SetCropping(1)
+            mapper.SetCroppingRegionFlagsToSubVolume()
+            mapper.SetCroppingRegionPlanes(*(shown.crop * image.GetSpacing() + image.GetOrigin()).T.ravel())
         mapper.SetAutoAdjustSampleDistances(0)
         mapper.SetLockSampleDistanceToInputSpacing(0)
         mapper.SetUseJittering(0)
@@ -332,13 +342,17 @@ def _volume(mapper: Any, stage: Stage, shading: Shading) -> vtkVolume:
     look.SetColor(colour)
     look.SetScalarOpacity(opacity)
     look.SetScalarOpacityUnitDistance(stage.unit_distance)
-    look.SetInterpolationTypeToLinear()
+    if stage.appearance.nearest:
+        look.SetInterpolationTypeToNearest()
+    else:
+        look.SetInterpolationTypeToLinear()
     look.SetShade(int(shading.on))
     look.SetAmbient(shading.ambient)
     look.SetDiffuse(shading.diffuse)
     look.SetSpecular(shading.specular)
     look.SetSpecularPower(shading.specular_power)
     volume = vtkVolume()
+    volume.SetScale(*stage.appearance.stretch)
     volume.SetMapper(mapper)
     volume.SetProperty(look)
     return volume

@@ -26,6 +26,12 @@ NOT_DIVIDED = (
 )
 
 
+BLANKED = (
+    "The volume has blanked points or cells, which several ranks cannot draw: use one process, or replace what is "
+    "blanked by values at which the transfer function is transparent."
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Piece:
     """One rank's piece of a volume, and what the rank knows about the whole. Indices are those of the volume's voxels.
@@ -50,7 +56,7 @@ class Piece:
         return self.values.size > 0
 
 
-def take_piece(ranks: Ranks, data: vtkImageData | None, array: str | None) -> Piece:
+def take_piece(ranks: Ranks, data: vtkImageData | None, array: str | None, cells: bool = False) -> Piece:
     """Return a rank's piece of a volume with ghost voxels from its neighbours; all ranks must call it.
 
     Args:
@@ -58,11 +64,12 @@ def take_piece(ranks: Ranks, data: vtkImageData | None, array: str | None) -> Pi
         data: The rank's part of the volume, as ParaView divided it; ghost cells in it are removed first. A rank
             without a part has an empty image or None; if each rank has the whole volume, it is divided here.
         array: Name of the array; by default as in :func:`svv.dvr.grids.as_volume`.
+        cells: See there.
 
     Raises:
-        BadInput: The parts do not fit together, or :func:`svv.dvr.grids.as_volume` rejects one of them.
+        BadInput: Something is blanked, the parts do not fit together, or :func:`svv.dvr.grids.as_volume` rejects one.
     """
-    mine = ranks.together(lambda: _own_part(data, array))
+    mine = ranks.together(lambda: _own_part(data, array, cells))
     image, on_cells = mine if mine is not None else (vtkImageData(), False)
     extents = ranks.everyones(np.array([*image.GetExtent(), on_cells], np.float64)).astype(np.int64)
     there = _has_cells(extents)
@@ -96,11 +103,13 @@ def _has_cells(extents: Indices) -> NDArray[np.bool_]:
     return np.asarray((extents[:, 1:6:2] > extents[:, 0:6:2]).all(axis=1))
 
 
-def _own_part(data: vtkImageData | None, array: str | None) -> tuple[vtkImageData, bool] | None:
+def _own_part(data: vtkImageData | None, array: str | None, cells: bool) -> tuple[vtkImageData, bool] | None:
     """Return a part without ghost cells and with one array only, and whether that is on cells; None if it is empty."""
     if data is None or min(data.GetDimensions()) < 2:
         return None
-    scalars, on_cells = pick_scalars(data, array, "The input")
+    if data.HasAnyBlankPoints() or data.HasAnyBlankCells():
+        raise BadInput(BLANKED)
+    scalars, on_cells = pick_scalars(data, array, "The input", cells)
     image = vtkImageData()
     image.CopyStructure(data)
     image.GetPointData().Initialize()  # blanking would be copied, too

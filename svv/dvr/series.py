@@ -10,7 +10,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.box import Box
 from svv.core.classified import ValueGrid, grid_shape
-from svv.dvr.classify import coded, resampled
+from svv.dvr.classify import coded, hide, resampled
 from svv.dvr.grids import to_array
 from svv.dvr.stage import place_part, set_stage
 from svv.dvr.transfer_functions import TransferFunction
@@ -42,6 +42,7 @@ def values_over(image: vtkImageData, box: Box, cells: int, interval: tuple[float
     first, last = np.zeros(3, np.intp), np.array(image.GetDimensions(), np.intp) - 1
     stage = place_part(to_array(image), first, (first, last), image, TransferFunction.from_bumps(ANY))
     own = resampled(stage, box, cells, np.zeros(3, np.int64), grid_shape(box, cells) + 1)
+    hide(stage, box, cells, own)
     low, high = stage.staged(interval)
     codes: NDArray[np.uint16] = np.ascontiguousarray(coded(own, (low, high)).transpose(2, 1, 0))
     return ValueGrid(cells, codes, interval, (0.0, 1.0))

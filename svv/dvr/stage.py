@@ -15,6 +15,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera
 from svv.core.differences import above
+from svv.dvr.appearance import Appearance, put
 from svv.dvr.grids import check_precision, from_array, index_to_world, level_of_image, to_array
 from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
 from svv.errors import BadInput
@@ -54,6 +55,8 @@ class Stage:
     """Factor in the equation: value in ``image`` = ``gain`` * (value of the volume - ``origin``)."""
     origin: float
     """Value of the volume that is 0 in ``image``. Subtracted first, it leaves differences of large values accurate."""
+    appearance: Appearance
+    """How the volume is shown apart from that; indices are those of ``image``, which carries it, too."""
 
     @property
     def voxel(self) -> float:
@@ -94,10 +97,11 @@ def set_stage(image: vtkImageData, tf: TransferFunction) -> Stage:
             distance, ParaView's default is used.
 
     Raises:
-        BadInput: No cell contains a value with an opacity above 0.
+        BadInput: No cell contains a value with an opacity above 0, or those that do are blanked or cropped away.
     """
-    values = to_array(image)
-    return place_part(values, np.zeros(3, np.intp), visible_box(visible_cells(values, tf), tf), image, tf)
+    values, shown = to_array(image), Appearance.of(image)
+    seen = shown.shown_cells(visible_cells(values, tf))
+    return place_part(values, np.zeros(3, np.intp), visible_box(seen, tf), image, tf)
 
 
 def place_part(
@@ -114,7 +118,7 @@ def place_part(
         values: Voxels of the part. (z, y, x)
         at: Index of its first voxel in the volume (x, y, z).
         seen: The box of the volume's visible cells: first and last voxel index along x, y, z.
-        whole: Grid of the volume; its values are not used.
+        whole: Grid of the volume, and how it is shown; its values are not used.
         tf: Transfer function for the volume's values.
         span: Smallest and largest value of the visible part of the volume; by default those of the values.
     """
@@ -126,7 +130,9 @@ def place_part(
     cropped = values[inside]
     steps = matrix[:3, :3]
     corner = matrix[:3, 3] + steps @ start
-    if np.linalg.det(steps) < 0:  # a mirrored grid: count x from the other end
+    mirrored = bool(np.linalg.det(steps) < 0)
+    shown = Appearance.of(whole).part(start, stop, mirrored)
+    if mirrored:  # count x from the other end
         cropped, corner = cropped[:, :, ::-1], corner + steps[:, 0] * (stop[0] - start[0])
         steps = steps * (-1.0, 1.0, 1.0)
     spacing = np.linalg.norm(steps, axis=0)
@@ -137,8 +143,9 @@ def place_part(
     numbers, gain, zero = _small_type(cropped, span)
     unit_distance = tf.unit_distance or unit_distance_for(level_of_image(whole))
     staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
-    seen_as = tf.mapped(gain, 0.0, zero)
-    return Stage(staged, seen_as, scale * unit_distance, rotation, centre, scale, visible, gain, zero)
+    put(staged, shown)
+    mapped = tf.mapped(gain, 0.0, zero)
+    return Stage(staged, mapped, scale * unit_distance, rotation, centre, scale, visible, gain, zero, shown)
 
 
 def visible_cells(

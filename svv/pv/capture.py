@@ -14,10 +14,12 @@ from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMP
 
 from svv.errors import BadInput
 from svv.pv import follow, placing
+from svv.pv.display_table import LIGHTS, refused_by
 from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
 from svv.pv.picking import watch_picks
 from svv.pv.points import watch_points
+from svv.pv.shown import PLAIN
 from svv.pv.undo import watch
 from svv.pv.volume_display import as_volume, watch_volumes
 from svv.pv.watched import Watched
@@ -39,6 +41,14 @@ IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsR
 
 DISPLAY = "UniformGridRepresentation"
 """XML name of the representation with which ParaView shows a ``vtkImageData`` in a 3D view."""
+
+COEFFICIENTS = ("Ambient", "Diffuse", "Specular", "SpecularPower")
+"""Properties of a display's light."""
+
+UNKNOWN = (
+    "How the volume is shown could not be read ({error}): show it as a volume in the active view, and please report "
+    "this."
+)
 
 SEEN = "StyleRF.seen"
 """Annotation of a representation that has been set up once; afterwards it is left to the user."""
@@ -79,37 +89,59 @@ def shown_as(display: Any) -> dict[str, Any]:
         display: Proxy of a representation.
 
     Raises:
-        BadInput: It shows the volume in a way that is not supported.
+        BadInput: It shows the volume in a way that is not supported; the message says what to do.
     """
-    if getattr(display, "UseSeparateOpacityArray", 0) or getattr(display, "UseTransfer2D", 0):
-        raise BadInput(
-            "The volume is shown with a separate opacity array or a 2D transfer function: use a single array and a 1D "
-            "transfer function."
-        )
+    refused = refused_by(display)
+    if refused:
+        raise BadInput(refused)
     table = display.LookupTable
     if table is None:
         raise BadInput("The volume is shown without a colour map: choose an array under Coloring.")
+    # Representations of unstructured grids have neither light nor some of the other properties.
+    shade = int(getattr(display, "Shade", 0))
+    if shade and any(light.Enable for view in _views_of(display) for light in view.AdditionalLights):
+        raise BadInput(LIGHTS)
     if display.ScalarOpacityFunction is not None:
         table.ScalarOpacityFunction = display.ScalarOpacityFunction
     return {
         "TransferFunction": table,
         "Scalars": [display.ColorArrayName[0], display.ColorArrayName[1]],
         "OpacityUnitDistance": display.ScalarOpacityUnitDistance,
-        **{name: getattr(display, name) for name in ("Shade", "Ambient", "Diffuse", "Specular", "SpecularPower")},
+        "Shade": shade,
+        **{name: _plain(getattr(display, name)) for name in (*COEFFICIENTS, *PLAIN) if hasattr(display, name)},
     }
 
 
+def _views_of(display: Any) -> list[Any]:
+    """Return the 3D views with a representation."""
+    from paraview import simple
+
+    return [view for view in simple.GetRenderViews() if display in view.Representations]
+
+
+def _plain(value: Any) -> Any:
+    """Return a property's value as numbers or text, not as an object that goes on changing with the property."""
+    return str(value).strip("'") if isinstance(value, str) else list(value) if hasattr(value, "__len__") else value
+
+
 def capture(filter: Any, view: Any = None) -> None:
-    """Copy transfer function, opacity unit distance and shading from the display of a filter's input to its panel.
+    """Copy how the display of a filter's input shows it to the filter's panel: transfer function, shading, place ...
 
     Args:
         filter: Proxy of a StyleRF filter.
         view: View that shows its input; by default the active view.
 
     Raises:
-        BadInput: The input is not shown as a volume, or in a way that is not supported.
+        BadInput: The input is not shown as a volume, or in a way that is not supported; the filter then refuses to draw
+            it, for the same reason.
     """
-    for name, value in shown_as(volume_display(filter.Input, view)).items():
+    display = volume_display(filter.Input, view)
+    try:
+        shown = shown_as(display)
+    except BadInput as error:
+        filter.Refusal = str(error)
+        raise
+    for name, value in {**shown, "Refusal": ""}.items():
         setattr(filter, name, value)
 
 
@@ -140,10 +172,7 @@ def _registered(session: Any, *_: Any) -> None:
         # The event does not identify the proxy, but a new one has no transfer function yet.
         for filter in _proxies(session, name):
             if filter.TransferFunction is None and filter.Input is not None:
-                try:
-                    capture(filter)
-                except BadInput:
-                    continue  # the filter reports what is missing when it is applied
+                _capture_if_shown(filter)
     for name in BUTTONS:
         for filter in _proxies(session, name):
             watch(filter)
@@ -170,6 +199,16 @@ def _registered(session: Any, *_: Any) -> None:
             continue
         if display.Input.SMProxy.GetXMLName() in IMAGES:
             as_it_is(display)
+
+
+def _capture_if_shown(filter: Any) -> None:
+    """Capture the display of a new filter's input; whatever goes wrong must not keep others from being set up."""
+    try:
+        capture(filter)
+    except BadInput:
+        pass  # the filter reports what is missing when it is applied
+    except Exception as error:
+        filter.Refusal = UNKNOWN.format(error=f"{type(error).__name__}: {error}")
 
 
 def _new_displays(session: Any, kind: str) -> Iterator[Any]:

@@ -31,6 +31,7 @@ from svv.pv.properties import (
     number,
     numbers,
     picked,
+    refusal,
     scalars,
     shape,
     shown_where,
@@ -117,8 +118,25 @@ def volume_properties(views: ViewOptions) -> list[Property]:
             number("Specular", 0.0, "Specular reflection.", 0.0, 1.0, True),
             number("SpecularPower", 100.0, "Exponent of the specular highlights.", 0.0, 128.0, True),
         ]),
+        *display_properties(),
+        refusal(),
         *properties_of(views),
     ]  # fmt: skip
+
+
+def display_properties() -> Sequence[Property]:
+    """Return the properties with which a display changes a volume, under ParaView's names (:mod:`svv.pv.shown`)."""
+    return group("Display", [
+        choice("InterpolationType", ("Nearest", "Linear", "Cubic"), "Linear",
+               "Interpolation between voxels. ParaView draws Cubic as it does Linear.", True),
+        switch("UseCropping", False, "Show only a part of the volume.", True),
+        numbers("CroppingOrigin", (0.0, 0.0, 0.0), "Offset of that part, in the volume's units.", None, True),
+        numbers("CroppingScale", (1.0, 1.0, 1.0), "Factor of the volume's bounds that gives that part.", None, True),
+        numbers("Position", (0.0, 0.0, 0.0), "Where the volume is moved.", None, True),
+        numbers("Scale", (1.0, 1.0, 1.0), "Factors of the volume's size along x, y and z.", None, True),
+        numbers("Orientation", (0.0, 0.0, 0.0), "Angles by which the volume is turned, degrees.", None, True),
+        numbers("Origin", (0.0, 0.0, 0.0), "Point around which the volume is scaled and turned.", None, True),
+    ])  # fmt: skip
 
 
 def learning_properties(options: TrainOptions | PaletteOptions, skip: tuple[str, ...] = ()) -> list[Property]:

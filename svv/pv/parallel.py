@@ -56,7 +56,7 @@ class DividedInput(Filter):
         from svv.dvr.crew import Crew
 
         data = vtkDataObject.GetData(in_info[0], 0)
-        crew = Crew(ranks, data, self.values["Scalars"] or None)
+        crew = Crew(ranks, data, self.values["Scalars"] or None, self.values.get("ScalarsOnCells", False))
         if ranks.number:
             crew.serve()
             return 1
@@ -82,12 +82,12 @@ def do_next_job(data: vtkDataObject) -> None:
         _jobs.pop()(data)
 
 
-def on_all_ranks(source: Any, array: str, time: float, work: Callable[[vtkDataObject], Result]) -> Result:
+def on_all_ranks(source: Any, array: tuple[str, str], time: float, work: Callable[[vtkDataObject], Result]) -> Result:
     """Do work on the first rank while the others wait for orders, as in a filter.
 
     Args:
         source: Proxy of the source of the volume.
-        array: Name of the volume's array.
+        array: POINTS or CELLS, and name of the volume's array.
         time: Time at which the source is updated.
         work: Called with the first rank's part of the volume, whose :func:`crew_of` is all ranks.
 
@@ -113,7 +113,8 @@ def on_all_ranks(source: Any, array: str, time: float, work: Callable[[vtkDataOb
 
     filter = manager.NewProxy("internal_filters", PIECES)
     vtkSMPropertyHelper(filter, "Input").Set(source.SMProxy, source.Port)
-    vtkSMPropertyHelper(filter, "Scalars").Set(4, array)
+    vtkSMPropertyHelper(filter, "Scalars").Set(3, str(int(array[0] == "CELLS")))
+    vtkSMPropertyHelper(filter, "Scalars").Set(4, array[1])
     filter.UpdateVTKObjects()
     _jobs.append(job)
     try:

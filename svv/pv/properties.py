@@ -17,6 +17,9 @@ from xml.sax.saxutils import escape, quoteattr
 SHAPES = ("Plane", "Box", "Sphere", "Cylinder")
 """ParaView's names of the surfaces between which :func:`shape` chooses."""
 
+CELLS = 1
+"""VTK's number of arrays that belong to cells."""
+
 Class = TypeVar("Class", bound=type)
 
 
@@ -227,7 +230,24 @@ def scalars() -> Property:
         "</RequiredProperties></ArrayListDomain><Documentation>The array that the volume rendering shows; one number "
         "per voxel.</Documentation></StringVectorProperty>"
     )
-    return Property("Scalars", xml, "", {"SetScalars": _store("Scalars", lambda *given: given[4] or "")})
+
+    def setter(self: Any, *given: Any) -> None:
+        chosen = given[4] or "", bool(given[4]) and int(given[3]) == CELLS
+        if chosen != (self.values["Scalars"], self.values.get("ScalarsOnCells", False)):
+            self.values["Scalars"], self.values["ScalarsOnCells"] = chosen
+            self.Modified()
+
+    return Property("Scalars", xml, "", {"SetScalars": setter})
+
+
+def refusal() -> Property:
+    """Return the property with which the client says why it did not take over how the volume is shown."""
+    xml = (
+        '<StringVectorProperty name="Refusal" command="SetRefusal" number_of_elements="1" default_values="" '
+        'panel_visibility="never"><Documentation>Why the volume cannot be drawn as it is shown; empty if it can.'
+        "</Documentation></StringVectorProperty>"
+    )
+    return Property("Refusal", xml, "", {"SetRefusal": _store("Refusal", lambda value: value or "")})
 
 
 def transfer_function() -> Property:

@@ -58,10 +58,10 @@ class ShownVolume(Drawn):
 
     def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
         """Return the volume after checking it; it is in memory already."""
-        from svv.dvr.grids import as_volume
+        from svv.pv.shown import volume_shown
         from svv.pv.work import volume_of
 
-        return as_volume(volume_of(self.data), self.values["Scalars"], "The volume")
+        return volume_shown(volume_of(self.data), self.values, "The volume")
 
     def how(self) -> dict[str, Any]:
         """Return transfer function and shading as they are shown."""
@@ -105,10 +105,15 @@ def shown_volume(display: Any) -> ShownVolume:
     source = display.Input
     source.UpdatePipeline(simple.GetTimeKeeper().Time)  # as the view shows it
     values = shown_as(display)
-    array = values["Scalars"][1]
+    kind, array = values["Scalars"]
     table = values["TransferFunction"]
     table.SMProxy.UpdateVTKObjects()
-    values = {**values, "Scalars": array, "TransferFunction": table.SMProxy.GetClientSideObject()}
+    given = {
+        "Scalars": array,
+        "ScalarsOnCells": kind == "CELLS",
+        "TransferFunction": table.SMProxy.GetClientSideObject(),
+    }
+    values = {**values, **given}
     data = source.SMProxy.GetClientSideObject().GetOutputDataObject(source.Port)
     return ShownVolume(data, values, array)
 
@@ -122,12 +127,16 @@ def with_volume(display: Any, work: Callable[[ShownVolume], Result]) -> Result:
     from paraview import simple
 
     from svv.pv.parallel import on_all_ranks
+    from svv.pv.shown import DIVIDED, chosen_of
 
     volume = shown_volume(display)
     if ranks_here() is None:
         return work(volume)
     time = simple.GetTimeKeeper().Time
-    return on_all_ranks(display.Input, volume.name, time, lambda data: work(replace(volume, data=data)))
+    if chosen_of(volume.values):
+        raise BadInput(DIVIDED)
+    kind = display.ColorArrayName[0]
+    return on_all_ranks(display.Input, (kind, volume.name), time, lambda data: work(replace(volume, data=data)))
 
 
 def open_volume(path: Path, tf: Path | None = None, array: str | None = None) -> tuple[Any, Any]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from vtkmodules.vtkCommonDataModel import vtkDataObject, vtkImageData
 
 from svv.core.cameras import Camera
+from svv.dvr.appearance import GHOSTS
 from svv.errors import BadInput, Progress, part
 from svv.io.made import digest, digest_of_file
 from svv.options.described import chosen
@@ -24,6 +25,7 @@ from svv.pv.identity import digest_of_mask, key_of
 from svv.pv.option_panel import options_in
 from svv.pv.panels import COLOURS, IN_COLOUR, REGIONS, ROW
 from svv.pv.parallel import crew_of
+from svv.pv.shown import DIVIDED, chosen_of, scale_of, volume_shown
 from svv.pv.steps import Moment
 
 if TYPE_CHECKING:
@@ -69,15 +71,21 @@ def _digest_of(image: vtkImageData, values: Values) -> str:
     place = [image.GetDimensions(), image.GetSpacing(), image.GetOrigin(), turned]
     if crew is not None:
         return digest(*place, crew.digest())
-    array = image.GetPointData().GetArray(values["Scalars"]) or image.GetCellData().GetArray(values["Scalars"])
-    array = array or image.GetPointData().GetScalars() or image.GetCellData().GetScalars()
+    first, second = image.GetPointData(), image.GetCellData()
+    if values.get("ScalarsOnCells"):
+        first, second = second, first
+    array = first.GetArray(values["Scalars"]) or second.GetArray(values["Scalars"])
+    array = array or first.GetScalars() or second.GetScalars()
     content = None if array is None else [digest_of(array), array.GetDataTypeAsString()]
-    return digest(*place, content)
+    ghosts = [data.GetArray(GHOSTS) for data in (image.GetPointData(), image.GetCellData())]
+    return digest(*place, content, *(digest_of(one) for one in ghosts if one is not None))
 
 
 def _drawing(values: Values) -> list[Any]:
     """Return how the volume is displayed, except for the transfer function, and the options of its views."""
-    return [values["Scalars"], chosen(options_in(ViewOptions, values)), asdict(shading_of(values))]
+    drawing = [values["Scalars"], chosen(options_in(ViewOptions, values)), asdict(shading_of(values))]
+    display = chosen_of(values)
+    return [*drawing, display] if display else drawing
 
 
 def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -> Moment:
@@ -102,10 +110,12 @@ def transfer_function_of(values: Values) -> Any:
     """Return the panel's transfer function (:class:`svv.dvr.transfer_functions.TransferFunction`).
 
     Raises:
-        BadInput: The panel has none.
+        BadInput: The panel has none, or the volume is shown in a way that is not supported.
     """
     from svv.dvr.transfer_functions import TransferFunction
 
+    if values.get("Refusal"):
+        raise BadInput(f"{values['Refusal']} Then run the macro 'StyleRF capture'.")
     table = values["TransferFunction"]
     opacity = None if table is None else table.GetScalarOpacityFunction()
     if table is None or opacity is None:
@@ -113,7 +123,8 @@ def transfer_function_of(values: Values) -> Any:
             "There is no transfer function: show the volume in the active view with the representation Volume, and "
             "then run the macro 'StyleRF capture'."
         )
-    return TransferFunction.from_vtk(table, opacity, values["OpacityUnitDistance"] or None, "the transfer function")
+    unit = scale_of(values) * values["OpacityUnitDistance"] or None
+    return TransferFunction.from_vtk(table, opacity, unit, "the transfer function")
 
 
 def shading_of(values: Values) -> Any:
@@ -130,15 +141,16 @@ def draw_views(image: vtkImageData, values: Values, progress: Progress) -> tuple
         BadInput: Any reason of :func:`svv.dvr.views.make_views`.
     """
     from svv.dvr.crew_views import make_crew_views
-    from svv.dvr.grids import as_volume
     from svv.dvr.views import make_views
 
     crew, name = crew_of(image), values["Scalars"] or "volume"
     if crew is not None:
+        if chosen_of(values):
+            raise BadInput(DIVIDED)
         tf, options = transfer_function_of(values), options_in(ViewOptions, values)
         return make_crew_views(crew, tf, options, shading_of(values), name, progress)
     return make_views(
-        as_volume(image, values["Scalars"] or None, "The input"),
+        volume_shown(image, values),
         transfer_function_of(values),
         options_in(ViewOptions, values),
         shading=shading_of(values),
@@ -183,10 +195,9 @@ def moving_from(scene: Scene, data: vtkDataObject | None, values: Values, time: 
     """
     if scene.values is None or scene.styled is None or time is None or not isinstance(data, vtkImageData):
         return None
-    from svv.dvr.grids import as_volume
     from svv.job.moving import Moving
 
-    return Moving(as_volume(data, values["Scalars"] or None, "The input"), scene.values.interval, time)
+    return Moving(volume_shown(data, values), scene.values.interval, time)
 
 
 def followed(scene: Scene, image: vtkImageData, values: Values, now: Moment, moving: Moving | None = None) -> Scene:
@@ -196,11 +207,10 @@ def followed(scene: Scene, image: vtkImageData, values: Values, now: Moment, mov
         BadInput: The scene shows nothing of the volume, or has paint or parts that cannot follow.
     """
     from svv.dvr.classify import classified_as
-    from svv.dvr.grids import as_volume
     from svv.dvr.transfer_functions import TransferFunction
     from svv.fields.following import at_volume
 
-    volume = as_volume(image, values["Scalars"] or None, "The input")
+    volume = volume_shown(image, values)
     told = scene.made.get("source", {}).get("tf")
     tf = transfer_function_of(values) if told is None else TransferFunction.from_dict(told)
     time = now.time or 0.0

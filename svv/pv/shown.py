@@ -1,0 +1,109 @@
+"""A volume as a display shows it: the array chosen, moved, scaled, cropped and interpolated as the panel says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkRenderingCore import vtkVolume
+
+from svv.dvr.appearance import Appearance, put
+from svv.dvr.grids import ORTHOGONAL_TOLERANCE, as_volume, index_to_world, set_geometry
+from svv.errors import BadInput
+
+Array = NDArray[np.float64]
+
+PLAIN: dict[str, Any] = {
+    "InterpolationType": "Linear",
+    "UseCropping": False,
+    "CroppingOrigin": (0.0, 0.0, 0.0),
+    "CroppingScale": (1.0, 1.0, 1.0),
+    "Position": (0.0, 0.0, 0.0),
+    "Scale": (1.0, 1.0, 1.0),
+    "Orientation": (0.0, 0.0, 0.0),
+    "Origin": (0.0, 0.0, 0.0),
+}
+"""Properties of a display, which the panels have under the same names, with values at which they change nothing."""
+
+SHEARED = (
+    "The display scales a volume whose axes are turned differently along x, y and z, which shears it: give Scale three "
+    "equal numbers, or insert the filter Resample To Image before."
+)
+TURNED = (
+    "The display crops a volume whose axes are turned, where ParaView itself crops in wrong places: turn Use Cropping "
+    "off and insert the filter Extract Subset."
+)
+DIVIDED = (
+    "With several ranks, a display can neither crop, move nor scale a volume, nor show it without interpolation: use "
+    "one process, or filters such as Extract Subset."
+)
+
+
+def chosen_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of a panel's values with which a display changes a volume."""
+    given = {name: values.get(name, plain) for name, plain in PLAIN.items()}
+    if not given["UseCropping"]:
+        given |= {name: PLAIN[name] for name in ("CroppingOrigin", "CroppingScale")}
+    return {name: value for name, value in given.items() if value != PLAIN[name] and (name, value) != CUBIC}
+
+
+CUBIC = ("InterpolationType", "Cubic")
+"""ParaView's default, at which VTK's ray casters interpolate linearly."""
+
+
+def volume_shown(data: vtkImageData, values: Mapping[str, Any], name: str = "The input") -> vtkImageData:
+    """Return the volume that a display shows (see :func:`svv.dvr.grids.as_volume`), placed in the world as it is there.
+
+    Args:
+        data: The display's input.
+        values: A panel's values.
+        name: Name of the input in messages.
+
+    Raises:
+        BadInput: Any reason of :func:`svv.dvr.grids.as_volume`, or the display shears the volume.
+    """
+    image = as_volume(data, values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
+    given = {**PLAIN, **chosen_of(values)}
+    place = index_to_world(image)
+    crop = _crop(data, place, given) if given["UseCropping"] else None
+    moved = matrix_of(given) @ place
+    longer = np.linalg.norm(moved[:3, :3], axis=0) / np.linalg.norm(place[:3, :3], axis=0)
+    if longer.min() <= 0:
+        raise BadInput("The display scales the volume to nothing: no number of Scale may be 0.")
+    axes = moved[:3, :3] / np.linalg.norm(moved[:3, :3], axis=0)
+    if np.abs(axes.T @ axes - np.eye(3)).max() > ORTHOGONAL_TOLERANCE:
+        raise BadInput(SHEARED)
+    set_geometry(image, moved[:3, :3], moved[:3, 3])
+    stretch = longer / np.cbrt(longer.prod())
+    nearest = given["InterpolationType"] == "Nearest"
+    put(image, replace(Appearance.of(image), crop=crop, nearest=nearest, stretch=stretch))
+    return image
+
+
+def scale_of(values: Mapping[str, Any]) -> float:
+    """Return how much longer the volume is in the world than in its data, the mean of its axes."""
+    return float(np.cbrt(np.abs(np.prod(values.get("Scale", PLAIN["Scale"])))))
+
+
+def matrix_of(given: Mapping[str, Any]) -> Array:
+    """Return the matrix from the data to the world of a display with these properties. (4, 4)"""
+    prop = vtkVolume()
+    prop.SetPosition(*given["Position"])
+    prop.SetScale(*given["Scale"])
+    prop.SetOrientation(*given["Orientation"])
+    prop.SetOrigin(*given["Origin"])
+    matrix = prop.GetMatrix()
+    return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
+
+
+def _crop(data: vtkImageData, place: Array, given: Mapping[str, Any]) -> Array:
+    """Return the corners of the part that a display shows, as indices of voxels that lie at ``place``. (2, 3)"""
+    if np.abs(place[:3, :3] - np.diag(np.diag(place[:3, :3]))).max() > 1e-6 * np.abs(place[:3, :3]).max():
+        raise BadInput(TURNED)
+    bounds = np.array(data.GetBounds()).reshape(3, 2).T
+    corners = np.array(given["CroppingOrigin"]) + bounds * np.array(given["CroppingScale"])
+    return np.sort((corners - place[:3, 3]) / np.diag(place[:3, :3]), axis=0)

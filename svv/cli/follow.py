@@ -94,7 +94,10 @@ def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
     return [
         Step(
             path.name, time,
-            partial(read_volume, path, reading.dims, reading.dtype, reading.spacing, array=reading.array),
+            partial(
+                read_volume, path, reading.dims, reading.dtype, reading.spacing, array=reading.array,
+                resample_to=reading.resample_to,
+            ),
         )
         for time, path in told
     ]  # fmt: skip

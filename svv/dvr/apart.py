@@ -20,10 +20,12 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import create_vtk_array, get_vtk_array_type, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.grids import to_array
+from svv.dvr.appearance import Appearance, put
+from svv.dvr.grids import own_unit_distance, put_own_unit_distance, to_array
 from svv.errors import BadInput
 
 START = """import json, sys
@@ -113,18 +115,20 @@ def serve(read: Callable[..., vtkImageData]) -> None:
             _send(out, {"says": str(error)})
             continue
         values = np.ascontiguousarray(to_array(image)).reshape(-1)
-        matrix = image.GetDirectionMatrix()
+        matrix, blank = image.GetDirectionMatrix(), Appearance.of(image).blank
         told = {
             "dims": image.GetDimensions(), "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
             "direction": [matrix.GetElement(i, j) for i in range(3) for j in range(3)], "dtype": values.dtype.str,
-            "name": image.GetPointData().GetScalars().GetName(),
+            "name": image.GetPointData().GetScalars().GetName(), "unit": own_unit_distance(image),
+            "blank": blank is not None,
         }  # fmt: skip
         _send(out, told)
-        content = values.data.cast("B")
-        for start in range(0, len(content), BLOCK):
-            out.write(content[start : start + BLOCK])
+        for array in (values, *([] if blank is None else [blank.ravel().view(np.uint8)])):
+            content = array.data.cast("B")
+            for start in range(0, len(content), BLOCK):
+                out.write(content[start : start + BLOCK])
         out.flush()
-        del image, values, content
+        del image, values, blank, array, content
 
 
 def _send(out: BinaryIO, told: Mapping[str, Any]) -> None:
@@ -147,14 +151,24 @@ def _received(stream: Any) -> vtkImageData:
     scalars = create_vtk_array(get_vtk_array_type(np.dtype(told["dtype"])))
     scalars.SetName(told["name"])
     scalars.SetNumberOfTuples(image.GetNumberOfPoints())
-    left = memoryview(vtk_to_numpy(scalars)).cast("B")
+    _receive_into(vtk_to_numpy(scalars), stream)
+    image.GetPointData().SetScalars(scalars)
+    if told["blank"]:
+        blank = np.empty(image.GetDimensions()[::-1], np.uint8)
+        _receive_into(blank, stream)
+        put(image, Appearance(blank > 0))
+    if told["unit"] is not None:
+        put_own_unit_distance(image, told["unit"])
+    return image
+
+
+def _receive_into(values: NDArray[Any], stream: Any) -> None:
+    left = memoryview(values.data).cast("B")
     while len(left):
         count = stream.readinto(left[:BLOCK])
         if not count:
             raise EOFError
         left = left[count:]
-    image.GetPointData().SetScalars(scalars)
-    return image
 
 
 def _ended(path: Path, code: int) -> str:

@@ -24,6 +24,9 @@ Triple = Sequence[float]
 ORTHOGONAL_TOLERANCE = 1e-3
 """Largest cosine of the angle between two axes of a grid that still count as perpendicular."""
 
+OWN_UNIT = "StyleRF Mesh Unit Distance"
+"""Field data of a resampled image: the opacity unit distance that ParaView gives the mesh."""
+
 LEAST_NUMBERS = 256
 """Least number of double-precision numbers in the range of a volume's values."""
 
@@ -66,6 +69,8 @@ def as_volume(
         raise BadInput(f"{name} has {values.size} values for {dims.prod()} voxels; it is damaged.")
     put_scalars(result, values, scalars.GetName() or "scalars")
     put(result, replace(Appearance.of(image), blank=blanked(image, on_cells, name)))
+    if image.GetFieldData().HasArray(OWN_UNIT):
+        result.GetFieldData().AddArray(image.GetFieldData().GetArray(OWN_UNIT))
     return result
 
 
@@ -126,6 +131,22 @@ def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
     matrix[:3, :3] = axes * image.GetSpacing()
     matrix[:3, 3] = image.GetOrigin() + matrix[:3, :3] @ image.GetExtent()[::2]
     return matrix
+
+
+def own_unit_distance(image: vtkImageData) -> float | None:
+    """Return ParaView's default opacity unit distance of the mesh from which an image was resampled; otherwise None.
+
+    It is the diagonal over the cube root of the number of cells (:func:`svv.core.opacity_code.unit_distance`).
+    """
+    kept = image.GetFieldData().GetArray(OWN_UNIT)
+    return None if kept is None else float(kept.GetValue(0))
+
+
+def put_own_unit_distance(image: vtkImageData, distance: float) -> None:
+    """Let an image carry what :func:`own_unit_distance` returns."""
+    array = numpy_to_vtk(np.array([distance]), deep=True)
+    array.SetName(OWN_UNIT)
+    image.GetFieldData().AddArray(array)
 
 
 def level_of_image(image: vtkImageData) -> Level:

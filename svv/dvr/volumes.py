@@ -21,6 +21,7 @@ from svv.bricks.mapped import raw_layout
 from svv.bricks.tiff_files import TIFFFILE_DECODES, in_order
 from svv.dvr.apart import apart, can_start
 from svv.dvr.grids import Triple, as_volume, from_array, put_scalars, set_geometry
+from svv.dvr.meshes import is_mesh, resampled
 from svv.dvr.other_formats import reader_of
 from svv.dvr.vtk_readers import damaged, run, vtk_messages
 from svv.errors import BadInput
@@ -40,6 +41,7 @@ def read_volume(
     spacing: Triple | None = None,
     origin: Triple | None = None,
     array: str | None = None,
+    resample_to: int | None = None,
 ) -> vtkImageData:
     """Read a volume from a file, or from a folder of TIFF or DICOM slices.
 
@@ -52,6 +54,8 @@ def read_volume(
         spacing: Spacing (x, y, z) in world units that overrides the file's.
         origin: Origin (x, y, z) in world units that overrides the file's.
         array: Name of the scalar array, if there are several.
+        resample_to: Points along the longest side to which a grid that is no image is resampled; by default, as its
+            cells and the memory suggest (:func:`svv.dvr.meshes.resampled`).
 
     Returns:
         An image with one single-component point scalar array; see ``as_volume``.
@@ -62,8 +66,8 @@ def read_volume(
     file = Path(path)
     if dims is None and dtype is None and not file.name.lower().endswith(OURS) and file.exists() and can_start():
         place = {"spacing": _plain(spacing), "origin": _plain(origin)}
-        return apart.read(file, {**place, "array": array})
-    return read_here(file, dims, dtype, spacing, origin, array)
+        return apart.read(file, {**place, "array": array, "resample_to": resample_to})
+    return read_here(file, dims, dtype, spacing, origin, array, resample_to)
 
 
 def _plain(numbers: Triple | None) -> list[float] | None:
@@ -77,11 +81,14 @@ def read_here(
     spacing: Triple | None = None,
     origin: Triple | None = None,
     array: str | None = None,
+    resample_to: int | None = None,
 ) -> vtkImageData:
     """Read a volume in this process; see :func:`read_volume`, which lets VTK's readers run in one of their own."""
     if not file.exists():
         raise BadInput(f"There is no volume {file}; check the path.")
     image = _read(file, dims, dtype)
+    if is_mesh(image):
+        image = resampled(image, array, along=resample_to, name=file.name)
     for values, put in ((spacing, image.SetSpacing), (origin, image.SetOrigin)):
         if values is not None:
             if len(values) != 3:

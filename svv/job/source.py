@@ -113,6 +113,7 @@ class VolumeSource(Drawn):
     dtype: str | None = None
     spacing: tuple[float, float, float] | None = None
     array: str | None = None
+    resample_to: int | None = None
     rescale: bool | None = None
     """Whether to stretch the function over the data; see :meth:`svv.dvr.transfer_functions.TransferFunction.fitted`."""
 
@@ -131,7 +132,7 @@ class VolumeSource(Drawn):
         for kind, path in files:
             if not path.exists():
                 raise BadInput(f"There is no {kind} {path}; check the path.")
-        rescale = [] if self.rescale is None else [self.rescale]
+        rescale = [] if (self.resample_to, self.rescale) == (None, None) else [self.resample_to, self.rescale]
         return {
             "files": [fingerprint(path) for _, path in files] + [fingerprint(path) for path in _data_of(self.volume)],
             "options": [self.dims, self.dtype, self.spacing, self.array, *rescale],
@@ -141,7 +142,8 @@ class VolumeSource(Drawn):
         """Read the volume, or open it to be drawn by bricks."""
         from svv.dvr.large import open_volume
 
-        return open_volume(self.volume, self.dims, self.dtype, self.spacing, self.array, mapper, memory, progress)
+        how = (self.dims, self.dtype, self.spacing, self.array, mapper, memory, progress, self.resample_to)
+        return open_volume(self.volume, *how)
 
     def how(self) -> dict[str, Any]:
         """Return the file of the transfer function, and how it is fitted to the data."""

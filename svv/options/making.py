@@ -47,6 +47,9 @@ class VolumeOptions:
     """For raw files: type of a voxel, such as uint8, int16 or float32."""
     spacing: Annotated[tuple[float, float, float] | None, Setting(metavar="X,Y,Z", syntax="spacing")] = None
     """For raw files, stacks and .npy: size of a voxel."""
+    resample_to: Annotated[int | None, Setting(least=2, metavar="POINTS")] = None
+    """For grids that are no images: points along the longest side to which they are resampled; by default, as the cells
+    and the memory suggest."""
 
     def each(self) -> list[VolumeOptions]:
         """Return the options of each transfer function alone."""

@@ -70,6 +70,9 @@ class DividedInput(Filter):
     def _extent_of_volume(self, in_info: Any) -> list[int] | None:
         """Return the extent of the whole input if it is a volume; None for images and all that has no extent."""
         info, key = in_info[0].GetInformationObject(0), self.GetExecutive().WHOLE_EXTENT()
+        data = self.GetInputDataObject(0, 0)
+        if data is not None and not data.IsA("vtkImageData"):
+            return None
         if info is None or not info.Has(key):
             return None
         extent = [int(info.Get(key, i)) for i in range(6)]

@@ -1,0 +1,288 @@
+"""Grids that are no images, resampled to one: unstructured, curvilinear, rectilinear and AMR grids, and blocks of them.
+
+Points of the image outside the cells are blanked (:mod:`svv.dvr.appearance`), so that nothing is drawn there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonDataModel import (
+    vtkCompositeDataSet,
+    vtkDataObject,
+    vtkDataSet,
+    vtkDataSetAttributes,
+    vtkGenericCell,
+    vtkImageData,
+    vtkPolyData,
+    vtkUniformGridAMR,
+    vtkUnstructuredGrid,
+)
+from vtkmodules.vtkFiltersCore import vtkProbeFilter
+
+from svv.dvr.appearance import GHOSTS
+from svv.dvr.grids import pick_scalars, put_own_unit_distance, put_scalars
+from svv.errors import BadInput
+from svv.io.memory import memory_there
+
+FINER = 8
+"""Factor of the number of points if the edges of a mesh are inside the image: they are as sharp as the points are."""
+
+LEAST_POINTS, MOST_POINTS = 96**3, 512**3
+"""Least number of points in that case, and largest number in any."""
+
+BYTES_A_POINT = 40
+"""Memory that resampling and drawing take."""
+
+INSIDE = 1e-6
+"""Part of each side by which the image is smaller, because points on the faces of a mesh may be found outside."""
+
+
+def is_mesh(data: object) -> bool:
+    """Return whether a data object is a grid, or blocks of grids, that must be resampled before it is drawn."""
+    return isinstance(data, (vtkDataSet, vtkCompositeDataSet)) and not isinstance(data, vtkImageData)
+
+
+def resampled(
+    data: vtkDataObject,
+    array: str | None = None,
+    cells: bool = False,
+    along: int | None = None,
+    name: str = "The input",
+) -> vtkImageData:
+    """Return a mesh as an image with one scalar per point.
+
+    Values of points are interpolated within the cells, as ParaView draws them; a value of a cell is that of every point
+    in it. Where cells of several blocks overlap, those of the finest level of an AMR grid count.
+
+    Args:
+        data: The mesh, see :func:`is_mesh`.
+        array: Name of the array; by default as in :func:`svv.dvr.grids.pick_scalars`, in the first block.
+        cells: Whether an array of the cells is meant if points have one of that name, too.
+        along: Points of the image along its longest side; by default as many as the mesh has values, more
+            at edges, or the spacing of the finest level, as far as memory reaches.
+        name: Name of the mesh in messages.
+
+    Raises:
+        BadInput: The mesh has no cells that fill space, or no such array, or the image would not fit into memory.
+    """
+    blocks = [(block, *picked) for block in _blocks(data) if (picked := _array_of(block, array, cells, name))]
+    if not blocks:
+        raise BadInput(f"{name} has no data; apply the filter or reader before this one first.")
+    chosen, on_cells = str(blocks[0][1].GetName()), blocks[0][2]
+    alike = [block for block, found, where in blocks if found.GetName() == chosen and where == on_cells]
+    parts = [_only(block, chosen, on_cells) for block in alike if _fills_space(block)]
+    if not parts:
+        raise BadInput(
+            f"{name} is a {data.GetClassName()} of points, lines or surfaces, which fill no space: insert Delaunay 3D, "
+            "or Point Volume Interpolator for particles."
+        )
+    image, values, known = _sampled(parts, chosen, on_cells, along, name)
+    if not known.any():
+        raise BadInput(
+            f"None of the points to which {name.lower()} is resampled lies in its cells: ask for more points."
+        )
+    values, known = _with_rim(values, known)
+    put_scalars(image, values.ravel(), chosen)
+    if not known.all():
+        flags = np.where(known, 0, vtkDataSetAttributes.HIDDENPOINT).astype(np.uint8).ravel()
+        ghosts = numpy_to_vtk(flags, deep=True)
+        ghosts.SetName(GHOSTS)
+        image.GetPointData().AddArray(ghosts)
+    sides = np.array(image.GetSpacing()) * (np.array(image.GetDimensions()) - 1)
+    count = sum(part.GetNumberOfCells() for part in parts)
+    put_own_unit_distance(image, float(np.linalg.norm(sides) / np.cbrt(count)))
+    return image
+
+
+def _blocks(data: vtkDataObject) -> Iterator[vtkDataSet]:
+    """Yield the grids of a mesh that have cells, those of the finest level first."""
+    if isinstance(data, vtkDataSet):
+        if data.GetNumberOfCells():
+            yield data
+    elif isinstance(data, vtkUniformGridAMR):
+        for level in reversed(range(data.GetNumberOfLevels())):
+            for number in range(data.GetNumberOfDataSets(level)):
+                block = data.GetDataSet(level, number)
+                if block is not None:
+                    yield from _blocks(block)
+    elif isinstance(data, vtkCompositeDataSet):
+        iterator = data.NewIterator()
+        iterator.InitTraversal()
+        while not iterator.IsDoneWithTraversal():
+            yield from _blocks(iterator.GetCurrentDataObject())
+            iterator.GoToNextItem()
+
+
+def _array_of(block: vtkDataSet, array: str | None, cells: bool, name: str) -> tuple[Any, bool] | None:
+    """Return the array of a block and whether it is on cells; None if only other blocks have it."""
+    try:
+        found, on_cells = pick_scalars(block, array, name, cells)
+    except BadInput:
+        if array is None or not (block.GetPointData().HasArray(array) or block.GetCellData().HasArray(array)):
+            return None
+        raise
+    return found, on_cells
+
+
+def _fills_space(block: vtkDataSet) -> bool:
+    """Return whether a grid has cells of three dimensions."""
+    if isinstance(block, vtkPolyData):
+        return False
+    if not isinstance(block, vtkUnstructuredGrid):
+        return block.GetNumberOfCells() > 0 and int(block.GetMaxCellSize()) >= 8
+    cell = vtkGenericCell()
+    for kind in np.unique(vtk_to_numpy(block.GetCellTypesArray())).tolist():
+        cell.SetCellType(kind)
+        if cell.GetCellDimension() == 3:
+            return True
+    return False
+
+
+def _only(block: vtkDataSet, name: str, on_cells: bool) -> vtkDataSet:
+    """Return a grid with one array, of real numbers if it is interpolated, and with the flags of hidden cells."""
+    part = block.NewInstance()
+    part.CopyStructure(block)
+    data, given = (part.GetCellData(), block.GetCellData()) if on_cells else (part.GetPointData(), block.GetPointData())
+    array = given.GetArray(name)
+    if array.GetNumberOfComponents() != 1:
+        raise BadInput(
+            f"The array '{name}' has {array.GetNumberOfComponents()} components per voxel; a volume needs one, so "
+            "extract a component or the magnitude first."
+        )
+    values = vtk_to_numpy(array)
+    if not on_cells and values.dtype.kind in "iu":
+        array = numpy_to_vtk(values.astype(np.float64), deep=True)
+        array.SetName(name)
+    data.SetScalars(array)
+    hidden = block.GetCellGhostArray()
+    if hidden is not None:
+        part.GetCellData().AddArray(hidden)
+    return part
+
+
+def _sampled(
+    parts: list[vtkDataSet], array: str, on_cells: bool, along: int | None, name: str
+) -> tuple[vtkImageData, NDArray[Any], NDArray[np.bool_]]:
+    """Return an image over grids, its values, and which of its points lie in a cell. (Z, Y, X) both
+
+    By default, the image has as many points as the mesh has values: if the mesh is a box, that leaves its values as
+    they are, and their gradients smooth. The edges of any other mesh need finer steps.
+    """
+    bounds = np.array([part.GetBounds() for part in parts]).reshape(-1, 3, 2)
+    low, high = bounds[:, :, 0].min(axis=0), bounds[:, :, 1].max(axis=0)
+    sides = high - low
+    if not (np.isfinite(sides).all() and sides.min() > 0):
+        raise BadInput(f"{name} is flat: a volume needs cells with an extent along x, y and z.")
+    most = min(MOST_POINTS, memory_there() // 2 // BYTES_A_POINT)
+    count = sum(part.GetNumberOfCells() if on_cells else part.GetNumberOfPoints() for part in parts)
+    images = [min(part.GetSpacing()) for part in parts if isinstance(part, vtkImageData)]
+    levels = len(images) == len(parts)  # of an AMR grid
+    centred = on_cells and levels
+    if along is not None:
+        step = float(sides.max()) / (along - (0 if centred else 1))
+    elif levels:
+        step = max(min(images), _step(sides, most))
+    else:
+        step = _step(sides, min(count, most))
+    image = _image_over(low, sides, step, centred, (name, most))
+    values, known = _values_at(image, parts, array)
+    if along is None and not levels and known.any() and not known.all():
+        wanted = np.clip(FINER * count / known.mean(), LEAST_POINTS, most)
+        image = _image_over(low, sides, _step(sides, wanted), False, (name, most))
+        values, known = _values_at(image, parts, array)
+    return image, values, known
+
+
+def _step(sides: NDArray[np.float64], count: float) -> float:
+    """Return the distance of about so many points on a grid that covers a box with these sides."""
+    least, most = float(sides.min()) / count, float(sides.max())
+    for _ in range(60):
+        step = math.sqrt(least * most)
+        least, most = (step, most) if (sides / step + 1.0).prod() > count else (least, step)
+    return most
+
+
+def _image_over(
+    low: NDArray[np.float64], sides: NDArray[np.float64], step: float, centred: bool, told: tuple[str, int]
+) -> vtkImageData:
+    """Return an image without values over a box, or over the centres of cells in it.
+
+    Args:
+        low: Lower corner of the box.
+        sides: Its sides.
+        step: Distance of the points, or size of the cells.
+        centred: Whether the points are centres of cells.
+        told: Name of the mesh, and the largest number of points.
+    """
+    if centred:
+        shrunk = np.minimum(step, 0.5 * sides)
+        low, sides = low + 0.5 * shrunk, sides - shrunk
+    size = np.maximum(np.rint(sides / step).astype(int) + 1, 2)
+    if size.prod(dtype=float) > 1.1 * told[1]:
+        raise BadInput(
+            f"{told[0]} would be resampled to {' x '.join(map(str, size))} points, more than fit into memory: ask for "
+            "fewer along the longest side."
+        )
+    image = vtkImageData()
+    image.SetDimensions(*size.tolist())
+    image.SetOrigin(*(low + INSIDE * sides))
+    image.SetSpacing(*((1 - 2 * INSIDE) * sides / (size - 1)))
+    return image
+
+
+def _values_at(
+    image: vtkImageData, parts: list[vtkDataSet], name: str
+) -> tuple[NDArray[np.floating[Any]], NDArray[np.bool_]]:
+    """Return the values at the points of an image, and which of them lie in a cell. (Z, Y, X) both"""
+    shape = image.GetDimensions()[::-1]
+    first = parts[0].GetPointData().GetScalars() or parts[0].GetCellData().GetScalars()
+    values, known = np.zeros(shape, vtk_to_numpy(first).dtype), np.zeros(shape, bool)
+    origin, spacing = np.array(image.GetOrigin()), np.array(image.GetSpacing())
+    for part in parts:
+        ends = np.array(part.GetBounds()).reshape(3, 2)
+        start = np.clip(np.floor((ends[:, 0] - origin) / spacing).astype(int), 0, np.array(shape[::-1]) - 1)
+        stop = np.clip(np.ceil((ends[:, 1] - origin) / spacing).astype(int), start, np.array(shape[::-1]) - 1)
+        there = tuple(slice(a, b + 1) for a, b in zip(start[::-1], stop[::-1]))
+        if known[there].all():
+            continue
+        box = vtkImageData()
+        box.SetDimensions(*(stop - start + 1).tolist())
+        box.SetOrigin(*(origin + start * spacing))
+        box.SetSpacing(*spacing)
+        probe = vtkProbeFilter()
+        probe.SetInputData(box)
+        probe.SetSourceData(part)
+        probe.Update()
+        found = probe.GetOutput().GetPointData()
+        new = vtk_to_numpy(found.GetArray(probe.GetValidPointMaskArrayName())).reshape(known[there].shape) > 0
+        new &= ~known[there]
+        values[there][new] = vtk_to_numpy(found.GetArray(name)).reshape(new.shape)[new]
+        known[there] |= new
+    return values, known
+
+
+def _with_rim(
+    values: NDArray[np.floating[Any]], known: NDArray[np.bool_]
+) -> tuple[NDArray[np.floating[Any]], NDArray[np.bool_]]:
+    """Continue values by a point beyond the cells, because a blanked point hides what is around it, too.
+
+    All other points get the smallest value, so that the range of the values stays.
+    """
+    if known.all() or not known.any():
+        return values, known
+    values[~known] = values[known].min()
+    total, count = np.zeros(values.shape), np.zeros(values.shape, np.uint8)
+    for axis in range(3):
+        for ahead, behind in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
+            to, of = (tuple(part if k == axis else slice(None) for k in range(3)) for part in (ahead, behind))
+            total[to] += np.where(known[of], values[of], 0.0)
+            count[to] += known[of]
+    rim = (count > 0) & ~known
+    values[rim] = (total[rim] / count[rim]).astype(values.dtype)
+    return values, known | rim

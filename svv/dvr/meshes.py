@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -64,30 +65,21 @@ def resampled(
         data: The mesh, see :func:`is_mesh`.
         array: Name of the array; by default as in :func:`svv.dvr.grids.pick_scalars`, in the first block.
         cells: Whether an array of the cells is meant if points have one of that name, too.
-        along: Points of the image along its longest side; by default as many as the mesh has values, more
-            at edges, or the spacing of the finest level, as far as memory reaches.
+        along: Points of the image along its longest side. By default, the image has as many points as the mesh has
+            values, more if it has edges in the image, or the spacing of the finest level, as far as memory reaches.
         name: Name of the mesh in messages.
 
     Raises:
         BadInput: The mesh has no cells that fill space, or no such array, or the image would not fit into memory.
     """
-    blocks = [(block, *picked) for block in _blocks(data) if (picked := _array_of(block, array, cells, name))]
-    if not blocks:
-        raise BadInput(f"{name} has no data; apply the filter or reader before this one first.")
+    blocks = _arrays_of(data, array, cells, name)
     chosen, on_cells = str(blocks[0][1].GetName()), blocks[0][2]
     alike = [block for block, found, where in blocks if found.GetName() == chosen and where == on_cells]
-    parts = [_only(block, chosen, on_cells) for block in alike if _fills_space(block)]
-    if not parts:
-        raise BadInput(
-            f"{name} is a {data.GetClassName()} of points, lines or surfaces, which fill no space: insert Delaunay 3D, "
-            "or Point Volume Interpolator for particles."
-        )
+    parts = [_only(block, chosen, on_cells) for block in alike]
     image, values, known = _sampled(parts, chosen, on_cells, along, name)
+    values, known = _with_edges(image, values, known, parts, chosen)
     if not known.any():
-        raise BadInput(
-            f"None of the points to which {name.lower()} is resampled lies in its cells: ask for more points."
-        )
-    values, known = _with_rim(values, known)
+        raise BadInput(f"{name} is resampled to points of which none lies in its cells: ask for more points.")
     put_scalars(image, values.ravel(), chosen)
     if not known.all():
         flags = np.where(known, 0, vtkDataSetAttributes.HIDDENPOINT).astype(np.uint8).ravel()
@@ -119,15 +111,29 @@ def _blocks(data: vtkDataObject) -> Iterator[vtkDataSet]:
             iterator.GoToNextItem()
 
 
-def _array_of(block: vtkDataSet, array: str | None, cells: bool, name: str) -> tuple[Any, bool] | None:
-    """Return the array of a block and whether it is on cells; None if only other blocks have it."""
-    try:
-        found, on_cells = pick_scalars(block, array, name, cells)
-    except BadInput:
-        if array is None or not (block.GetPointData().HasArray(array) or block.GetCellData().HasArray(array)):
-            return None
-        raise
-    return found, on_cells
+def _arrays_of(data: vtkDataObject, array: str | None, cells: bool, name: str) -> list[tuple[vtkDataSet, Any, bool]]:
+    """Return the grids of a mesh that fill space and have an array, with it, and whether it is on cells.
+
+    Raises:
+        BadInput: No grid has it.
+    """
+    every = list(_blocks(data))
+    solid = [block for block in every if _fills_space(block)]
+    refusal = f"{name} is a {data.GetClassName()} without cells, and a volume needs some."
+    if every:
+        refusal = (
+            f"{name} is a {data.GetClassName()} of points, lines or surfaces, which fill no space: insert Delaunay 3D, "
+            "or Point Volume Interpolator for particles."
+        )
+    found = []
+    for block in solid:
+        try:
+            found.append((block, *pick_scalars(block, array, name, cells)))
+        except BadInput as error:  # others may have it
+            refusal = str(error)
+    if not found:
+        raise BadInput(refusal)
+    return found
 
 
 def _fills_space(block: vtkDataSet) -> bool:
@@ -137,7 +143,7 @@ def _fills_space(block: vtkDataSet) -> bool:
     if not isinstance(block, vtkUnstructuredGrid):
         return block.GetNumberOfCells() > 0 and int(block.GetMaxCellSize()) >= 8
     cell = vtkGenericCell()
-    for kind in np.unique(vtk_to_numpy(block.GetCellTypesArray())).tolist():
+    for kind in vtk_to_numpy(block.GetDistinctCellTypesArray()).tolist():
         cell.SetCellType(kind)
         if cell.GetCellDimension() == 3:
             return True
@@ -172,7 +178,8 @@ def _sampled(
     """Return an image over grids, its values, and which of its points lie in a cell. (Z, Y, X) both
 
     By default, the image has as many points as the mesh has values: if the mesh is a box, that leaves its values as
-    they are, and their gradients smooth. The edges of any other mesh need finer steps.
+    they are, and their gradients smooth. The edges of any other mesh, and those of cells that differ in their values,
+    need finer steps.
     """
     bounds = np.array([part.GetBounds() for part in parts]).reshape(-1, 3, 2)
     low, high = bounds[:, :, 0].min(axis=0), bounds[:, :, 1].max(axis=0)
@@ -192,8 +199,8 @@ def _sampled(
         step = _step(sides, min(count, most))
     image = _image_over(low, sides, step, centred, (name, most))
     values, known = _values_at(image, parts, array)
-    if along is None and not levels and known.any() and not known.all():
-        wanted = np.clip(FINER * count / known.mean(), LEAST_POINTS, most)
+    if along is None and not levels and (on_cells or not known.all()):
+        wanted = np.clip(FINER * count / max(known.mean(), 0.01), LEAST_POINTS, most)
         image = _image_over(low, sides, _step(sides, wanted), False, (name, most))
         values, known = _values_at(image, parts, array)
     return image, values, known
@@ -267,22 +274,30 @@ def _values_at(
     return values, known
 
 
-def _with_rim(
-    values: NDArray[np.floating[Any]], known: NDArray[np.bool_]
-) -> tuple[NDArray[np.floating[Any]], NDArray[np.bool_]]:
-    """Continue values by a point beyond the cells, because a blanked point hides what is around it, too.
+def _with_edges(
+    image: vtkImageData, values: NDArray[Any], known: NDArray[np.bool_], parts: list[vtkDataSet], name: str
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return values that reach beyond the edges of a mesh, and at which points to show the image. (Z, Y, X) both
 
-    All other points get the smallest value, so that the range of the values stays.
+    A cell of the image is drawn if none of its corners is blanked. Those are drawn here whose centres lie in the mesh,
+    so that its edges lie neither too far inside nor outside. Corners beyond have the mean value of such centres; all
+    other points get the smallest value, so that the range of the values stays.
     """
-    if known.all() or not known.any():
+    if known.all():
         return values, known
-    values[~known] = values[known].min()
+    spacing = np.array(image.GetSpacing())
+    middles = vtkImageData()
+    middles.SetDimensions(*(size - 1 for size in image.GetDimensions()))
+    middles.SetOrigin(*(np.array(image.GetOrigin()) + 0.5 * spacing))
+    middles.SetSpacing(*spacing)
+    found, inside = _values_at(middles, parts, name)
+    if not inside.any():
+        return values, inside
     total, count = np.zeros(values.shape), np.zeros(values.shape, np.uint8)
-    for axis in range(3):
-        for ahead, behind in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
-            to, of = (tuple(part if k == axis else slice(None) for k in range(3)) for part in (ahead, behind))
-            total[to] += np.where(known[of], values[of], 0.0)
-            count[to] += known[of]
-    rim = (count > 0) & ~known
-    values[rim] = (total[rim] / count[rim]).astype(values.dtype)
-    return values, known | rim
+    for ends in product((slice(1, None), slice(None, -1)), repeat=3):
+        total[ends] += np.where(inside, found, 0.0)
+        count[ends] += inside
+    values[~known] = (values[known] if known.any() else found[inside]).min()
+    beyond = (count > 0) & ~known
+    values[beyond] = (total[beyond] / count[beyond]).astype(values.dtype)
+    return values, count > 0

@@ -188,7 +188,7 @@ said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
     expected = {
         "no volume": "no transfer function",
         "vectors": "3 components",
-        "unstructured": "vtkUnstructuredGrid, was resampled to 11 x 11 x 11 points",
+        "unstructured": "vtkUnstructuredGrid, was resampled to 25 x 25 x 25 points",
         "rectilinear": "has no scalars",
         "composite": "no transfer function",
         "empty": "The input is empty",

@@ -114,21 +114,22 @@ def serve(read: Callable[..., vtkImageData]) -> None:
         except BadInput as error:
             _send(out, {"says": str(error)})
             continue
-        values = np.ascontiguousarray(to_array(image)).reshape(-1)
-        matrix, blank = image.GetDirectionMatrix(), Appearance.of(image).blank
+        values, shown = np.ascontiguousarray(to_array(image)).reshape(-1), Appearance.of(image)
+        matrix = image.GetDirectionMatrix()
         told = {
             "dims": image.GetDimensions(), "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
             "direction": [matrix.GetElement(i, j) for i in range(3) for j in range(3)], "dtype": values.dtype.str,
-            "name": image.GetPointData().GetScalars().GetName(), "unit": own_unit_distance(image),
-            "blank": blank is not None,
+            "name": image.GetPointData().GetScalars().GetName(), "blank": shown.blank is not None,
+            "unit": own_unit_distance(image),
         }  # fmt: skip
         _send(out, told)
-        for array in (values, *([] if blank is None else [blank.ravel().view(np.uint8)])):
-            content = array.data.cast("B")
-            for start in range(0, len(content), BLOCK):
-                out.write(content[start : start + BLOCK])
+        content = values.data.cast("B")
+        for start in range(0, len(content), BLOCK):
+            out.write(content[start : start + BLOCK])
+        if shown.blank is not None:
+            out.write(shown.blank.tobytes())
         out.flush()
-        del image, values, blank, array, content
+        del image, values, content
 
 
 def _send(out: BinaryIO, told: Mapping[str, Any]) -> None:
@@ -151,19 +152,20 @@ def _received(stream: Any) -> vtkImageData:
     scalars = create_vtk_array(get_vtk_array_type(np.dtype(told["dtype"])))
     scalars.SetName(told["name"])
     scalars.SetNumberOfTuples(image.GetNumberOfPoints())
-    _receive_into(vtk_to_numpy(scalars), stream)
+    _fill(vtk_to_numpy(scalars), stream)
     image.GetPointData().SetScalars(scalars)
     if told["blank"]:
-        blank = np.empty(image.GetDimensions()[::-1], np.uint8)
-        _receive_into(blank, stream)
-        put(image, Appearance(blank > 0))
+        blank = np.empty(image.GetDimensions()[::-1], bool)
+        _fill(blank.reshape(-1), stream)
+        put(image, Appearance(blank))
     if told["unit"] is not None:
         put_own_unit_distance(image, told["unit"])
     return image
 
 
-def _receive_into(values: NDArray[Any], stream: Any) -> None:
-    left = memoryview(values.data).cast("B")
+def _fill(values: NDArray[Any], stream: Any) -> None:
+    """Fill an array with what comes through the pipe."""
+    left = values.data.cast("B")
     while len(left):
         count = stream.readinto(left[:BLOCK])
         if not count:

@@ -126,7 +126,7 @@ def put(image: vtkImageData, appearance: Appearance) -> None:
     """Let an image carry how it is shown."""
     image.GetPointData().RemoveArray(GHOSTS)
     if appearance.blank is not None:
-        flags = appearance.blank.astype(np.uint8) * vtkDataSetAttributes.HIDDENPOINT
+        flags = appearance.blank * np.uint8(vtkDataSetAttributes.HIDDENPOINT)
         ghosts = numpy_to_vtk(np.ascontiguousarray(flags).ravel(), deep=True)
         ghosts.SetName(GHOSTS)
         image.GetPointData().AddArray(ghosts)

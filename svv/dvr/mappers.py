@@ -186,7 +186,9 @@ class GpuMapper:
         if shown.crop is not None:
             mapper.SetCropping(1)
             mapper.SetCroppingRegionFlagsToSubVolume()
-            mapper.SetCroppingRegionPlanes(*(shown.crop * image.GetSpacing() + image.GetOrigin()).T.ravel())
+            # VTK mistakes the first and the last voxel's centres for the edges of their texels.
+            planes = (shown.crop + 0.5) * (1.0 - 1.0 / np.array(image.GetDimensions()))
+            mapper.SetCroppingRegionPlanes(*(planes * image.GetSpacing() + image.GetOrigin()).T.ravel())
         mapper.SetAutoAdjustSampleDistances(0)
         mapper.SetLockSampleDistanceToInputSpacing(0)
         mapper.SetUseJittering(0)

@@ -250,22 +250,24 @@ def open_caster(
     if not (step is None or (np.isfinite(step) and step > 0)):
         raise BadInput(f"The sample distance must be a positive number of voxels, not {step}.")
     least = float(np.linalg.norm(stage.scale * stage.visible_size)) / MAX_SAMPLES
-    distance = max((step or STEP[make_caster.name]) * stage.voxel, least)
+    jumps = stage.appearance.nearest or stage.appearance.blank is not None
+    finest = STEP[make_caster.name] * (0.5 if jumps else 1.0)
+    distance = max((step or finest) * stage.voxel, least)
     caster = make_caster(stage, shading, distance)
 
     def measure() -> float:
-        return default_step(caster, stage) if step is None else step
+        return default_step(caster, stage, finest) if step is None else step
 
     distance = max((measure() if kept is None else kept.step(measure)) * stage.voxel, least)
     caster.set_step(distance)
     return caster, distance
 
 
-def default_step(caster: Caster, stage: Stage) -> float:
+def default_step(caster: Caster, stage: Stage, finest: float) -> float:
     """Return the sample distance in voxels that a volume needs with its transfer function.
 
     It is the longest of ``COARSER`` whose three small test pictures reach ``GOOD_ENOUGH`` against those with an eighth
-    of a voxel, or ``STEP`` if none does. The sample distance of the caster is changed.
+    of a voxel, or ``finest`` if none does. The sample distance of the caster is changed.
     """
     radius = FRAMING * 0.5 * float(np.linalg.norm(stage.visible_size))
     cameras = sphere_cameras(3, stage.centre, radius, FOV, 128)
@@ -276,11 +278,11 @@ def default_step(caster: Caster, stage: Stage) -> float:
         return (pixels[..., :3] - 1.0) * pixels[..., 3:]  # on white, which is 0
 
     if not COARSER[caster.name]:
-        return STEP[caster.name]
+        return finest
     fine = draw(0.125)
     error = 10.0 ** (-0.1 * GOOD_ENOUGH)
     good = (step for step in COARSER[caster.name] if np.square(draw(step) - fine).mean() <= error)
-    return next(good, STEP[caster.name])
+    return next(good, finest)
 
 
 def _check_options(asked: ViewOptions) -> None:

@@ -14,7 +14,7 @@ from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMP
 
 from svv.errors import BadInput
 from svv.pv import follow, placing
-from svv.pv.display_table import LIGHTS, refused_by
+from svv.pv.display_table import LIGHT_KIT, LIGHTS, light_of, refused_by, value_of
 from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
 from svv.pv.picking import watch_picks
@@ -42,8 +42,8 @@ IMAGES = ("StyleRFRender", "StyleRFStylizedView", "StyleRFViews", "StyleRFViewsR
 DISPLAY = "UniformGridRepresentation"
 """XML name of the representation with which ParaView shows a ``vtkImageData`` in a 3D view."""
 
-COEFFICIENTS = ("Ambient", "Diffuse", "Specular", "SpecularPower")
-"""Properties of a display's light."""
+COEFFICIENTS = ("Diffuse", "Specular", "SpecularPower")
+"""Properties of how a display is lit."""
 
 UNKNOWN = (
     "How the volume is shown could not be read ({error}): show it as a volume in the active view, and please report "
@@ -74,7 +74,8 @@ def volume_display(source: Any, view: Any = None) -> Any:
     for candidate in [v for v in (first, *simple.GetRenderViews()) if v is not None]:
         for display in candidate.Representations:
             given = getattr(display, "Input", None)
-            if given is not None and given.SMProxy == source and display.Representation == "Volume":
+            kind = getattr(display, "Representation", "")
+            if given is not None and given.SMProxy == source and kind == "Volume":
                 return display
     raise BadInput(
         "No view shows the input as a volume: set its representation to Volume in the active view, which gives it a "
@@ -99,7 +100,8 @@ def shown_as(display: Any) -> dict[str, Any]:
         raise BadInput("The volume is shown without a colour map: choose an array under Coloring.")
     # Representations of unstructured grids have neither light nor some of the other properties.
     shade = int(getattr(display, "Shade", 0))
-    if shade and any(light.Enable for view in _views_of(display) for light in view.AdditionalLights):
+    light = next(map(light_of, _views_of(display)), "") if shade else ""
+    if light == LIGHTS:
         raise BadInput(LIGHTS)
     if display.ScalarOpacityFunction is not None:
         table.ScalarOpacityFunction = display.ScalarOpacityFunction
@@ -108,7 +110,9 @@ def shown_as(display: Any) -> dict[str, Any]:
         "Scalars": [display.ColorArrayName[0], display.ColorArrayName[1]],
         "OpacityUnitDistance": display.ScalarOpacityUnitDistance,
         "Shade": shade,
-        **{name: _plain(getattr(display, name)) for name in (*COEFFICIENTS, *PLAIN) if hasattr(display, name)},
+        "Ambient": 0.0 if light == LIGHT_KIT else getattr(display, "Ambient", 0.0),
+        "Notice": light,
+        **{name: value_of(display, name) for name in (*COEFFICIENTS, *PLAIN) if hasattr(display, name)},
     }
 
 
@@ -117,11 +121,6 @@ def _views_of(display: Any) -> list[Any]:
     from paraview import simple
 
     return [view for view in simple.GetRenderViews() if display in view.Representations]
-
-
-def _plain(value: Any) -> Any:
-    """Return a property's value as numbers or text, not as an object that goes on changing with the property."""
-    return str(value).strip("'") if isinstance(value, str) else list(value) if hasattr(value, "__len__") else value
 
 
 def capture(filter: Any, view: Any = None) -> None:

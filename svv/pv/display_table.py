@@ -24,7 +24,7 @@ class Row(NamedTuple):
 
 
 def _other_than(*values: Any) -> Callable[[Any], bool]:
-    return lambda value: str(value).strip("'") not in map(str, values)
+    return lambda value: value not in values
 
 
 PANEL = Row(REPRODUCED, "the property of the same name in the filter's panel")
@@ -57,7 +57,7 @@ REPRESENTATION: Mapping[str, Row] = {
     "Orientation": PANEL,
     "Origin": PANEL,
     "Shade": PANEL,
-    "Ambient": PANEL,
+    "Ambient": Row(REPRODUCED, "the panel's Ambient; 0 in the light kit, in which ParaView shows none"),
     "Diffuse": PANEL,
     "Specular": PANEL,
     "SpecularPower": PANEL,
@@ -120,8 +120,8 @@ WITH_SHADE = ("VolumetricScatteringBlending",)
 COLOURS: Mapping[str, Row] = {
     "RGBPoints": Row(REPRODUCED, "the points of the Transfer Function"),
     "ColorSpace": Row(REPRODUCED, "its colour space"),
-    "HSVWrap": Row(REPRODUCED, "hues are sampled"),
-    "UseLogScale": Row(REPRODUCED, "colours are sampled"),
+    "HSVWrap": Row(REPRODUCED, "its way around the circle of hues"),
+    "UseLogScale": Row(REPRODUCED, "its scale, as ParaView draws it in volumes (svv.dvr.scales)"),
     "UseBelowRangeColor": Row(REPRODUCED, "a jump at the first point"),
     "BelowRangeColor": Row(REPRODUCED, "a jump at the first point"),
     "UseAboveRangeColor": Row(REPRODUCED, "a jump at the last point"),
@@ -160,16 +160,19 @@ COLOURS: Mapping[str, Row] = {
 
 OPACITIES: Mapping[str, Row] = {
     "Points": Row(REPRODUCED, "the opacities of the Transfer Function"),
-    "UseLogScale": Row(REPRODUCED, "opacities are sampled"),
+    "UseLogScale": Row(REPRODUCED, "straight lines along the curve (svv.dvr.scales)"),
     "AllowDuplicateScalars": Row(REPRODUCED, "points that it removes are not there"),
     "ScalarRangeInitialized": STATE,
 }
 """Rows of the properties of the opacity function."""
 
 LIGHTS = (
-    "The volume is lit by lights that were added to the view, and StyleRF's light stays at the camera: remove them "
-    "under Lights in the view's properties, or turn Shade off in the display's."
+    "The volume is shaded by other lights than the light kit, and StyleRF's light stays at the camera: under Lights in "
+    "the view's properties, turn the light kit on and remove the added lights, or leave one white Headlight alone; or "
+    "turn Shade off in the display's properties."
 )
+LIGHT_KIT = "Lit from the camera, which is darker than the light kit of ParaView's view."
+"""What is said about volumes that are shaded in ParaView's default light."""
 
 
 def refused_by(display: Any) -> str:
@@ -181,7 +184,24 @@ def refused_by(display: Any) -> str:
     for name, row in REPRESENTATION.items():
         if row.becomes is not REFUSED or (name in WITH_SHADE and not getattr(display, "Shade", 0)):
             continue
-        value = getattr(display, name, None)
+        value = value_of(display, name) if hasattr(display, name) else None
         if value is not None and row.refuses(value):
-            return row.why.format(value=str(value).strip("'"))
+            return row.why.format(value=value)
     return ""
+
+
+def light_of(view: Any) -> str:
+    """Return what the light of a view means for a shaded volume: empty, ``LIGHT_KIT`` or the refusal ``LIGHTS``."""
+    added = [light for light in view.AdditionalLights if light.Enable]
+    if view.UseLight:
+        return LIGHTS if added else LIGHT_KIT
+    alike = [
+        value_of(light, "Coords") == "Headlight" and light.Intensity == 1.0 and list(light.DiffuseColor) == [1.0] * 3
+        for light in added
+    ]
+    return "" if alike == [True] else LIGHTS
+
+
+def value_of(proxy: Any, name: str) -> Any:
+    """Return a property's value as numbers or text, not as an object that goes on changing with the property."""
+    return proxy.GetProperty(name).GetData()

@@ -6,8 +6,10 @@ result, or nothing.
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterator, MutableMapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import vtkmodules.vtkRenderingCore  # noqa: F401  (lets Python know the class of the server's transfer functions)
@@ -27,6 +29,13 @@ Result = TypeVar("Result")
 
 ORBIT = 181
 """Frames of the orbit around a scene."""
+
+UNEXPECTED = (
+    "This should not have failed ({error} in {place}): please report it, with the input and this line. Other filters, "
+    "and this one with another input, go on working."
+)
+
+NO_MEMORY = "There is not enough memory for this: choose fewer or smaller views, or a smaller preset."
 
 NOT_INSTALLED = (
     "{name} is missing in ParaView's Python, and StyleRF needs it: start ParaView with `svv paraview` (a server with "
@@ -61,6 +70,14 @@ class Filter(VTKPythonAlgorithmBase):
 
     # --- the pipeline's requests --------------------------------------------------------------------------------------
 
+    def ProcessRequest(self, request: Any, in_info: Any, out_info: Any) -> int:
+        """Answer a request of the pipeline; an error in it is said, for it would not get past VTK."""
+        try:
+            return int(super().ProcessRequest(request, in_info, out_info))
+        except Exception as error:
+            self.say(sentence_on(error))
+            return 1
+
     def FillInputPortInformation(self, port: int, info: Any) -> int:
         """Accept any data, so that the filter itself can explain which input it needs."""
         info.Set(self.INPUT_REQUIRED_DATA_TYPE(), "vtkDataObject")
@@ -94,22 +111,13 @@ class Filter(VTKPythonAlgorithmBase):
         inputs = [vtkDataObject.GetData(port, 0) for port in in_info]
         outputs = [vtkDataObject.GetData(out_info, port) for port in range(self.GetNumberOfOutputPorts())]
         try:
-            self._status = self.work(inputs, outputs, out_info) or "Done."
+            said = self.work(inputs, outputs, out_info) or "Done."
+            self._status = " ".join(filter(None, [said, self.values.get("Notice")]))
         except Cancelled:
             self.say("Stopped; the previous result is kept. Press Apply again to resume.", error=False)
             self.before(outputs)
-        except BadInput as error:
-            self.say(str(error))
-            self.before(outputs)
-        except ImportError as error:
-            self.say(NOT_INSTALLED.format(name=error.name or str(error)))
-        except OSError as error:  # a disk that fails
-            self.say(said_of(error))
-            self.before(outputs)
-        except (MemoryError, RuntimeError) as error:
-            if not is_lack_of_memory(error):
-                raise
-            self.say("There is not enough memory for this: choose fewer or smaller views, or a smaller preset.")
+        except Exception as error:
+            self.say(sentence_on(error))
             self.before(outputs)
         self.UpdateProgress(1.0)
         return 1
@@ -195,6 +203,21 @@ class Filter(VTKPythonAlgorithmBase):
         """Update the result to the current transfer function and time step."""
         self.steps.ask()
         self.Modified()
+
+
+def sentence_on(error: Exception) -> str:
+    """Return one sentence for the user about an error in a filter."""
+    if isinstance(error, BadInput):
+        return str(error)
+    if isinstance(error, ImportError):
+        return NOT_INSTALLED.format(name=error.name or str(error))
+    if isinstance(error, OSError):  # a disk that fails
+        return said_of(error)
+    if is_lack_of_memory(error):
+        return NO_MEMORY
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f"{Path(frames[-1].filename).name}, line {frames[-1].lineno}" if frames else "an unknown place"
+    return UNEXPECTED.format(error=f"{type(error).__name__}: {error}", place=place)
 
 
 def _forgetter(kept: MutableMapping[Any, Any], results: MutableMapping[Any, Any]) -> Callable[[Any, str], None]:

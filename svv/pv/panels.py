@@ -21,6 +21,7 @@ from svv.pv.option_panel import properties_of
 from svv.pv.properties import (
     Property,
     button,
+    capture_reports,
     choice,
     client_switch,
     file,
@@ -31,7 +32,6 @@ from svv.pv.properties import (
     number,
     numbers,
     picked,
-    refusal,
     scalars,
     shape,
     shown_where,
@@ -123,7 +123,7 @@ def volume_properties(views: ViewOptions) -> list[Property]:
             "cells and the memory suggest.", 0, advanced=True,
         ),
         *display_properties(),
-        refusal(),
+        *capture_reports(),
         *properties_of(views),
     ]  # fmt: skip
 

@@ -240,14 +240,22 @@ def scalars() -> Property:
     return Property("Scalars", xml, "", {"SetScalars": setter})
 
 
-def refusal() -> Property:
-    """Return the property with which the client says why it did not take over how the volume is shown."""
-    xml = (
-        '<StringVectorProperty name="Refusal" command="SetRefusal" number_of_elements="1" default_values="" '
-        'panel_visibility="never"><Documentation>Why the volume cannot be drawn as it is shown; empty if it can.'
-        "</Documentation></StringVectorProperty>"
-    )
-    return Property("Refusal", xml, "", {"SetRefusal": _store("Refusal", lambda value: value or "")})
+def capture_reports() -> list[Property]:
+    """Return the properties with which the client says what it could not take over of how the volume is shown."""
+    helps = {
+        "Refusal": "Why the volume cannot be drawn as it is shown; empty if it can.",
+        "Notice": "How it is drawn otherwise than it is shown; empty if it is not.",
+    }
+    return [
+        Property(
+            name,
+            f'<StringVectorProperty name="{name}" command="Set{name}" number_of_elements="1" default_values="" '
+            f'panel_visibility="never"><Documentation>{escape(help)}</Documentation></StringVectorProperty>',
+            "",
+            {f"Set{name}": _store(name, lambda value: value or "")},
+        )
+        for name, help in helps.items()
+    ]
 
 
 def transfer_function() -> Property:

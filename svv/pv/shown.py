@@ -11,8 +11,16 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkRenderingCore import vtkVolume
 
-from svv.dvr.appearance import Appearance, put
-from svv.dvr.grids import ORTHOGONAL_TOLERANCE, as_volume, index_to_world, set_geometry
+from svv.dvr.appearance import Appearance, put, without_duplicates
+from svv.dvr.grids import (
+    ORTHOGONAL_TOLERANCE,
+    as_volume,
+    from_array,
+    index_to_world,
+    pick_scalars,
+    set_geometry,
+    to_array,
+)
 from svv.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -66,10 +74,13 @@ def volume_shown(data: vtkImageData, values: Mapping[str, Any], name: str = "The
     Raises:
         BadInput: Any reason of :func:`svv.dvr.grids.as_volume`, or the display shears the volume.
     """
-    image = as_volume(data, values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
+    data, chosen = without_duplicates(data), (values["Scalars"] or None, name, values.get("ScalarsOnCells", False))
+    image, (_, on_cells) = as_volume(data, *chosen), pick_scalars(data, *chosen)
     given = {**PLAIN, **chosen_of(values)}
+    crop = _crop(data, image, given, on_cells) if given["UseCropping"] else None
+    if on_cells:
+        image, crop = _with_outer_halves(image, crop)
     place = index_to_world(image)
-    crop = _crop(data, place, given) if given["UseCropping"] else None
     moved = matrix_of(given) @ place
     longer = np.linalg.norm(moved[:3, :3], axis=0) / np.linalg.norm(place[:3, :3], axis=0)
     if longer.min() <= 0:
@@ -100,10 +111,30 @@ def matrix_of(given: Mapping[str, Any]) -> Array:
     return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
 
 
-def _crop(data: vtkImageData, place: Array, given: Mapping[str, Any]) -> Array:
-    """Return the corners of the part that a display shows, as indices of voxels that lie at ``place``. (2, 3)"""
+def _with_outer_halves(image: vtkImageData, crop: Array | None) -> tuple[vtkImageData, Array]:
+    """Return an image of cells with another layer around it, and a part (2, 3) that ends at its outermost cells' faces.
+
+    Voxels lie at the centres of cells. Beyond those of the outermost cells, ParaView shows their values.
+    """
+    shown, axes = Appearance.of(image), index_to_world(image)
+    wider = from_array(np.pad(to_array(image), 1, mode="edge"), name=image.GetPointData().GetScalars().GetName())
+    set_geometry(wider, axes[:3, :3], axes[:3, 3] - axes[:3, :3].sum(axis=1))
+    put(wider, Appearance(None if shown.blank is None else np.pad(shown.blank, 1, mode="edge")))
+    whole = np.array([np.full(3, 0.5), np.array(image.GetDimensions()) + 0.5])
+    if crop is None:
+        return wider, whole
+    return wider, np.array([np.maximum(whole[0], crop[0] + 1.0), np.minimum(whole[1], crop[1] + 1.0)])
+
+
+def _crop(data: vtkImageData, image: vtkImageData, given: Mapping[str, Any], on_cells: bool) -> Array:
+    """Return the corners of the part of its data that a display shows, as indices of the image's voxels. (2, 3)"""
+    place = index_to_world(image)
     if np.abs(place[:3, :3] - np.diag(np.diag(place[:3, :3]))).max() > 1e-6 * np.abs(place[:3, :3]).max():
         raise BadInput(TURNED)
     bounds = np.array(data.GetBounds()).reshape(3, 2).T
     corners = np.array(given["CroppingOrigin"]) + bounds * np.array(given["CroppingScale"])
-    return np.sort((corners - place[:3, 3]) / np.diag(place[:3, :3]), axis=0)
+    index = (corners - place[:3, 3]) / np.diag(place[:3, :3])
+    if not on_cells:
+        # As ParaView draws it: VTK's ray caster mistakes the outermost points for the edges of their texels.
+        index = index / (1.0 - 1.0 / np.array(image.GetDimensions())) - 0.5
+    return np.sort(index, axis=0)

@@ -11,6 +11,7 @@ pytest.importorskip("vtkmodules")
 
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import (
+    vtkDataSetAttributes,
     vtkImageData,
     vtkMultiBlockDataSet,
     vtkPartitionedDataSet,
@@ -26,6 +27,7 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
 from svv.dvr.appearance import Appearance
 from svv.dvr.grids import as_volume, from_array, own_unit_distance, to_array
+from svv.dvr.histogram import default_transfer_function
 from svv.dvr.large import open_volume
 from svv.dvr.meshes import is_mesh, resampled
 from svv.dvr.views import make_views
@@ -153,6 +155,31 @@ def test_values_of_cells_are_those_of_the_points_in_them() -> None:
     part.GetCellData().AddArray(array)
     levels.SetBlock(0, part)
     np.testing.assert_array_equal(to_array(resampled(levels)).ravel(), np.arange(8**3))  # at the centres
+
+
+def test_hidden_cells_and_points_of_blocks_are_not_drawn() -> None:
+    for on_cells in (True, False):
+        block = vtkMultiBlockDataSet()
+        part = image()
+        size = [n - on_cells for n in (SIZE,) * 3]
+        flags = np.zeros(size, np.uint8)
+        flags[:, :, 4:] = vtkDataSetAttributes.HIDDENCELL if on_cells else vtkDataSetAttributes.HIDDENPOINT
+        ghosts = numpy_to_vtk(flags.ravel(), deep=True)
+        ghosts.SetName(vtkDataSetAttributes.GhostArrayName())
+        (part.GetCellData() if on_cells else part.GetPointData()).AddArray(ghosts)
+        block.SetBlock(0, part)
+        np.testing.assert_allclose(resampled(block, "s").GetBounds()[:2], (-1.0, 0.0 if on_cells else -0.25), atol=1e-5)
+
+
+def test_the_default_function_does_not_count_what_is_blanked() -> None:
+    """Else the points outside a small mesh would be its background, and the smallest values invisible."""
+    volume = as_volume(resampled(ball(0.5), along=40))
+    blank = Appearance.of(volume).blank
+    assert blank is not None and blank.mean() > 0.4
+    values = to_array(volume)[~blank]
+    alone = from_array(np.pad(values, (0, -len(values) % 4), mode="edge").reshape(-1, 2, 2))
+    found, expected = (default_transfer_function(one) for one in (volume, alone))
+    np.testing.assert_allclose(found.opacities, expected.opacities, atol=0.02)
 
 
 def flat() -> vtkUnstructuredGrid:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.differences import above
+from svv.dvr.appearance import Appearance
 from svv.dvr.grids import check_precision, to_array
 from svv.dvr.transfer_functions import HUES, TransferFunction
 from svv.errors import BadInput
@@ -32,7 +33,7 @@ def default_transfer_function(image: vtkImageData) -> TransferFunction:
     check_precision(values)
     if not high > low:
         raise BadInput(f"All voxels have the value {low:.12g}: there is nothing to show.")
-    counts = _histogram(values, low, high)
+    counts = _histogram(values, low, high, Appearance.of(image).blank)
     first, second = _otsu(counts)
     cuts = [low, *(low + (high - low) * ((cut + 1) / BINS) for cut in (first, second)), high]
     sizes = [counts[: first + 1].sum(), counts[first + 1 : second + 1].sum(), counts[second + 1 :].sum()]
@@ -53,12 +54,16 @@ def default_transfer_function(image: vtkImageData) -> TransferFunction:
     return TransferFunction(tuple(colours), tuple(opacities), None, "two ranges of the histogram")
 
 
-def _histogram(values: NDArray[Any], low: float, high: float) -> NDArray[np.int64]:
-    """Count the values in equal bins; NumPy does so in the type of the values, which may be too coarse. (BINS,)"""
+def _histogram(values: NDArray[Any], low: float, high: float, blank: NDArray[np.bool_] | None) -> NDArray[np.int64]:
+    """Count the values that are not blanked in equal bins. (BINS,)
+
+    NumPy would do so in the type of the values, which may be too coarse.
+    """
     counts = np.zeros(BINS, np.int64)
-    for slab in values:  # in float64, but never the whole volume at once
+    for z, layer in enumerate(values):  # in float64, but never the whole volume at once
+        slab = layer.ravel() if blank is None else layer[~blank[z]]
         number = (above(slab, low) * (BINS / (high - low))).astype(np.int64)
-        counts += np.bincount(np.clip(number, 0, BINS - 1).ravel(), minlength=BINS)
+        counts += np.bincount(np.clip(number, 0, BINS - 1), minlength=BINS)
     return counts
 
 

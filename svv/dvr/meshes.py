@@ -24,7 +24,7 @@ from vtkmodules.vtkCommonDataModel import (
     vtkUniformGridAMR,
     vtkUnstructuredGrid,
 )
-from vtkmodules.vtkFiltersCore import vtkProbeFilter
+from vtkmodules.vtkFiltersCore import vtkProbeFilter, vtkThreshold
 
 from svv.dvr.appearance import GHOSTS
 from svv.dvr.grids import pick_scalars, put_own_unit_distance, put_scalars
@@ -75,7 +75,9 @@ def resampled(
     blocks = _arrays_of(data, array, cells, name)
     chosen, on_cells = str(blocks[0][1].GetName()), blocks[0][2]
     alike = [block for block, found, where in blocks if found.GetName() == chosen and where == on_cells]
-    parts = [_only(block, chosen, on_cells) for block in alike]
+    parts = [part for block in alike if (part := _only(block, chosen, on_cells)).GetNumberOfCells()]
+    if not parts:
+        raise BadInput(f"{name} has blanked cells only: there is nothing to show.")
     image, values, known = _sampled(parts, chosen, on_cells, along, name)
     values, known = _with_edges(image, values, known, parts, chosen)
     if not known.any():
@@ -151,7 +153,7 @@ def _fills_space(block: vtkDataSet) -> bool:
 
 
 def _only(block: vtkDataSet, name: str, on_cells: bool) -> vtkDataSet:
-    """Return a grid with one array, of real numbers if it is interpolated, and with the flags of hidden cells."""
+    """Return a grid with one array, of real numbers if it is interpolated, and without its hidden cells."""
     part = block.NewInstance()
     part.CopyStructure(block)
     data, given = (part.GetCellData(), block.GetCellData()) if on_cells else (part.GetPointData(), block.GetPointData())
@@ -166,10 +168,39 @@ def _only(block: vtkDataSet, name: str, on_cells: bool) -> vtkDataSet:
         array = numpy_to_vtk(values.astype(np.float64), deep=True)
         array.SetName(name)
     data.SetScalars(array)
-    hidden = block.GetCellGhostArray()
-    if hidden is not None:
-        part.GetCellData().AddArray(hidden)
-    return part
+    hidden = _hidden_cells(block)
+    return part if hidden is None else _without(part, hidden, name)
+
+
+def _without(part: vtkDataSet, hidden: NDArray[np.bool_], name: str) -> vtkDataSet:
+    """Return a grid without its hidden cells, which VTK's probe does not know."""
+    flags = numpy_to_vtk(hidden.astype(np.uint8), deep=True)
+    flags.SetName("StyleRF Hidden")
+    part.GetCellData().AddArray(flags)
+    left = vtkThreshold()
+    left.SetInputData(part)
+    left.SetInputArrayToProcess(0, 0, 0, vtkDataObject.FIELD_ASSOCIATION_CELLS, flags.GetName())
+    left.SetThresholdFunction(vtkThreshold.THRESHOLD_LOWER)
+    left.SetLowerThreshold(0.5)
+    left.Update()
+    shown = left.GetOutput()
+    for data in (shown.GetPointData(), shown.GetCellData()):
+        data.SetActiveScalars(name if data.HasArray(name) else None)
+    return shown
+
+
+def _hidden_cells(block: vtkDataSet) -> NDArray[np.bool_] | None:
+    """Return which cells are blanked, or have a blanked point in a grid of rows; None if there is no such flag. (C,)"""
+    cells, points = block.GetCellGhostArray(), block.GetPointGhostArray()
+    hidden = np.zeros(block.GetNumberOfCells(), bool)
+    if cells is not None:
+        hidden |= (vtk_to_numpy(cells) & vtkDataSetAttributes.HIDDENCELL) > 0
+    if points is not None and hasattr(block, "GetDimensions"):
+        size = list(block.GetDimensions())[::-1]
+        blank = ((vtk_to_numpy(points) & vtkDataSetAttributes.HIDDENPOINT) > 0).reshape(size)
+        for ends in product((slice(1, None), slice(None, -1)), repeat=3):
+            hidden |= blank[ends].ravel()
+    return hidden if hidden.any() else None
 
 
 def _sampled(

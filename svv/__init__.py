@@ -79,10 +79,6 @@ prefer_own_symbols(TRITON)
 share_cores(os.environ)
 use_huge_pages(os.environ)
 
-# OpenMP reads it when torch is loaded. By default, threads spin between torch's operations, on the very cores that our
-# kernels' threads, ParaView's window or anything else need: training took up to three times as long beside other work.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-
 
 def __getattr__(name: str) -> Any:
     from importlib import import_module

@@ -19,7 +19,6 @@ from svv.core.shading import Shading
 from svv.dvr.appearance import Appearance, put
 from svv.dvr.classify import classified_as
 from svv.dvr.grids import as_volume, from_array, index_to_world, set_geometry, to_array
-from svv.dvr.plain_functions import plain_colours, plain_opacities
 from svv.dvr.stage import set_stage
 from svv.dvr.transfer_functions import TransferFunction
 from svv.dvr.views import make_views, render_views
@@ -188,11 +187,10 @@ def test_files_keep_their_blanking(tmp_path: Path) -> None:
     assert views.meta is not None and views.meta.mapper == "bricks"
 
 
-def test_colours_beyond_the_range_and_wrapped_hues_are_sampled() -> None:
+def test_colours_beyond_the_range_and_wrapped_hues_are_those_of_vtk() -> None:
     table = vtkColorTransferFunction()
     table.AddRGBPoint(1.0, 1.0, 0.0, 0.0)
     table.AddRGBPoint(3.0, 1.0, 0.0, 0.5)
-    assert plain_colours(table) is table
     table.SetColorSpaceToHSV()
     table.HSVWrapOn()
     table.UseBelowRangeColorOn()
@@ -201,21 +199,8 @@ def test_colours_beyond_the_range_and_wrapped_hues_are_sampled() -> None:
     table.SetAboveRangeColor(0.0, 0.0, 1.0)
     opacity = vtkPiecewiseFunction()
     opacity.AddPoint(0.0, 1.0)
-    plain = TransferFunction.from_vtk(plain_colours(table), opacity)
+    plain = TransferFunction.from_vtk(table, opacity)
     values = np.concatenate([np.linspace(0.5, 3.5, 301), [1.0, 3.0]])
     expected = np.array([table.GetColor(value) for value in values])
     assert np.abs(plain.colour_at(values) - expected)[(values != 1.0) & (values != 3.0)].max() < 2e-3
     assert expected[np.isclose(values, 2.0)][0][1] == 0.0  # by way of magenta, not of green
-
-
-def test_a_logarithmic_opacity_is_sampled() -> None:
-    function = vtkPiecewiseFunction()
-    assert plain_opacities(function) is function
-    for value, opacity in ((1.0, 0.0), (100.0, 0.5), (1000.0, 1.0)):
-        function.AddPoint(value, opacity)
-    values = np.geomspace(1.0, 1000.0, 57)
-    if hasattr(function, "SetUseLogScale"):
-        function.SetUseLogScale(True)
-        plain = plain_opacities(function)
-        assert max(abs(plain.GetValue(v) - function.GetValue(v)) for v in values) < 2e-3
-        assert abs(plain.GetValue(10.0) - 0.25) < 2e-3

@@ -138,8 +138,113 @@ def test_rescaling_follows_its_rule() -> None:
     assert unit_preset.fitted(0, 1.2).range == (0, 1)
     assert unit_preset.fitted(0, 200, rescale=False).range == (0, 1)
     assert preset().fitted(0, 200).range == (0, 10)
+    assert [unit_preset.is_stretched(0, high) for high in (200, 1.2)] == [True, False]
     stretched = preset().fitted(-100, 100, rescale=True)
     np.testing.assert_allclose(stretched.opacity_at([-100, -20, 20, 100]), [0, 0.8, 0, 0], atol=1e-9)
+
+
+JET = {"Name": "Jet", "ColorSpace": "RGB", "RGBPoints": [-1, 0, 0, 0.5, 0.5, 1, 1, 0, 1, 0.5, 0, 0]}
+
+
+@pytest.mark.parametrize(("low", "high"), [(-1000, 1000), (100, 300), (-1, 1), (0, 0.9), (101325, 101326)])
+def test_a_preset_without_opacity_points_is_stretched_over_any_data(low: float, high: float) -> None:
+    """As ParaView does with *Use preset range* off: the preset's values mean nothing."""
+    tf = TransferFunction.from_dict([JET])
+    assert not tf.placed and TransferFunction.from_dict(json.loads(json.dumps(tf.to_dict()))) == tf
+    fitted = tf.fitted(low, high)
+    assert fitted.placed and fitted.range == (low, high) and tf.is_stretched(low, high)
+    shares = np.array([0.0, 0.25, 0.75, 1.0])
+    at = low + shares * (high - low)
+    np.testing.assert_allclose(fitted.opacity_at(at), shares, atol=1e-9)
+    np.testing.assert_allclose(fitted.colour_at(at), tf.colour_at(2 * shares - 1), atol=1e-6)
+    assert tf.fitted(-0.5, 0.8, rescale=False).range == (-1, 1)
+
+
+def test_a_function_from_minus_one_to_one_is_stretched_over_data_elsewhere() -> None:
+    tf = TransferFunction.from_dict({**JET, "Points": [-1, 0, 0.5, 0, 1, 1, 0.5, 0]})
+    assert [tf.fitted(*data).range for data in ((-1000, 1000), (0, 10), (0.3, 0.4))] == [
+        (-1000, 1000),
+        (0, 10),
+        (0.3, 0.4),
+    ]
+    assert [tf.fitted(*data).range for data in ((-0.9, 1.2), (-2, 1), (0, 1))] == [(-1, 1)] * 3
+
+
+def test_colours_and_opacities_are_stretched_each_from_their_own_range() -> None:
+    """ParaView applies a preset to both functions, one after the other."""
+    tf = preset(RGBPoints=[-1, 0, 0, 0, 1, 1, 1, 1], Points=[0, 0, 0.5, 0, 1, 1, 0.5, 0, 4, 0.5, 0.5, 0])
+    fitted = tf.fitted(100, 300, rescale=True)
+    assert [point[0] for point in fitted.colours] == [100, 300]
+    assert [point[0] for point in fitted.opacities] == [100, 150, 300]
+
+
+def test_colours_for_categories_only_are_refused() -> None:
+    with pytest.raises(BadInput, match="'Set' has colours for categories only"):
+        TransferFunction.from_dict([{"Name": "Set", "IndexedColors": [1, 0, 0, 0, 1, 0]}])
+
+
+@pytest.mark.parametrize("space", [space for space in COLOUR_SPACES if space != "Lab/CIEDE2000"])  # 15 ms a colour
+@pytest.mark.parametrize(("low", "high"), [(1.0, 1000.0), (10.0, 300.0), (0.1, 1e5)])
+def test_a_logarithmic_scale_looks_as_vtks_table_of_colours(space: str, low: float, high: float) -> None:
+    """Volumes show its entries, which are evenly spaced in the logarithm, evenly spaced over the values."""
+    tf = preset(
+        ColorSpace=space,
+        RGBPoints=[1, 0, 0, 1, 20, 0.2, 1, 0, 1000, 1, 0, 0],
+        UseLogScale=1,
+        Points=[1, 0, 0.5, 0, 1000, 1, 0.5, 0],
+    )
+    table = [0.0] * 3003
+    tf.to_vtk()[0].GetTable(low, high, 1001, table)
+    fitted = tf.fitted(low, high)
+    away = np.abs(fitted.colour_at(np.linspace(low, high, 1001)) - np.reshape(table, (-1, 3)))
+    assert away.mean() < 2e-3 and not fitted.log_scale
+    assert tf.to_dict()["UseLogScale"] == 1 and TransferFunction.from_dict(tf.to_dict()) == tf
+
+
+def test_opacities_on_a_logarithmic_scale_become_straight_lines() -> None:
+    points = [1, 0, 0.3, 0.4, 50, 0.9, 0.5, 0, 1e6, 0.1, 0.5, 0]
+    tf = preset(Points=points, OpacityUseLogScale=1, RGBPoints=[1, 0, 0, 0, 1e6, 1, 1, 1])
+    at = np.geomspace(1, 1e6, 2001)
+    away = np.abs(tf.fitted(1, 1e6).opacity_at(at) - tf.opacity_at(at))
+    assert away.mean() < 1e-3 and away.max() < 0.02
+    assert tf.opacity_at(1e3) < 0.7 < 0.89 < preset(Points=points).opacity_at(1e3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "data", "words"),
+    [
+        (
+            {"RGBPoints": [1, 0, 0, 0, 9, 1, 1, 1], "Points": [1, 0, 0.5, 0, 9, 1, 0.5, 0]},
+            (0, 9),
+            "smallest value is 0",
+        ),
+        ({"RGBPoints": [1, 0, 0, 0, 9, 1, 1, 1], "Points": [-1, 0, 0.5, 0, 9, 1, 0.5, 0]}, (1, 9), "a point at -1"),
+    ],
+)
+def test_logarithms_of_what_is_not_positive_are_refused(changes: dict, data: tuple, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        preset(**changes, UseLogScale=1).fitted(*data)
+
+
+def test_colours_beyond_the_range_begin_at_its_ends() -> None:
+    outside = {
+        "UseBelowRangeColor": 1,
+        "BelowRangeColor": [1, 0, 1],
+        "UseAboveRangeColor": 1,
+        "AboveRangeColor": [1, 1, 0],
+    }
+    tf = preset(RGBPoints=[2, 0, 0, 1, 8, 1, 0, 0], **outside)
+    shown = tf.colour_at([0, 1.99, 2.01, 5, 7.99, 8.01, 10])
+    expected = [[1, 0, 1], [1, 0, 1], [0, 0, 1], [0.5, 0, 0.5], [1, 0, 0], [1, 1, 0], [1, 1, 0]]
+    np.testing.assert_allclose(shown, expected, atol=5e-3)
+    with pytest.raises(BadInput, match="need three numbers, not 7"):
+        preset(UseAboveRangeColor=1, AboveRangeColor=7)
+
+
+def test_hues_take_the_shorter_way_if_asked() -> None:
+    tf = preset(ColorSpace="HSV", RGBPoints=[0, 0, 0, 1, 10, 1, 0, 0], HSVWrap=1)
+    np.testing.assert_allclose(tf.colour_at(5), (1, 0, 1), atol=1e-6)
+    assert TransferFunction.from_dict(tf.to_dict()) == tf == TransferFunction.from_vtk(*tf.to_vtk(), None, "two")
 
 
 def test_visible_ranges_are_where_something_shows() -> None:

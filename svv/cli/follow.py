@@ -96,7 +96,7 @@ def _steps(volumes: Sequence[Path], reading: VolumeOptions) -> list[Step]:
             path.name, time,
             partial(
                 read_volume, path, reading.dims, reading.dtype, reading.spacing, None, reading.array, reading.channel,
-                reading.time,
+                reading.time, reading.resample_to,
             ),
         )
         for time, path in told

@@ -11,7 +11,7 @@ import typer
 from svv.cli.option_group import spread
 from svv.cli.options import Out, VolumeFile
 from svv.errors import BadInput
-from svv.options.making import OrbitOptions, TrainOptions, ViewOptions, VolumeOptions
+from svv.options.making import OrbitOptions, ShownVolumeOptions, TrainOptions, ViewOptions
 from svv.progress import duration, shown
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ RUN = (
 VIEWS = (
     "svv views foot.vti --tf bones.json --out views",
     "svv views foot.vti --tf bones.json --tf skin.json --out views",
+    "svv views pressure.vti --tf jet.json --rescale --out views",
     "svv views head.raw --dims 256,256,128 --dtype uint16 --spacing 1,1,1.5 --tf skin.json --out views",
     "torchrun --nproc-per-node 4 -m svv views large.mhd --tf skin.json --out views",
 )
@@ -71,7 +72,7 @@ def run(
         list[str] | None, typer.Option(metavar="IMG|gallery:NAME", help="A style picture; may be repeated.")
     ] = None,
     recolour: Annotated[bool, typer.Option("--recolour", help="Also show the regions recoloured.")] = False,
-    volume: VolumeOptions = VolumeOptions(),
+    volume: ShownVolumeOptions = ShownVolumeOptions(),
     drawing: ViewOptions = ViewOptions(),
     training: TrainOptions = TrainOptions(),
     path: OrbitOptions = OrbitOptions(),
@@ -104,7 +105,7 @@ def run(
 def views(
     volume: VolumeFile,
     out: Out,
-    reading: VolumeOptions = VolumeOptions(),
+    reading: ShownVolumeOptions = ShownVolumeOptions(),
     drawing: ViewOptions = ViewOptions(),
 ) -> None:
     """Render views of a volume: training views on a sphere around it, test views on the orbit.

@@ -25,7 +25,7 @@ from vtkmodules.util.numpy_support import create_vtk_array, get_vtk_array_type, 
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.dvr.appearance import Appearance, put
-from svv.dvr.grids import to_array
+from svv.dvr.grids import own_unit_distance, put_own_unit_distance, to_array
 from svv.errors import BadInput
 
 START = """import json, sys
@@ -120,6 +120,7 @@ def serve(read: Callable[..., vtkImageData]) -> None:
             "dims": image.GetDimensions(), "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
             "direction": [matrix.GetElement(i, j) for i in range(3) for j in range(3)], "dtype": values.dtype.str,
             "name": image.GetPointData().GetScalars().GetName(), "blank": shown.blank is not None,
+            "unit": own_unit_distance(image),
         }  # fmt: skip
         _send(out, told)
         content = values.data.cast("B")
@@ -157,6 +158,8 @@ def _received(stream: Any) -> vtkImageData:
         blank = np.empty(image.GetDimensions()[::-1], bool)
         _fill(blank.reshape(-1), stream)
         put(image, Appearance(blank))
+    if told["unit"] is not None:
+        put_own_unit_distance(image, told["unit"])
     return image
 
 

@@ -7,6 +7,7 @@ Letters: K known values, V voxels; sigma is extinction in 1 / box unit.
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
@@ -163,17 +164,24 @@ def classified_grid(
     colour, weight = stage.tf.colour_at(known), _weights(counts, sigma)
     starts = _ranges(known, sigma, colour, weight)
     ranges = []
+    decimals = _decimals(known / stage.gain)
     for a, b in pairwise([*starts, len(known)]):
         inside = a + np.flatnonzero(sigma[a:b] > 0)
-        low, high = (float(f"{(known[inside[i]] - stage.offset) / stage.gain:.9g}") for i in (0, -1))
+        low, high = (round(float(stage.of_volume(known[i])), decimals) for i in (inside[0], inside[-1]))
         mean = np.average(colour[inside], axis=0, weights=weight[inside])
         ranges.append(ValueRange(low, high, tuple(np.clip(mean, 0.0, 1.0).tolist())))
     exponent, owner = _averaged(values, known, sigma, starts)
     spare = CELLS_A_VOXEL if CELLS_A_VOXEL * _voxels(stage) <= cells else 1
     kept = _value_grid(values, cells, spare, known, sigma)
-    low, high = ((value - stage.offset) / stage.gain for value in kept.interval)
-    kept = replace(kept, interval=(float(low), float(high)))
+    low, high = stage.of_volume(kept.interval).tolist()
+    kept = replace(kept, interval=(low, high))
     return ClassifiedVolume(box, cells, exponent, owner, tuple(ranges), kept)
+
+
+def _decimals(values: Array) -> int:
+    """Return the number of decimals (of digits before the point if negative) that resolve a billionth of a range."""
+    width = float(values[-1] - values[0])
+    return 9 - math.floor(math.log10(width)) if width > 0 else 300
 
 
 def _value_grid(values: NDArray[np.float32], cells: int, spare: int, known: Array, sigma: Array) -> ValueGrid:

@@ -321,7 +321,7 @@ class Crew:
             end = own[1] + (own[1] == np.nanmax(self._boxes[:, 1], axis=0))
             low, high = own[0].astype(int) - self.piece.at, end.astype(int) - self.piece.at
             inside = tuple(slice(a, b) for a, b in zip(low[::-1], high[::-1]))
-            values = self.piece.values[inside] * stage.gain + stage.offset
+            values = stage.staged(self.piece.values[inside])
             return frequencies(values, function[0], total) * values.size / total
 
         counts = ranks.everyones(ranks.together(count)).sum(axis=0)

@@ -40,8 +40,8 @@ def make_crew_views(
         raise BadInput("With several ranks, the CPU ray caster draws the views: set the ray caster to auto or cpu.")
     began, piece = time.monotonic(), crew.piece
     whole = level_of_image(piece.whole)
-    tf.fitted(*piece.span, rescale=False)
-    fitted = replace(tf, unit_distance=tf.unit_distance or unit_distance_for(whole))
+    fitted = tf.fitted(*piece.span, rescale=False)
+    fitted = replace(fitted, unit_distance=tf.unit_distance or unit_distance_for(whole))
     subject = Subject(
         crew.put_on_stage(fitted),
         grid_of(whole, str(piece.values.dtype), piece.span),
@@ -58,6 +58,6 @@ def render_crew_views(
     crew: Crew, tf: TransferFunction, cameras: Sequence[Camera], shading: Shading, progress: Progress
 ) -> NDArray[np.uint8]:
     """Render a distributed volume from cameras; arguments and result as for :func:`svv.dvr.views.render_views`."""
-    tf.fitted(*crew.piece.span, rescale=False)
+    tf = tf.fitted(*crew.piece.span, rescale=False)
     caster, _ = open_caster(crew.put_on_stage(tf), "cpu", shading, None, CrewMapper)
     return drawn(caster, cameras, progress)

@@ -24,6 +24,12 @@ Triple = Sequence[float]
 ORTHOGONAL_TOLERANCE = 1e-3
 """Largest cosine of the angle between two axes of a grid that still count as perpendicular."""
 
+OWN_UNIT = "StyleRF Mesh Unit Distance"
+"""Field data of a resampled image: the opacity unit distance that ParaView gives the mesh."""
+
+LEAST_NUMBERS = 256
+"""Least number of double-precision numbers in the range of a volume's values."""
+
 
 def as_volume(
     image: vtkImageData, array: str | None = None, name: str = "The volume", cells: bool = False
@@ -63,6 +69,8 @@ def as_volume(
         raise BadInput(f"{name} has {values.size} values for {dims.prod()} voxels; it is damaged.")
     put_scalars(result, values, scalars.GetName() or "scalars")
     put(result, replace(Appearance.of(image), blank=blanked(image, on_cells, name)))
+    if image.GetFieldData().HasArray(OWN_UNIT):
+        result.GetFieldData().AddArray(image.GetFieldData().GetArray(OWN_UNIT))
     return result
 
 
@@ -98,6 +106,23 @@ def to_array(image: vtkImageData) -> NDArray[Any]:
     return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
 
 
+def check_precision(values: NDArray[Any]) -> None:
+    """Reject 64-bit integers that double precision, in which transfer functions are, cannot tell apart.
+
+    Raises:
+        BadInput: There are less than ``LEAST_NUMBERS`` such numbers in the range of the values.
+    """
+    if values.dtype.kind not in "iu" or values.dtype.itemsize < 8:
+        return
+    low, high = int(values.min()), int(values.max())
+    count = (high - low) / float(np.spacing(float(max(abs(low), abs(high)))))
+    if low < high and count < min(LEAST_NUMBERS, high - low):
+        raise BadInput(
+            f"The values run from {low} to {high}, and transfer functions have double precision, which cannot tell "
+            f"most of them apart: subtract {low} from the values first."
+        )
+
+
 def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
     """Return the matrix from voxel indices, counted from the first voxel, to world coordinates. (4, 4)"""
     direction = image.GetDirectionMatrix()
@@ -106,6 +131,22 @@ def index_to_world(image: vtkImageData) -> NDArray[np.float64]:
     matrix[:3, :3] = axes * image.GetSpacing()
     matrix[:3, 3] = image.GetOrigin() + matrix[:3, :3] @ image.GetExtent()[::2]
     return matrix
+
+
+def own_unit_distance(image: vtkImageData) -> float | None:
+    """Return ParaView's default opacity unit distance of the mesh from which an image was resampled; otherwise None.
+
+    It is the diagonal over the cube root of the number of cells (:func:`svv.core.opacity_code.unit_distance`).
+    """
+    kept = image.GetFieldData().GetArray(OWN_UNIT)
+    return None if kept is None else float(kept.GetValue(0))
+
+
+def put_own_unit_distance(image: vtkImageData, distance: float) -> None:
+    """Let an image carry what :func:`own_unit_distance` returns."""
+    array = numpy_to_vtk(np.array([distance]), deep=True)
+    array.SetName(OWN_UNIT)
+    image.GetFieldData().AddArray(array)
 
 
 def level_of_image(image: vtkImageData) -> Level:

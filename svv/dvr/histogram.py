@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
-from svv.dvr.grids import to_array
+from svv.core.differences import above
+from svv.dvr.appearance import Appearance
+from svv.dvr.grids import check_precision, to_array
 from svv.dvr.transfer_functions import HUES, TransferFunction
 from svv.errors import BadInput
+
+BINS = 256
+"""Number of bins of the histogram."""
 
 
 def default_transfer_function(image: vtkImageData) -> TransferFunction:
@@ -22,12 +29,13 @@ def default_transfer_function(image: vtkImageData) -> TransferFunction:
         BadInput: All voxels have the same value.
     """
     values = to_array(image)
-    low, high = (float(x) for x in (values.min(), values.max()))
+    low, high = float(values.min()), float(values.max())
+    check_precision(values)
     if not high > low:
-        raise BadInput(f"All voxels have the value {low:g}: there is nothing to show.")
-    counts, edges = np.histogram(values, bins=256, range=(low, high))
+        raise BadInput(f"All voxels have the value {low:.12g}: there is nothing to show.")
+    counts = _histogram(values, low, high, Appearance.of(image).blank)
     first, second = _otsu(counts)
-    cuts = [low, float(edges[first + 1]), float(edges[second + 1]), high]
+    cuts = [low, *(low + (high - low) * ((cut + 1) / BINS) for cut in (first, second)), high]
     sizes = [counts[: first + 1].sum(), counts[first + 1 : second + 1].sum(), counts[second + 1 :].sum()]
     background = int(np.argmax(sizes))
     near, far = {0: (1, 2), 1: (0, 2), 2: (1, 0)}[background]
@@ -44,6 +52,19 @@ def default_transfer_function(image: vtkImageData) -> TransferFunction:
         opacities += [(fall, peak, 0.5, 0.0), (right, peak * (i == 2), 0.5, 0.0)]
         colours += [(left, *hue), (right, *hue)]
     return TransferFunction(tuple(colours), tuple(opacities), None, "two ranges of the histogram")
+
+
+def _histogram(values: NDArray[Any], low: float, high: float, blank: NDArray[np.bool_] | None) -> NDArray[np.int64]:
+    """Count the values that are not blanked in equal bins. (BINS,)
+
+    NumPy would do so in the type of the values, which may be too coarse.
+    """
+    counts = np.zeros(BINS, np.int64)
+    for z, layer in enumerate(values):  # in float64, but never the whole volume at once
+        slab = layer.ravel() if blank is None else layer[~blank[z]]
+        number = (above(slab, low) * (BINS / (high - low))).astype(np.int64)
+        counts += np.bincount(np.clip(number, 0, BINS - 1), minlength=BINS)
+    return counts
 
 
 def _otsu(counts: NDArray[np.int64]) -> tuple[int, int]:

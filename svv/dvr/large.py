@@ -20,10 +20,10 @@ from svv.bricks.source import ArraySource, Level, Source
 from svv.core.cameras import Camera
 from svv.core.shading import Shading
 from svv.dvr.appearance import Appearance
-from svv.dvr.grids import from_array, level_of_image, set_geometry, to_array
+from svv.dvr.grids import from_array, level_of_image, own_unit_distance, set_geometry, to_array
 from svv.dvr.mappers import CpuMapper, Pixels, choose_mapper
 from svv.dvr.stage import Stage
-from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
 from svv.dvr.volumes import read_volume
 from svv.errors import BadInput, Progress, silent
 from svv.io.memory import memory_there
@@ -175,6 +175,7 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
     progress: Progress = silent,
     channel: str | int | None = None,
     time: int | None = None,
+    resample_to: int | None = None,
 ) -> vtkImageData | LargeVolume:
     """Read a volume, or open it for drawing by bricks if the ray caster is ``bricks``, or ``auto`` and it is too large.
 
@@ -191,6 +192,7 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
         progress: Called often; the work stops when it raises.
         channel: See :func:`svv.dvr.volumes.read_volume`.
         time: See there.
+        resample_to: See :func:`svv.dvr.volumes.read_volume`.
 
     Raises:
         BadInput: See there.
@@ -202,10 +204,10 @@ def open_volume(  # noqa: PLR0913 - what users choose: how a file is read, which
     choice = Choice(None if channel is None else str(channel), time)
     source = open_bricks(file, dims, dtype, spacing, None, array, choice) if mapper in ("auto", "bricks") else None
     if source is None:
-        return read_volume(file, dims, dtype, spacing, None, array, channel, time)
+        return read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
     needed = vtk_bytes(source)
     if mapper == "auto" and needed <= allowed and file.suffix.lower() not in READ_BY_BRICKS_ONLY:
-        return read_volume(file, dims, dtype, spacing, None, array, channel, time)
+        return read_volume(file, dims, dtype, spacing, None, array, channel, time, resample_to)
     if mapper == "auto" and needed > allowed:
         progress(0.0, f"Drawing by bricks: VTK would need {needed / 1e9:.1f} GB, more than {allowed / 1e9:.1f} GB")
     if len(source.levels) == 1:
@@ -273,6 +275,11 @@ class Opened:
         values = to_array(volume)
         low, high = float(values.min()), float(values.max())
         return cls(volume, level_of_image(volume), (low, high), str(values.dtype))
+
+    @property
+    def unit_distance(self) -> float:
+        """ParaView's default opacity unit distance, world units."""
+        return own_unit_distance(self.image) or unit_distance_for(self.whole)
 
     def caster(self, tf: TransferFunction) -> BrickMaking | None:
         """Return what makes the ray caster for a transfer function of the values; None for one of VTK's."""

@@ -43,7 +43,7 @@ def values_over(image: vtkImageData, box: Box, cells: int, interval: tuple[float
     stage = place_part(to_array(image), first, (first, last), image, TransferFunction.from_bumps(ANY))
     own = resampled(stage, box, cells, np.zeros(3, np.int64), grid_shape(box, cells) + 1)
     hide(stage, box, cells, own)
-    low, high = (stage.gain * value + stage.offset for value in interval)
+    low, high = stage.staged(interval)
     codes: NDArray[np.uint16] = np.ascontiguousarray(coded(own, (low, high)).transpose(2, 1, 0))
     return ValueGrid(cells, codes, interval, (0.0, 1.0))
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from svv.core.cameras import Camera
+from svv.core.differences import above
 from svv.dvr.appearance import Appearance, put
-from svv.dvr.grids import from_array, index_to_world, level_of_image, to_array
+from svv.dvr.grids import check_precision, from_array, index_to_world, level_of_image, to_array
 from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
 from svv.errors import BadInput
 
@@ -51,9 +52,9 @@ class Stage:
     visible_size: Array
     """Side lengths of the visible box along the volume's own axes, world units. (3,)"""
     gain: float
-    """Factor in the equation: value in ``image`` = ``gain`` * value of the volume + ``offset``."""
-    offset: float
-    """Summand in the same equation."""
+    """Factor in the equation: value in ``image`` = ``gain`` * (value of the volume - ``origin``)."""
+    origin: float
+    """Value of the volume that is 0 in ``image``. Subtracted first, it leaves differences of large values accurate."""
     appearance: Appearance
     """How the volume is shown apart from that; indices are those of ``image``, which carries it, too."""
 
@@ -62,6 +63,14 @@ class Stage:
         """Size of a voxel in stage units: the cube root of its volume, but at most twice the smallest spacing."""
         spacing = np.array(self.image.GetSpacing())
         return float(min(np.cbrt(spacing.prod()), 2.0 * spacing.min()))
+
+    def staged(self, values: Any) -> Any:
+        """Return values of the volume as they are in ``image``, in float64."""
+        return self.gain * above(np.asarray(values), self.origin)
+
+    def of_volume(self, staged: Any) -> Any:
+        """Return values in ``image`` as they are in the volume."""
+        return self.origin + np.asarray(staged, np.float64) / self.gain
 
     def set_clipping_planes(self, renderer: Any) -> None:
         """Place a VTK camera's clipping planes around the volume; rays are sampled in whole steps from the near one."""
@@ -131,12 +140,12 @@ def place_part(
     visible = (last - first) * spacing
     centre = matrix[:3, 3] + matrix[:3, :3] @ (0.5 * (first + last))
     scale = 1.0 / visible.max()
-    numbers, gain, offset = _small_type(cropped, span)
+    numbers, gain, zero = _small_type(cropped, span)
     unit_distance = tf.unit_distance or unit_distance_for(level_of_image(whole))
     staged = from_array(numbers, scale * spacing, scale * rotation.T @ (corner - centre))
     put(staged, shown)
-    mapped = tf.mapped(gain, offset)
-    return Stage(staged, mapped, scale * unit_distance, rotation, centre, scale, visible, gain, offset, shown)
+    mapped = tf.mapped(gain, 0.0, zero)
+    return Stage(staged, mapped, scale * unit_distance, rotation, centre, scale, visible, gain, zero, shown)
 
 
 def visible_cells(
@@ -173,16 +182,17 @@ def visible_box(seen: NDArray[np.bool_], tf: TransferFunction) -> tuple[NDArray[
 
 
 def _small_type(values: NDArray[Any], span: tuple[float, float] | None = None) -> tuple[NDArray[Any], float, float]:
-    """Return the values in a type that both mappers accept, and the gain and offset of the mapping.
+    """Return the values in a type that both mappers accept, and the gain and origin of the mapping.
 
     8-bit and 16-bit values stay unchanged. Wider types are mapped to float32 in [0, 1], because the mappers overflow
     for values that are huge, tiny or 64 bits wide.
     """
     if values.dtype.itemsize <= 2:
         return values, 1.0, 0.0
+    check_precision(values)
     low, high = span or (float(values.min()), float(values.max()))
     gain = 1.0 / (high - low) if high > low else 1.0
     mapped = np.empty(values.shape, np.float32)
     for slab, out in zip(values, mapped):  # in float64, but never the whole volume at once
-        out[...] = (slab.astype(np.float64) - low) * gain
-    return mapped, gain, -low * gain
+        out[...] = above(slab, low) * gain
+    return mapped, gain, low

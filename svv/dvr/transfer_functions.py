@@ -6,7 +6,7 @@ opacity a keeps the fraction (1 - a) ** (d / unit) of the light behind it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,8 +18,11 @@ from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
 from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
 from svv.bricks.source import Level
-from svv.core.json_values import number_in, parsed
+from svv.core.interval_text import interval_text
+from svv.core.json_values import parsed
 from svv.core.opacity_code import unit_distance
+from svv.dvr import presets, scales
+from svv.dvr.scales import MOST_POINTS, Points, own_range
 from svv.errors import BadInput
 
 COLOUR_SPACES = ("RGB", "HSV", "Lab", "Diverging", "Lab/CIEDE2000", "Step")
@@ -31,14 +34,11 @@ OPAQUE = 0.99
 HUES = ((0.15, 0.45, 0.95), (1.0, 0.55, 0.15), (0.25, 0.8, 0.4), (0.9, 0.2, 0.5))
 """Colours for ranges that are given without one, in this order."""
 
-MOST_POINTS = 5000
-"""Most points of a function; VTK looks each value up by going through them all."""
-
 LARGEST_VALUE = 1e100
 """Largest value of a point; differences of larger ones are not numbers any more."""
 
-Points = tuple[tuple[float, ...], ...]
-"""Points of a function, four numbers each, the first of which is the value."""
+NORMALIZED = ((0.0, 1.0), (-1.0, 1.0))
+"""Ranges of functions that are meant to be stretched over the data: nearly all of ParaView's presets have one."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,13 @@ class TransferFunction:
             sharpness shape the curve to the next point as in VTK (0.5 and 0: a straight line).
         unit_distance: Opacity unit distance in world units; None for ParaView's default (see ``unit_distance_for``).
         name: Name in messages.
-        space: One of ``COLOUR_SPACES``; HSV does not wrap around, as in ParaView.
+        space: One of ``COLOUR_SPACES``.
+        hsv_wrap: Whether hues take the shorter way around the circle in the space HSV; in ParaView, they do so only if
+            asked.
+        log_scale: Whether colours are on a logarithmic scale, as ParaView draws it (:mod:`svv.dvr.scales`).
+        log_opacity: Whether opacities are.
+        placed: Whether the points are at values of the data. A preset without opacity points has none of its own: it
+            is always stretched over the data's range.
 
     Raises:
         BadInput: There are no points, values are not finite or not ascending, numbers are outside [0, 1], or the
@@ -64,6 +70,10 @@ class TransferFunction:
     unit_distance: float | None = None
     name: str = "transfer function"
     space: str = "RGB"
+    hsv_wrap: bool = False
+    log_scale: bool = False
+    log_opacity: bool = False
+    placed: bool = True
 
     def __post_init__(self) -> None:
         for kind in ("colours", "opacities"):
@@ -95,43 +105,61 @@ class TransferFunction:
         values = [point[0] for point in (*self.colours, *self.opacities)]
         return min(values), max(values)
 
-    def mapped(self, scale: float, offset: float) -> TransferFunction:
-        """Return the same function for values mapped to scale * value + offset (scale > 0)."""
-        colours = tuple((scale * v + offset, *rest) for v, *rest in self.colours)
-        opacities = tuple((scale * v + offset, *rest) for v, *rest in self.opacities)
+    def mapped(self, scale: float, offset: float, origin: float = 0.0) -> TransferFunction:
+        """Return the same function for values mapped to scale * (value - origin) + offset (scale > 0)."""
+        colours = tuple((scale * (v - origin) + offset, *rest) for v, *rest in self.colours)
+        opacities = tuple((scale * (v - origin) + offset, *rest) for v, *rest in self.opacities)
         return replace(self, colours=colours, opacities=opacities)
 
-    def fitted(self, low: float, high: float, rescale: bool | None = None) -> TransferFunction:
-        """Return the function for data in [low, high].
+    def is_stretched(self, low: float, high: float, rescale: bool | None = None) -> bool:
+        """Return whether :meth:`fitted` stretches the function over data in [low, high]."""
+        if rescale is not None:
+            return rescale
+        if not self.placed:
+            return high > low
+        ranges = [own_range(self.colours), own_range(self.opacities)]
+        if not high > low or any(own not in NORMALIZED for own in ranges):
+            return False
+        start, stop = self.range
+        width = stop - start
+        return low < start - 0.5 * width or high > stop + 0.5 * width or high - low < 0.1 * width
 
-        ParaView's presets often run from 0 to 1 and are stretched over the data when they are applied.
+    def fitted(self, low: float, high: float, rescale: bool | None = None) -> TransferFunction:
+        """Return the function for data in [low, high], on linear scales.
 
         Args:
             low: Smallest value of the data.
             high: Largest value of the data.
-            rescale: True stretches the points over the data's range, False leaves them. None stretches only a function
-                that runs from exactly 0 to 1, and only if the data is not in [-0.5, 1.5] or spans less than 0.1.
+            rescale: True stretches the points over the data's range, colours and opacities each from their own, as
+                ParaView does if *Use preset range* is off; False leaves them. None stretches a preset without opacity
+                points, and a function whose ranges are in ``NORMALIZED`` if the data is clearly elsewhere: beyond them
+                by half of their width, or within less than a tenth of it.
 
         Raises:
-            BadInput: The function lies outside the data's range, or is transparent or opaque throughout it.
+            BadInput: The function lies outside the data's range, or is transparent or opaque throughout it, or its
+                logarithmic scale does not suit the data.
         """
-        start, stop = self.range
-        if rescale is None:
-            rescale = (start, stop) == (0.0, 1.0) and (low < -0.5 or high > 1.5 or high - low < 0.1) and high > low
-        fitted = self
-        if rescale:
-            if not (stop > start and high > low):
+        colours, opacities = self.colours, self.opacities
+        if self.is_stretched(low, high, rescale):
+            if not (high > low and all(stop > start for start, stop in map(own_range, (colours, opacities)))):
                 raise BadInput(f"'{self.name}' cannot be rescaled: it or the data has only one value.")
-            scale = (high - low) / (stop - start)
-            fitted = self.mapped(scale, low - scale * start)
+            colours = scales.stretched(colours, low, high, self.log_scale)
+            opacities = scales.stretched(opacities, low, high, self.log_opacity)
+        else:
+            colours = scales.as_drawn(colours, low, high, self.name) if self.log_scale else colours
+            opacities = scales.straightened(opacities, self.name) if self.log_opacity else opacities
+        fitted = replace(self, colours=colours, opacities=opacities, log_scale=False, log_opacity=False, placed=True)
         fitted._check(low, high)
         return fitted
 
     def _check(self, low: float, high: float) -> None:
+        data = f"the data runs from {interval_text(low, high)}"
         start, stop = self.range
-        data = f"the data runs from {low:g} to {high:g}"
         if start > high or stop < low:
-            raise BadInput(f"'{self.name}' runs from {start:g} to {stop:g}, but {data}; rescale it.")
+            raise BadInput(
+                f"'{self.name}' runs from {interval_text(start, stop)}, but {data}; rescale it (--rescale, or in "
+                "ParaView: Rescale to Data Range)."
+            )
         opacity = self.opacity_at(self.samples(low, high))
         if opacity.max() <= 0:
             raise BadInput(f"'{self.name}' is transparent everywhere in the data's range ({data}).")
@@ -178,9 +206,12 @@ class TransferFunction:
             "Lab/CIEDE2000": colour.SetColorSpaceToLabCIEDE2000,
             "Step": colour.SetColorSpaceToStep,
         }[self.space]()
-        colour.SetHSVWrap(0)  # wrapping takes the shorter way, but ParaView's blue-to-red rainbow includes green
+        colour.SetHSVWrap(self.hsv_wrap)
+        if self.log_scale:
+            colour.SetScaleToLog10()
         colour.AllowDuplicateScalarsOn()
         opacity.AllowDuplicateScalarsOn()
+        opacity.SetUseLogScale(self.log_opacity)
         for value, *rgb in self.colours:
             colour.AddRGBPoint(value, *rgb)
         for point in self.opacities:
@@ -193,42 +224,31 @@ class TransferFunction:
             "Name": self.name,
             "ColorSpace": self.space,
             "RGBPoints": [x for point in self.colours for x in point],
-            "Points": [x for point in self.opacities for x in point],
         }
+        if self.placed:
+            preset["Points"] = [x for point in self.opacities for x in point]
         if self.unit_distance is not None:
             preset["ScalarOpacityUnitDistance"] = self.unit_distance
+        if self.hsv_wrap:
+            preset["HSVWrap"] = 1
+        if self.log_scale or self.log_opacity:  # ParaView applies the first to both
+            preset |= {"UseLogScale": int(self.log_scale), "OpacityUseLogScale": int(self.log_opacity)}
         return preset
 
     @classmethod
     def from_dict(cls, data: object, name: str = "transfer function") -> TransferFunction:
         """Make a function from a ParaView preset (an object, or a list whose first object is used) or from bumps.
 
-        A preset without ``Points`` gets ParaView's default opacity, a ramp from 0 to 1. An object ``{"bumps":
-        [...]}`` contains the arguments of ``from_bumps``.
+        A preset without ``Points`` gets ParaView's default opacity, a ramp from 0 to 1 over the data's range. An object
+        ``{"bumps": [...]}`` contains the arguments of ``from_bumps``.
 
         Raises:
             BadInput: ``data`` is neither of these, or does not fit the class.
         """
-        if isinstance(data, list) and data:
-            data = data[0]
-        if not isinstance(data, Mapping) or not ("RGBPoints" in data or "bumps" in data):
-            raise BadInput(
-                f"{name} is not a transfer function: it has neither RGBPoints (a ParaView preset) nor bumps."
-            )
-        name = str(data.get("Name", name))
-        unit = data.get("ScalarOpacityUnitDistance")
-        if unit is not None:
-            unit = float(number_in(unit, f"The ScalarOpacityUnitDistance of '{name}'"))
-        if "bumps" in data:
-            return cls.from_bumps(data["bumps"], name, unit)
-        colours = _quadruples(data["RGBPoints"], "RGBPoints", name)
-        if data.get("Points") is None:
-            opacities: Points = ((colours[0][0], 0.0, 0.5, 0.0), (colours[-1][0], 1.0, 0.5, 0.0))
-        else:
-            opacities = _quadruples(data["Points"], "Points", name)
-        space = str(data.get("ColorSpace", "RGB"))
-        space = {"CIELAB": "Lab", "LAB": "Lab"}.get(space, space)
-        return cls(colours, opacities, unit, name, space)
+        preset = presets.preset_in(data, name)
+        if "bumps" not in preset:
+            return cls(**presets.fields_of_preset(preset, name))
+        return cls.from_bumps(preset["bumps"], *presets.name_and_unit(preset, name))
 
     @classmethod
     def from_vtk(
@@ -241,7 +261,7 @@ class TransferFunction:
         """Make a function from VTK's functions, such as those edited in ParaView; the inverse of ``to_vtk``.
 
         Args:
-            colour: Colours; a logarithmic scale is sampled, because ours is linear in the values.
+            colour: Colours. What ParaView does not draw in volumes is ignored: discrete and categorical colours.
             opacity: Opacity per unit distance.
             unit_distance: Opacity unit distance in world units, see the class.
             name: Name in messages.
@@ -251,19 +271,13 @@ class TransferFunction:
         """
         if not colour.GetSize() or not opacity.GetSize():
             raise BadInput(f"'{name}' has no points; edit it in the colour map editor.")
-        colours, opacities = [], []
-        for i in range(colour.GetSize()):
-            colour.GetNodeValue(i, node := [0.0] * 6)
-            colours.append(tuple(node[:4]))
-        known = colour.GetColorSpace() < len(COLOUR_SPACES) and not colour.GetScale()
-        space = COLOUR_SPACES[colour.GetColorSpace()] if known else "RGB"
-        if not known:  # a logarithmic scale, or a colour space of newer versions
-            values = np.unique([*(v for v, *_ in colours), *np.linspace(*colour.GetRange(), 256)])
-            colours = [(float(v), *colour.GetColor(v)) for v in values]
+        fields = presets.fields_of_colours(colour, COLOUR_SPACES)
+        opacities = []
         for i in range(opacity.GetSize()):
             opacity.GetNodeValue(i, node := [0.0] * 4)
             opacities.append(tuple(node))
-        return cls(tuple(colours), tuple(opacities), unit_distance, name, space)
+        log = bool(opacity.GetUseLogScale())
+        return cls(opacities=tuple(opacities), unit_distance=unit_distance, name=name, log_opacity=log, **fields)
 
     @classmethod
     def read(cls, path: str | Path) -> TransferFunction:
@@ -322,13 +336,6 @@ class TransferFunction:
         edges = [min(feet), *(0.5 * (a + b) for a, b in pairwise(centres)), max(feet)]
         colours = tuple((edge, *hues[i]) for i in range(len(shapes)) for edge in (edges[i], edges[i + 1]))
         return cls(colours, opacities, unit_distance, name)
-
-
-def _quadruples(numbers: object, key: str, name: str) -> Points:
-    """Convert a flat list, as in a preset, to points of four numbers."""
-    if not isinstance(numbers, Sequence) or not numbers or len(numbers) % 4:
-        raise BadInput(f"{key} of '{name}' must be a list of numbers, four for each point.")
-    return tuple(tuple(numbers[i : i + 4]) for i in range(0, len(numbers), 4))
 
 
 def unit_distance_for(level: Level) -> float:

@@ -24,7 +24,7 @@ from svv.dvr.histogram import default_transfer_function
 from svv.dvr.large import BrickMapper, LargeVolume, Opened, open_volume
 from svv.dvr.mappers import CpuMapper, GpuMapper, Pixels, choose_mapper
 from svv.dvr.stage import Stage, set_stage
-from svv.dvr.transfer_functions import TransferFunction, unit_distance_for
+from svv.dvr.transfer_functions import TransferFunction
 from svv.errors import BadInput, Progress, part, silent
 from svv.io.drawn_views import DrawnViews
 from svv.io.view_meta import ViewMeta, VolumeGrid
@@ -101,7 +101,7 @@ def render_views(
     """
     opened = Opened.of(image, mapper, None)
     tf = tf.fitted(*opened.range, rescale=False)
-    tf = replace(tf, unit_distance=tf.unit_distance or unit_distance_for(opened.whole))
+    tf = replace(tf, unit_distance=tf.unit_distance or opened.unit_distance)
     stage = set_stage(opened.image, tf)
     caster, _ = open_caster(stage, mapper, shading or Shading(), step, opened.caster(tf))
     return drawn(caster, cameras, progress)
@@ -156,8 +156,8 @@ def make_views(
         tf = TransferFunction.read(tf)
     given = tf or default_transfer_function(opened.image)
     fitted = given.fitted(*opened.range, rescale)
-    rescaled = fitted is not given
-    fitted = replace(fitted, unit_distance=fitted.unit_distance or unit_distance_for(opened.whole))
+    rescaled = given.is_stretched(*opened.range, rescale)
+    fitted = replace(fitted, unit_distance=fitted.unit_distance or opened.unit_distance)
     grid = grid_of(opened.whole, opened.type, opened.range)
     stage, title = set_stage(opened.image, fitted), name or named
     subject = Subject(stage, grid, opened.whole, title, fitted, rescaled, caster=opened.caster(fitted), kept=kept)

@@ -17,6 +17,7 @@ from svv.bricks.opened import header_reader, open_bricks
 from svv.bricks.source import Source
 from svv.dvr.apart import apart, can_start
 from svv.dvr.grids import Triple, as_volume, from_array, set_geometry
+from svv.dvr.meshes import is_mesh, resampled
 from svv.dvr.other_formats import reader_of
 from svv.dvr.vtk_readers import check_memory, run, vtk_messages
 from svv.errors import BadInput
@@ -31,7 +32,7 @@ OURS = (".npy", ".raw", ".bin", ".dat")
 """Endings of the formats that neither VTK nor libtiff reads."""
 
 
-def read_volume(
+def read_volume(  # noqa: PLR0913 - what some kind of file needs
     path: str | Path,
     dims: Sequence[int] | None = None,
     dtype: DTypeLike | None = None,
@@ -40,6 +41,7 @@ def read_volume(
     array: str | None = None,
     channel: str | int | None = None,
     time: int | None = None,
+    resample_to: int | None = None,
 ) -> vtkImageData:
     """Read a volume from a file, or from a folder of TIFF or DICOM slices.
 
@@ -54,6 +56,8 @@ def read_volume(
         array: Name of the scalar array, if there are several.
         channel: Number (from 0) or name of a channel, if the file has several.
         time: Number (from 0) of a time point, if the file has several.
+        resample_to: Points along the longest side to which a grid that is no image is resampled; by default, as its
+            cells and the memory suggest (:func:`svv.dvr.meshes.resampled`).
 
     Returns:
         An image with one single-component point scalar array; see ``as_volume``.
@@ -66,15 +70,16 @@ def read_volume(
     choice = Choice(None if channel is None else str(channel), time)
     if dims is None and dtype is None and not file.name.lower().endswith(OURS) and file.exists() and can_start():
         place = {"spacing": _plain(spacing), "origin": _plain(origin)}
-        return apart.read(file, {**place, "array": array, "channel": choice.channel, "time": time})
-    return read_here(file, dims, dtype, spacing, origin, array, choice.channel, time)
+        known = {**place, "array": array, "channel": choice.channel, "time": time, "resample_to": resample_to}
+        return apart.read(file, known)
+    return read_here(file, dims, dtype, spacing, origin, array, choice.channel, time, resample_to)
 
 
 def _plain(numbers: Triple | None) -> list[float] | None:
     return None if numbers is None else [float(number) for number in numbers]
 
 
-def read_here(
+def read_here(  # noqa: PLR0913 - as above
     file: Path,
     dims: Sequence[int] | None = None,
     dtype: DTypeLike | None = None,
@@ -83,12 +88,15 @@ def read_here(
     array: str | None = None,
     channel: str | None = None,
     time: int | None = None,
+    resample_to: int | None = None,
 ) -> vtkImageData:
     """Read a volume in this process; see :func:`read_volume`, which lets VTK's readers run in one of their own."""
     if not file.exists():
         raise BadInput(f"There is no volume {file}; check the path.")
     choice = Choice(channel, time)
     image, array = _read(file, dims, dtype, array, choice)
+    if is_mesh(image):
+        image = resampled(image, array, along=resample_to, name=file.name)
     for values, put in ((spacing, image.SetSpacing), (origin, image.SetOrigin)):
         if values is not None:
             if len(values) != 3:

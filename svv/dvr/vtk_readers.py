@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
-from vtkmodules.vtkCommonDataModel import vtkImageData, vtkRectilinearGrid
+from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet, vtkDataSet, vtkImageData, vtkRectilinearGrid
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 
 from svv.bricks.stored import damaged, too_large
@@ -42,11 +42,14 @@ def vtk_messages() -> Iterator[Callable[[], str]]:
         vtkOutputWindow.SetInstance(before)
 
 
-def run(reader: Any, path: Path) -> vtkImageData:
+def run(reader: Any, path: Path) -> Any:
     """Run a VTK reader on a file or a folder.
 
+    Returns:
+        A ``vtkImageData``, or a grid of another kind if that is what it contains (:func:`svv.dvr.meshes.is_mesh`).
+
     Raises:
-        BadInput: VTK reported an error, or the data is not a regular grid.
+        BadInput: VTK reported an error, or the data is no grid.
     """
     with vtk_messages() as messages:
         (reader.SetDirectoryName if path.is_dir() else reader.SetFileName)(str(path))
@@ -58,13 +61,13 @@ def run(reader: Any, path: Path) -> vtkImageData:
     if output is None or reader.GetErrorCode() or re.search("error|fail", said, re.IGNORECASE):
         raise damaged(path)
     if output.IsA("vtkRectilinearGrid"):
-        return _evenly_spaced(output, path)
-    if not output.IsA("vtkImageData"):
-        raise BadInput(f"{path} contains a {output.GetClassName()}, not a regular volume (image data).")
+        return _evenly_spaced(output)
+    if not isinstance(output, (vtkDataSet, vtkCompositeDataSet)):
+        raise BadInput(f"{path} contains a {output.GetClassName()}, not a volume.")
     return output
 
 
-def _evenly_spaced(grid: vtkRectilinearGrid, path: Path) -> vtkImageData:
+def _evenly_spaced(grid: vtkRectilinearGrid) -> vtkImageData | vtkRectilinearGrid:
     """Return a rectilinear grid as image data if its planes are evenly spaced within single precision."""
     image = vtkImageData()
     image.SetDimensions(grid.GetDimensions())
@@ -76,9 +79,7 @@ def _evenly_spaced(grid: vtkRectilinearGrid, path: Path) -> vtkImageData:
         if steps.size:
             spacing[axis] = steps.mean()
             if np.abs(steps - spacing[axis]).max() > EVEN * max(np.abs(places).max(), abs(spacing[axis])):
-                raise BadInput(
-                    f"{path} is a grid with uneven steps along {'xyz'[axis]}; resample it to image data first."
-                )
+                return grid
     image.SetOrigin(origin)
     image.SetSpacing(spacing)
     image.GetPointData().ShallowCopy(grid.GetPointData())

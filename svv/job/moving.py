@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
+from svv.core.differences import above
 from svv.core.matter import CELLS, Field, came_from, small
 from svv.dvr.grids import index_to_world, to_array
 
@@ -61,5 +62,5 @@ class Moving:
         """Return the volume's values as fractions of the interval, on a small grid. (X, Y, Z)"""
         low, high = self.interval
         every = tuple(slice(None, None, max(1, n // (4 * CELLS))) for n in self.points[::-1])
-        values = to_array(image)[every].transpose(2, 1, 0).astype(np.float32)
-        return small(np.clip(np.nan_to_num((values - low) / (high - low)), 0.0, 1.0))
+        share = above(to_array(image)[every].transpose(2, 1, 0), low) / (high - low)
+        return small(np.clip(np.nan_to_num(share), 0.0, 1.0).astype(np.float32))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from svv.core.colour import to_hex
+from svv.core.interval_text import interval_text
 from svv.fields.scene import Scene
 from svv.io.view_meta import ViewMeta, known
 from svv.io.viewset import read_meta
@@ -97,7 +98,7 @@ def _regions(scene: Scene) -> Table:
     for index, region in enumerate(scene.regions):
         row = [str(index), to_hex(region.colour), f"{region.share:.0%}"]
         if known:
-            row.append("{:.4g} to {:.4g}".format(*(region.values or ())))
+            row.append(interval_text(*(region.values or ())))
         rows.append([*row, region.style or "as it is"] if styled else row)
     columns = ["Region", "Colour", "Share"] + ["Values"] * known + ["Style"] * styled
     text = "The regions of the palette: each can be recoloured, relit, thinned out or stylized on its own."

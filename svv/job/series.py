@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from svv.core.box import Box
 from svv.core.classified import COARSE, ValueGrid
+from svv.core.interval_text import interval_text
 from svv.core.matter import came_from, small
 from svv.dvr.series import beyond, values_over, visible_bounds
 from svv.dvr.transfer_functions import TransferFunction
@@ -57,6 +58,11 @@ def with_time_steps(
     from svv.fields.following import at_step, check_follows
     from svv.fields.joined import members
 
+    if function is not None and not function.placed:
+        raise BadInput(
+            f"'{function.name}' has no opacity points, so it has no values of its own: leave it out, as the scene "
+            "knows its transfer function, or export it from ParaView with its opacities."
+        )
     every = members(scene)
     functions = []
     for member in every:
@@ -122,8 +128,8 @@ def _survey(
             share = beyond(image, function, (low, high))
             if share > BEYOND:
                 notes.append(
-                    f"{step.name}: {share:.0%} of what is visible has values beyond {low:.4g} to {high:.4g}, those of "
-                    "the step that the scene was trained on, and is shown like the nearest of them."
+                    f"{step.name}: {share:.0%} of what is visible has values beyond {interval_text(low, high)}, those "
+                    "of the step that the scene was trained on, and is shown like the nearest of them."
                 )
     if own is None:
         raise BadInput("The scene was trained on none of these volumes: name the one that it was trained on, too.")

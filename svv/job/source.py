@@ -115,6 +115,9 @@ class VolumeSource(Drawn):
     array: str | None = None
     channel: str | None = None
     time: int | None = None
+    resample_to: int | None = None
+    rescale: bool | None = None
+    """Whether to stretch the function over the data; see :meth:`svv.dvr.transfer_functions.TransferFunction.fitted`."""
 
     @property
     def name(self) -> str:
@@ -131,7 +134,8 @@ class VolumeSource(Drawn):
         for kind, path in files:
             if not path.exists():
                 raise BadInput(f"There is no {kind} {path}; check the path.")
-        part = self.channel, self.time  # not in the keys of volumes that have neither: what was made of them stays
+        # Not in the keys of volumes that have none of them: what was made of these stays.
+        chosen = self.channel, self.time, self.resample_to, self.rescale
         return {
             "files": [fingerprint(path) for _, path in files] + [fingerprint(path) for path in data_files(self.volume)],
             "options": [
@@ -139,7 +143,119 @@ class VolumeSource(Drawn):
                 self.dtype,
                 self.spacing,
                 self.array,
-                *(part if any(p is not None for p in part) else ()),
+                *(chosen if any(one is not None for one in chosen) else ()),
+            ],
+        }
+
+    def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
+        """Read the volume, or open it to be drawn by bricks."""
+        from svv.dvr.large import open_volume
+
+        return open_volume(
+            self.volume, self.dims, self.dtype, self.spacing, self.array, mapper, memory, progress,
+            self.channel, self.time, self.resample_to,
+        )  # fmt: skip
+
+    def how(self) -> dict[str, Any]:
+        """Return arguments of :func:`svv.dvr.views.make_views`: ``tf``, and any others that the source requires."""
+
+    def make_views(self, folder: Path, options: ViewOptions, progress: Progress, sharing: Sharing = ALONE) -> ViewMeta:
+        """Draw the views into a folder; see :func:`svv.dvr.views.make_views`.
+
+        Views are kept in the folder while they are drawn, so an interrupted drawing goes on, and several processes can
+        share it.
+
+        Returns:
+            The metadata of the views.
+        """
+        drawing, writing = part(progress, 0.0, 0.9), part(progress, 0.9, 1.0)
+        kept = DrawnViews(folder / ".drawing", key_of("views", self.identity(), chosen(options)), sharing)
+        train, unseen = self.draw(options, drawing, kept)
+        if sharing.is_first:
+            train.write(folder, "train", part(writing, 0.0, 0.8))
+            if unseen is not None:
+                unseen.write(folder, "test", part(writing, 0.8, 1.0))
+            kept.clear()
+        return train.meta
+
+    def draw(self, options: ViewOptions, progress: Progress, kept: DrawnViews) -> tuple[ViewSet, ViewSet | None]:
+        """Draw the training and test views; see :func:`svv.dvr.views.make_views`."""
+        from svv.dvr.views import make_views
+
+        reading, drawing = part(progress, 0.0, 0.3), part(progress, 0.3, 1.0)
+        found: list[Any] = []
+        # One process first, because it may have to make a pyramid.
+        kept.sharing.once(lambda: found.append(self.image(options.mapper, options.memory, reading)))
+        volume = found[0] if found else self.image(options.mapper, options.memory)
+        return make_views(volume, **self.how(), options=options, name=self.name, kept=kept, progress=drawing)
+
+    def truth(self, views: Path, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
+        """Render the volume directly from cameras other than those of ``views``.
+
+        Args:
+            views: Folder of the views, whose metadata give the transfer function, light and ray caster.
+            cameras: Cameras of one image size.
+            progress: Called after each view.
+
+        Returns:
+            (n, height, width, 4) uint8, straight alpha.
+
+        Raises:
+            BadInput: The metadata do not say how the views were drawn.
+        """
+        return self.render(read_meta(views), cameras, progress)
+
+    def render(self, meta: ViewMeta, cameras: Sequence[Camera], progress: Progress) -> NDArray[np.uint8]:
+        """Render the volume as views with these metadata were drawn; see :func:`svv.dvr.views.render_views`."""
+        from svv.dvr.transfer_functions import TransferFunction
+        from svv.dvr.views import render_views
+
+        tf, mapper = TransferFunction.from_dict(known(meta.tf, "tf")), known(meta.mapper, "mapper")
+        return render_views(self.image(mapper), tf, cameras, mapper, known(meta.shading, "shading"), progress=progress)
+
+
+@dataclass(frozen=True)
+class VolumeSource(Drawn):
+    """A volume file and a transfer function; other fields as in :func:`svv.dvr.volumes.read_volume`."""
+
+    volume: Path
+    tf: Path | None = None
+    """Transfer function, a JSON file; None derives two ranges from the histogram."""
+    dims: tuple[int, int, int] | None = None
+    dtype: str | None = None
+    spacing: tuple[float, float, float] | None = None
+    array: str | None = None
+    channel: str | None = None
+    time: int | None = None
+    resample_to: int | None = None
+    rescale: bool | None = None
+    """Whether to stretch the function over the data; see :meth:`svv.dvr.transfer_functions.TransferFunction.fitted`."""
+
+    @property
+    def name(self) -> str:
+        """Name of the volume file."""
+        return self.volume.name
+
+    def identity(self) -> dict[str, Any]:
+        """Identify the files and options.
+
+        Raises:
+            BadInput: A file is missing.
+        """
+        files = [("volume", self.volume)] + ([("transfer function", self.tf)] if self.tf else [])
+        for kind, path in files:
+            if not path.exists():
+                raise BadInput(f"There is no {kind} {path}; check the path.")
+        # Not in the keys of volumes that have none of them: what was made of these stays.
+        chosen = self.channel, self.time, self.resample_to, self.rescale
+        return {
+            "files": [fingerprint(path) for _, path in files] + [fingerprint(path) for path in data_files(self.volume)],
+            "options": [
+                self.dims,
+                self.dtype,
+                self.spacing,
+                self.array,
+                *(chosen if any(one is not None for one in chosen) else ()),
             ],
         }
 
@@ -148,11 +264,12 @@ class VolumeSource(Drawn):
         from svv.dvr.large import open_volume
 
         reading = self.dims, self.dtype, self.spacing, self.array
-        return open_volume(self.volume, *reading, mapper, memory, progress, self.channel, self.time)
+        how = mapper, memory, progress, self.channel, self.time, self.resample_to
+        return open_volume(self.volume, *reading, *how)
 
     def how(self) -> dict[str, Any]:
-        """Return the file of the transfer function."""
-        return {"tf": self.tf}
+        """Return the file of the transfer function, and how it is fitted to the data."""
+        return {"tf": self.tf, "rescale": self.rescale}
 
 
 @dataclass(frozen=True)

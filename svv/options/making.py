@@ -51,6 +51,9 @@ class VolumeOptions:
     """For raw files: type of a voxel, such as uint8, int16 or float32."""
     spacing: Annotated[tuple[float, float, float] | None, Setting(metavar="X,Y,Z", syntax="spacing")] = None
     """For raw files, stacks and .npy: size of a voxel."""
+    resample_to: Annotated[int | None, Setting(least=2, metavar="POINTS")] = None
+    """For grids that are no images: points along the longest side to which they are resampled; by default, as the cells
+    and the memory suggest."""
 
     def each(self) -> list[VolumeOptions]:
         """Return the options of each transfer function alone."""
@@ -66,6 +69,15 @@ class VolumeOptions:
     def to_read(self) -> dict[str, Any]:
         """Return the arguments of :class:`svv.job.source.VolumeSource`, apart from the volume."""
         return {**vars(self), "tf": self.only}
+
+
+@dataclass(frozen=True)
+class ShownVolumeOptions(VolumeOptions):
+    """Which transfer function shows a volume of which views are drawn, and how its file is read."""
+
+    rescale: Annotated[bool | None, Setting(flag="--rescale/--no-rescale", panel="")] = None
+    """Stretch the transfer function over the range of the data, or leave it at its own values; by default, a preset
+    without opacity points is stretched, and one that runs from 0 or -1 to 1 if the data lies elsewhere."""
 
 
 @dataclass(frozen=True)

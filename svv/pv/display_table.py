@@ -120,8 +120,8 @@ WITH_SHADE = ("VolumetricScatteringBlending",)
 COLOURS: Mapping[str, Row] = {
     "RGBPoints": Row(REPRODUCED, "the points of the Transfer Function"),
     "ColorSpace": Row(REPRODUCED, "its colour space"),
-    "HSVWrap": Row(REPRODUCED, "hues are sampled"),
-    "UseLogScale": Row(REPRODUCED, "colours are sampled"),
+    "HSVWrap": Row(REPRODUCED, "its way around the circle of hues"),
+    "UseLogScale": Row(REPRODUCED, "its scale, as ParaView draws it in volumes (svv.dvr.scales)"),
     "UseBelowRangeColor": Row(REPRODUCED, "a jump at the first point"),
     "BelowRangeColor": Row(REPRODUCED, "a jump at the first point"),
     "UseAboveRangeColor": Row(REPRODUCED, "a jump at the last point"),
@@ -160,7 +160,7 @@ COLOURS: Mapping[str, Row] = {
 
 OPACITIES: Mapping[str, Row] = {
     "Points": Row(REPRODUCED, "the opacities of the Transfer Function"),
-    "UseLogScale": Row(REPRODUCED, "opacities are sampled"),
+    "UseLogScale": Row(REPRODUCED, "straight lines along the curve (svv.dvr.scales)"),
     "AllowDuplicateScalars": Row(REPRODUCED, "points that it removes are not there"),
     "ScalarRangeInitialized": STATE,
 }

@@ -76,9 +76,9 @@ def keep_input_visible(cls: Any) -> Any:
 
 
 def takes_volume(cls: Any) -> Any:
-    """Give the filter an image as its input."""
+    """Give the filter a grid as its input, which may consist of blocks."""
     arrays = '<InputArrayDomain name="input_array" attribute_type="any" number_of_components="1" optional="1"/>'
-    cls = smdomain.datatype(dataTypes=["vtkImageData"], composite_data_supported=False)(cls)
+    cls = smdomain.datatype(dataTypes=["vtkDataSet"], composite_data_supported=True)(cls)
     return smproperty.input(name="Input", port_index=0)(smdomain.xml(arrays)(cls))
 
 
@@ -118,6 +118,10 @@ def volume_properties(views: ViewOptions) -> list[Property]:
             number("Specular", 0.0, "Specular reflection.", 0.0, 1.0, True),
             number("SpecularPower", 100.0, "Exponent of the specular highlights.", 0.0, 128.0, True),
         ]),
+        integer(
+            "ResampleTo", 0, "Points along the longest side to which an input that is no image is resampled; 0: as its "
+            "cells and the memory suggest.", 0, advanced=True,
+        ),
         *display_properties(),
         *capture_reports(),
         *properties_of(views),

@@ -40,9 +40,11 @@ class DividedInput(Filter):
     def RequestUpdateExtent(self, request: Any, in_info: Any, out_info: Any) -> int:
         """Request this rank's part of a volume; of anything else, request the whole on the first rank."""
         ranks, whole = ranks_here(), self._extent_of_volume(in_info)
-        if ranks is None or whole is None:
-            return super().RequestUpdateExtent(request, in_info, out_info)
         info, executive = in_info[0].GetInformationObject(0), self.GetExecutive()
+        if ranks is None or whole is None:
+            if info is not None and not info.Has(executive.WHOLE_EXTENT()):
+                info.Remove(executive.UPDATE_EXTENT())  # that of our image, which images in blocks would be asked for
+            return super().RequestUpdateExtent(request, in_info, out_info)
         info.Set(executive.UPDATE_EXTENT(), ranks.part_of(whole), 6)
         info.Set(executive.UPDATE_PIECE_NUMBER(), ranks.number)
         info.Set(executive.UPDATE_NUMBER_OF_PIECES(), ranks.count)
@@ -70,6 +72,9 @@ class DividedInput(Filter):
     def _extent_of_volume(self, in_info: Any) -> list[int] | None:
         """Return the extent of the whole input if it is a volume; None for images and all that has no extent."""
         info, key = in_info[0].GetInformationObject(0), self.GetExecutive().WHOLE_EXTENT()
+        data = self.GetInputDataObject(0, 0)
+        if data is not None and not data.IsA("vtkImageData"):
+            return None
         if info is None or not info.Has(key):
             return None
         extent = [int(info.Get(key, i)) for i in range(6)]

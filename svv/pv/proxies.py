@@ -19,6 +19,7 @@ from svv.pv.data import drawn_in, key_of_scene, put_baked, put_drawn, put_mesh, 
 from svv.pv.filters import Filter, ImageOutput, ViewsOutput, VolumeOutput, set_image_information, time_asked_for
 from svv.pv.identity import key_in, key_of
 from svv.pv.keeping import Keeping, views_in, write_views
+from svv.pv.meshes import told as told_of
 from svv.pv.option_panel import options_in, properties_of
 from svv.pv.panels import (
     PICTURES,
@@ -78,7 +79,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
 
         def make() -> Any:
             with self.training() as progress:
-                train, test = draw_views(volume_of(inputs[0]), self.values, part(progress, 0.0, 0.9))
+                train, test = draw_views(volume_of(inputs[0], self.values), self.values, part(progress, 0.0, 0.9))
             known = {"key": key_of(now), "look": now.look, "data": now.data, "time": now.time}
             return replace(train, meta=replace(train.meta, other={**train.meta.other, **known})), test
 
@@ -98,7 +99,7 @@ class StyleRFViews(DividedInput, ViewsOutput, Keeping):
             self.kept("written", (key_in(name), folder), write)
         self.show(train, outputs, key_in(name))
         said = f"{len(train)} views, drawn in {train.meta.seconds:.0f} s by the {train.meta.mapper} ray caster."
-        return said + self.note + self.steps.told(now, "Drawn", "draws them again")
+        return said + told_of(inputs[0], self.values) + self.note + self.steps.told(now, "Drawn", "draws them again")
 
     def before(self, outputs: list[Any]) -> None:
         if self.steps.result is not None:
@@ -158,7 +159,7 @@ class StyleRFTrain(DividedInput, Keeping):
         put_scene(scene, outputs[0])
         said = f"{regions_said(scene)}, trained in {scene.made['seconds']['total']:.0f} s."
         said = " ".join([said, *scene.made.get("warnings", [])])
-        return said + self.note + told
+        return said + told_of(inputs[0], self.values) + self.note + told
 
     def before(self, outputs: list[Any]) -> None:
         if self.steps.result is not None:
@@ -325,7 +326,7 @@ class StyleRFStylizedView(DividedInput, ImageOutput, Keeping):
         put_drawn(outputs[0], draw(scene, camera, values, self.progress), camera)
         self.kept("image", None, lambda: outputs[0].NewInstance()).ShallowCopy(outputs[0])
         hint = "" if styles else "; choose a picture under Style Files to paint them"
-        return f"{regions_said(scene)}{hint}.{self.note}{told}"
+        return f"{regions_said(scene)}{hint}.{told_of(inputs[0], values)}{self.note}{told}"
 
     def before(self, outputs: list[Any]) -> None:
         if self.last("image") is not None:

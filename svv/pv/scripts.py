@@ -49,19 +49,19 @@ class ShownVolume(Drawn):
         """Return a hash of data, transfer function and shading.
 
         Raises:
-            BadInput: The data is not an image, or it is empty.
+            BadInput: The data is no grid, or it is empty.
         """
         from svv.pv.work import views_key, volume_of
 
         # Number and size of the views have their defaults here, because the job records them itself.
-        return {"shown": views_key(volume_of(self.data), self.values)}
+        return {"shown": views_key(volume_of(self.data, self.values), self.values)}
 
     def image(self, mapper: str = "cpu", memory: float | None = None, progress: Progress = silent) -> Any:
         """Return the volume after checking it; it is in memory already."""
         from svv.pv.shown import volume_shown
         from svv.pv.work import volume_of
 
-        return volume_shown(volume_of(self.data), self.values, "The volume")
+        return volume_shown(volume_of(self.data, self.values), self.values, "The volume")
 
     def how(self) -> dict[str, Any]:
         """Return transfer function and shading as they are shown."""
@@ -219,6 +219,8 @@ def _show_with(display: Any, tf: Path) -> None:
     low, high = arrays[name].GetRange()  # of all ranks
     function = TransferFunction.read(tf).fitted(low, high)
     table = display.LookupTable
+    table.UseLogScale = table.ScalarOpacityFunction.UseLogScale = 0  # the function is on linear scales
+    table.ColorSpace, table.HSVWrap = function.space, int(function.hsv_wrap)
     table.RGBPoints = [number for point in function.colours for number in point]
     table.ScalarOpacityFunction.Points = [number for point in function.opacities for number in point]
     display.ScalarOpacityFunction = table.ScalarOpacityFunction

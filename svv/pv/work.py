@@ -19,6 +19,7 @@ from svv.errors import BadInput, Progress, part
 from svv.io.made import digest, digest_of_file
 from svv.options.described import chosen
 from svv.options.making import DeviceOptions, PaintOptions, RenderOptions, TrainOptions, ViewOptions
+from svv.pv import meshes
 from svv.pv.data import camera_of, digest_of, key_of_views, time_of, views_of
 from svv.pv.filters import ORBIT
 from svv.pv.identity import digest_of_mask, key_of
@@ -40,20 +41,24 @@ Values = Mapping[str, Any]
 # --- views ----------------------------------------------------------------------------------------------------------
 
 
-def volume_of(data: vtkDataObject | None) -> vtkImageData:
-    """Return the input as an image.
+def volume_of(data: vtkDataObject | None, values: Values) -> vtkImageData:
+    """Return the input as an image; a grid of another kind is resampled to one.
 
     Raises:
-        BadInput: It is of another type; the message names the filter that converts it to an image.
+        BadInput: It is empty, or no grid.
     """
     if isinstance(data, vtkImageData):
         if data.GetNumberOfPoints() == 0 and crew_of(data) is None:
             raise BadInput("The input is empty; apply the filter or reader before this one first.")
         return data
-    kind = "nothing" if data is None else data.GetClassName()
-    raise BadInput(
-        f"The input is {kind}, and StyleRF needs an image (vtkImageData): insert the filter Resample To Image."
-    )
+    if data is not None and meshes.is_mesh(data):
+        return meshes.image_of(data, values)
+    kind = "nothing" if data is None else f"a {data.GetClassName()}"
+    raise BadInput(f"The input is {kind}, and StyleRF needs a volume: insert the filter Resample To Image.")
+
+
+def _is_volume(data: vtkDataObject | None) -> bool:
+    return isinstance(data, vtkImageData) or (data is not None and meshes.is_mesh(data))
 
 
 def views_key(image: vtkImageData, values: Values) -> str:
@@ -99,11 +104,11 @@ def moment_of(data: vtkDataObject | None, values: Values, asked: float | None) -
     Raises:
         BadInput: The input is not an image, or there is no transfer function.
     """
-    image, look = volume_of(data), digest(transfer_function_of(values).to_dict())
+    image, look = volume_of(data, values), digest(transfer_function_of(values).to_dict())
     settings = digest(_drawing(values), values["OpacityUnitDistance"])
     # Choosing another table counts as a changed setting; changing the same table counts as an edit.
     table = f"{id(values['TransferFunction']):x}"
-    return Moment(settings, look, _digest_of(image, values), asked, time_of(image), table)
+    return Moment(settings, look, _digest_of(image, values), asked, time_of(data), table)
 
 
 def transfer_function_of(values: Values) -> Any:
@@ -112,7 +117,6 @@ def transfer_function_of(values: Values) -> Any:
     Raises:
         BadInput: The panel has none, or the volume is shown in a way that is not supported.
     """
-    from svv.dvr.plain_functions import plain_colours, plain_opacities
     from svv.dvr.transfer_functions import TransferFunction
 
     if values.get("Refusal"):
@@ -125,7 +129,7 @@ def transfer_function_of(values: Values) -> Any:
             "then run the macro 'StyleRF capture'."
         )
     unit = scale_of(values) * values["OpacityUnitDistance"] or None
-    return TransferFunction.from_vtk(plain_colours(table), plain_opacities(opacity), unit, "the transfer function")
+    return TransferFunction.from_vtk(table, opacity, unit, "the transfer function")
 
 
 def shading_of(values: Values) -> Any:
@@ -184,9 +188,7 @@ def follows(scene: Scene, data: vtkDataObject | None, made: Moment | None, now: 
     It can if it is a function of the volume's values (encoding ``values``) and the volume is in one piece.
     """
     moved = made is not None and made.data != now.data and None not in (made.time, now.time) and made.time != now.time
-    return (
-        moved and None not in (scene.values, scene.steps) and isinstance(data, vtkImageData) and crew_of(data) is None
-    )
+    return moved and None not in (scene.values, scene.steps) and _is_volume(data) and crew_of(data) is None
 
 
 def moving_from(scene: Scene, data: vtkDataObject | None, values: Values, time: float | None) -> Moving | None:
@@ -194,14 +196,14 @@ def moving_from(scene: Scene, data: vtkDataObject | None, values: Values, time: 
 
     None if the scene cannot follow its volume, has no paint, or the data have no time.
     """
-    if scene.values is None or scene.styled is None or time is None or not isinstance(data, vtkImageData):
+    if scene.values is None or scene.styled is None or time is None or not _is_volume(data):
         return None
     from svv.job.moving import Moving
 
-    return Moving(volume_shown(data, values), scene.values.interval, time)
+    return Moving(volume_shown(volume_of(data, values), values), scene.values.interval, time)
 
 
-def followed(scene: Scene, image: vtkImageData, values: Values, now: Moment, moving: Moving | None = None) -> Scene:
+def followed(scene: Scene, data: vtkDataObject, values: Values, now: Moment, moving: Moving | None = None) -> Scene:
     """Return a scene as another time step of its volume makes it; paint moves with the matter where that is known.
 
     Raises:
@@ -211,7 +213,7 @@ def followed(scene: Scene, image: vtkImageData, values: Values, now: Moment, mov
     from svv.dvr.transfer_functions import TransferFunction
     from svv.fields.following import at_volume
 
-    volume = volume_shown(image, values)
+    volume = volume_shown(volume_of(data, values), values)
     told = scene.made.get("source", {}).get("tf")
     tf = transfer_function_of(values) if told is None else TransferFunction.from_dict(told)
     time = now.time or 0.0
@@ -264,7 +266,7 @@ def train(data: vtkDataObject | None, values: Values, progress: Progress) -> Sce
         check_writable(file)
     learn = progress
     if views is None:
-        views, _ = draw_views(volume_of(data), {**values, "TestViews": 0}, part(progress, 0.0, 0.15))
+        views, _ = draw_views(volume_of(data, values), {**values, "TestViews": 0}, part(progress, 0.0, 0.15))
         learn = part(progress, 0.15, 1.0)
     checkpoint = None if file is None else checkpoint_of(file)
     scene, _ = train_scene(views, options, learn, checkpoint)

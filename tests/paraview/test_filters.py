@@ -188,9 +188,9 @@ said("no file", StyleRFScene(FileName="/nowhere/scene.svv"))
     expected = {
         "no volume": "no transfer function",
         "vectors": "3 components",
-        "unstructured": "vtkUnstructuredGrid",
-        "rectilinear": "vtkRectilinearGrid, and StyleRF needs an image",
-        "composite": "Resample To Image",
+        "unstructured": "vtkUnstructuredGrid, was resampled to 25 x 25 x 25 points",
+        "rectilinear": "has no scalars",
+        "composite": "no transfer function",
         "empty": "The input is empty",
         "nan": "NaN",
         "style": "no style picture",

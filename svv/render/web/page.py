@@ -29,6 +29,7 @@ from svv._version import __version__
 from svv.core.cameras import Camera, CameraRig
 from svv.core.colour import WHITE, over
 from svv.core.colour_vision import MATRICES
+from svv.core.interval_text import interval_text
 from svv.core.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.joined import members
@@ -209,7 +210,7 @@ def _regions(scene: Scene) -> list[dict[str, Any]]:
     reflects = scene.coefficients()
     told = []
     for number, r in enumerate(scene.regions):
-        values = f"{r.share:.0%}" if r.values is None else "{:.4g} to {:.4g}".format(*r.values)
+        values = f"{r.share:.0%}" if r.values is None else interval_text(*r.values)
         told.append({
             "name": r.name, "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity,
             "hidden": r.hidden, "values": values, "lighting": r.lighting, "strength": r.strength,

@@ -1,0 +1,138 @@
+"""Volumes whose values are large for their range: pressures of 101325 Pa, temperatures near 300 K, ids of 2^60."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("vtkmodules")
+
+from svv.bricks.numbers import Numbers
+from svv.core.differences import above
+from svv.core.interval_text import interval_text
+from svv.dvr.classify import classified
+from svv.dvr.grids import from_array
+from svv.dvr.histogram import default_transfer_function
+from svv.dvr.series import values_over
+from svv.dvr.stage import set_stage
+from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.views import make_views
+from svv.errors import BadInput
+from svv.fields.region import Region
+from svv.train.ranges import membership
+
+
+def field(voxels: int = 14) -> np.ndarray:
+    """Values from exactly 0 to 1: a ball, with noise."""
+    axis = np.linspace(-1, 1, voxels)
+    radius = np.sqrt(sum(np.square(a) for a in np.meshgrid(axis, axis, axis, indexing="ij")))
+    values = np.clip(1 - radius, 0, 1) + 0.05 * np.random.default_rng(0).random(radius.shape)
+    return (values - values.min()) / np.ptp(values)
+
+
+def integers(start: int, width: int, dtype: str) -> np.ndarray:
+    return np.asarray(np.rint(width * field()).astype(dtype) + np.asarray(start, dtype))
+
+
+DECADES = {f"1 + 1e-{n}, float64": 1.0 + 10.0**-n * field() for n in range(13)}
+DECADES |= {f"1 + 1e-{n}, float32": (1.0 + 10.0**-n * field()).astype(np.float32) for n in range(6)}
+FIELDS = {
+    "pressure, float32": (101325 + field()).astype(np.float32),
+    "pressure, float64": 101325 + field(),
+    "temperature, float32": (300 + 0.004 * field()).astype(np.float32),
+    "temperature, float64": 300 + 0.004 * field(),
+    "1e16": 1e16 + 100 * field(),
+    "1e9, float64": 1e9 + field(),
+    "1e9, float32": (1e9 + 1e4 * field()).astype(np.float32),
+    "2^60, int64": integers(2**60, 10**6, "i8"),
+    "-2^60, int64": integers(-(2**60), 10**6, "i8"),
+    "2^63, uint64": integers(2**63, 10**7, "u8"),
+    "2e9, int32": integers(2_000_000_000, 1000, "i4"),
+    **DECADES,
+}
+
+
+def views_of(values: np.ndarray, mapper: str) -> tuple[np.ndarray, list[tuple[float, float]]]:
+    views, _ = make_views(from_array(values), n=3, size=24, mapper=mapper, step=0.5)
+    return views.images.astype(float), [(r.low, r.high) for r in views.classified.ranges]
+
+
+@pytest.mark.parametrize("mapper", ["cpu", "bricks"])
+@pytest.mark.parametrize("name", FIELDS)
+def test_views_are_those_of_the_same_field_from_0_to_1(name: str, mapper: str) -> None:
+    values = FIELDS[name]
+    low, width = float(values.min()), float(values.max()) - float(values.min())
+    drawn, ranges = views_of(values, mapper)
+    plain, expected = views_of(above(values, low) / width, mapper)
+    grain = float(np.spacing(max(abs(low), abs(low + width)))) / width  # of double precision, in which ranges are
+    assert np.abs(drawn - plain).mean() < 0.05 + 30 * grain
+    found = [[(end - low) / width for end in one] for one in ranges]
+    np.testing.assert_allclose(found, expected, atol=1e-8 + 1.01 * grain)
+
+
+def test_values_of_ranges_have_as_many_digits_as_their_range_needs() -> None:
+    """Nine digits of 101325.4 are a thousandth of a range of 1; a billionth of the range is kept instead."""
+    values = 101325 + 0.01 * field()
+    tf = TransferFunction.from_bumps([{"centre": 101325.0051234, "width": 0.002, "opacity": 0.5}])
+    volume = classified(set_stage(from_array(values), tf))
+    (only,) = volume.ranges
+    assert (only.low, only.high) == pytest.approx((101325.0041234, 101325.0061234), abs=1e-6 * 0.01)
+    assert len(repr(only.low)) <= len("101325.00412340000")
+    regions = [
+        Region((0.0, 0.0, 0.0), 0.5, values=(only.low, only.high)),
+        Region((0.0, 0.0, 0.0), 0.5, values=(0.0, 1.0)),
+    ]
+    assert membership(regions, volume).tolist() == [[True, False]]
+
+
+def test_steps_of_a_series_are_resolved() -> None:
+    image = from_array(1e9 + field())
+    volume = classified(set_stage(image, default_transfer_function(image)))
+    assert volume.values is not None
+    there = values_over(image, volume.box, volume.values.cells, volume.values.interval)
+    both = (there.codes > 0) & (volume.values.codes > 0)
+    assert np.abs(there.codes.astype(int) - volume.values.codes)[both].max() <= 64
+
+
+@pytest.mark.parametrize(("start", "width"), [(2**60, 100), (2**60, 1000), (-(2**62), 5000)])
+def test_integers_that_double_precision_cannot_tell_apart_are_refused(start: int, width: int) -> None:
+    values = integers(start, width, "i8")
+    with pytest.raises(BadInput, match=f"run from {start} to {start + width}.*subtract {start} "):
+        default_transfer_function(from_array(values))
+    tf = TransferFunction(((0.0, 1, 1, 1), (3e18, 1, 1, 1)), ((-5e18, 0.0, 0.5, 0.0), (5e18, 0.5, 0.5, 0.0)))
+    with pytest.raises(BadInput, match="cannot tell most of them apart"):
+        set_stage(from_array(values), tf)
+    small = from_array(integers(5, 3, "i8"))
+    set_stage(small, default_transfer_function(small))
+
+
+def test_differences_are_exact() -> None:
+    values = np.array([2**60, 2**60 + 1, 2**60 - 3])
+    assert above(values, float(2**60)).tolist() == [0.0, 1.0, -3.0]
+    assert above(np.array([2**64 - 1, 2**63], np.uint64), float(2**63)).tolist() == [2.0**63, 0.0]
+    assert above(np.array([7, 9], np.uint8), 8.0).tolist() == [-1.0, 1.0]
+    assert above(np.array([1.5], np.float32), 1.0).tolist() == [0.5]
+
+
+def test_bricks_keep_floats_that_differ_little_as_differences() -> None:
+    kept = Numbers.of(np.dtype(np.float32), 101325.0, 101326.0)
+    assert kept.converted(np.array([101325.5], np.float32)).tolist() == [0.5] and kept.mapped(101326.0) == 1.0
+    assert Numbers.of(np.dtype(np.float32), -1.0, 1.0).gain == 1.0
+    signed = Numbers.of(np.dtype(np.int16), 0.0, 1.0)
+    assert signed.converted(np.array([-32768, 7], np.int16)).tolist() == [0, 32775] and signed.mapped(7) == 32775
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "text"),
+    [
+        (0.25, 1.0, "0.25 to 1"),
+        (-1000.0, 1000.0, "-1000 to 1000"),
+        (101325.21834, 101325.70114, "101325.218 to 101325.701"),
+        (300.0, 300.004, "300 to 300.004"),
+        (1e16, 1e16 + 100, "10000000000000000 to 10000000000000100"),
+        (7.0, 7.0, "7 to 7"),
+        (0.0, 1e-30, "0 to 1e-30"),
+    ],
+)
+def test_intervals_are_told_with_the_digits_that_they_need(low: float, high: float, text: str) -> None:
+    assert interval_text(low, high) == text

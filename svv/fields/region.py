@@ -41,8 +41,6 @@ class Region:
     """Factor on the lighting: 0 shows the flat material."""
     edited_colour: tuple[float, float, float] | None = None
     """Colour that replaces ``colour``, RGB in [0, 1]; None where it was not edited."""
-    recolour_in: str = "hsb"
-    """Space in which the shades of its colour follow ``edited_colour``: ``hsb`` (the paper's) or ``oklab``."""
     style: str | None = None
     """Name of its style; None if the region is not painted and the palette network provides its colours."""
     strength: float = 1.0
@@ -85,6 +83,8 @@ class Region:
 
     name: str | None = None
     """What it shows, such as 'bone', in any script; None where nobody named it."""
+    recolour_in: str = "hsb"
+    """Space in which the shades of its colour follow ``edited_colour``: ``hsb`` (the paper's) or ``oklab``."""
 
     outline: float = 0.0
     """Opacity of the ink of its outlines, in [0, 1]; 0 draws none."""

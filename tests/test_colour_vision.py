@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from svv.cli import app as cli
@@ -24,6 +25,7 @@ from svv.core.colour_vision import (
     smallest_differences,
 )
 from svv.core.distinct import distinct_palette
+from svv.core.oklab import rgb_to_oklab, shift_in_oklab
 from svv.errors import BadInput
 from svv.fields.scene import Scene
 from svv.io.output import write_png
@@ -58,6 +60,22 @@ def test_oklab_is_that_of_colour_science() -> None:
     xyz = colour.sRGB_to_XYZ(COLOURS)
     np.testing.assert_allclose(oklab(COLOURS), colour.XYZ_to_Oklab(xyz), atol=2e-3)
     np.testing.assert_allclose(from_oklab(oklab(COLOURS)), COLOURS, atol=1e-5)
+
+
+def test_recolouring_in_oklab_keeps_how_light_and_dark_differ(cube: Scene) -> None:
+    blue, yellow = torch.tensor([[0.2, 0.3, 0.9]]), torch.tensor([[0.6, 0.55, 0.45]])
+    shades = torch.tensor([[[0.15, 0.25, 0.7]], [[0.25, 0.35, 0.95]]])
+    before, after = (rgb_to_oklab(c)[..., 0, 0] for c in (shades, shift_in_oklab(shades, blue, yellow)))
+    torch.testing.assert_close(after.diff(), before.diff(), atol=1e-4, rtol=0)
+    torch.testing.assert_close(shift_in_oklab(blue[None], blue, yellow), yellow[None], atol=1e-5, rtol=0)
+    torch.testing.assert_close(shift_in_oklab(shades, blue, blue), shades, atol=0, rtol=0)
+    camera = cube.rig.orbit(181, 24, frames=[90])[0]
+    colour = (0.2, 0.9, 0.4)
+    one, other = cube.edited(0, colour=colour), cube.edited(0, colour=colour, recolour_in="oklab")
+    assert np.abs(one.render(camera).rgba - other.render(camera).rgba).max() > 0.01
+    assert Scene.from_bytes(other.to_bytes()).regions == other.regions
+    with pytest.raises(BadInput, match="choose hsb or oklab"):
+        cube.edited(0, recolour_in="lab")
 
 
 def test_the_difference_of_sets_compares_light_with_light() -> None:

@@ -292,8 +292,8 @@ def test_the_command(run: Callable[..., None], capsys: pytest.CaptureFixture[str
     said = capsys.readouterr()
     assert said.out.endswith("a.png\n") and "--parallel makes it hold everywhere" in said.err
     run("check-colours", "a.png")
-    said = capsys.readouterr().out
-    assert "panel a" in said and "panel b" in said and "Region 0" in said
+    checked = capsys.readouterr().out
+    assert "panel a" in checked and "panel b" in checked and "Region 0" in checked
     run("figure", "cube.svv", "--parallel", "--dpi", "60", "--out", "b.svg")
     assert "--parallel" not in capsys.readouterr().err
     with pytest.raises(BadInput, match="no time steps"):

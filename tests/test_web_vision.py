@@ -13,8 +13,21 @@ from svv.core.colour_vision import simulated
 from svv.fields.scene import Scene
 from svv.render.web.page import write_html
 
+CLOSE = 32.0
+"""How close the browser's picture is to the renderer's, in dB."""
+
 EVIL = "<b>bone</b> & 'more'"
 """A name that would be HTML."""
+
+
+def test_colours_edited_in_oklab_are_those_of_the_renderer(open_page: Any, cube: Scene, tmp_path: Path) -> None:
+    scene = cube.edited(0, colour=(0.2, 0.9, 0.4), recolour_in="oklab")
+    write_html(tmp_path / "page.html", scene, "recoloured")
+    opened = open_page(tmp_path / "page.html", size=(400, 300))
+    opened.ready()
+    camera = scene.rig.orbit(181, 96, frames=[90])[0]
+    assert opened.psnr(scene, camera) > opened.psnr(scene.edited(0, recolour_in="hsb"), camera)
+    assert opened.psnr(scene, camera) > CLOSE
 
 
 def test_names_are_shown_as_text_and_the_switch_simulates(open_page: Any, balls: Scene, tmp_path: Path) -> None:

@@ -51,7 +51,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "figure",
         "Make a figure of scenes for a paper: panels with a legend, a scale bar and orientation axes.",
     ),
-    "check-colours": ("figure", "Check whether everybody can tell the regions of a scene or figure apart."),
+    "check-colours": (
+        "figure",
+        "Check whether everybody can tell the regions of a scene or figure apart, as rendered.",
+    ),
     "evaluate": ("scene", "Score a scene against views of the volume: PSNR, SSIM, FLIP and LPIPS."),
     "export": (
         "cinema",

@@ -12,10 +12,12 @@ from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from svv.core.colour import colour_differences
+from svv.core.oklab import oklab_to_rgb, rgb_to_oklab
 
 VisionName = Literal["normal", "protanopia", "deuteranopia", "tritanopia", "grey print"]
 VISIONS: tuple[VisionName, ...] = get_args(VisionName)
@@ -61,31 +63,13 @@ def encoded(light: NDArray[np.floating]) -> Array:
 
 
 def oklab(rgb: NDArray[np.floating]) -> Array:
-    """Return the Oklab coordinates of sRGB (Ottosson 2020): lightness in [0, 1], and two of colour. (..., 3)"""
-    to_cones = np.array([
-        [0.4122214708, 0.5363325363, 0.0514459929],
-        [0.2119034982, 0.6806995451, 0.1073969566],
-        [0.0883024619, 0.2817188376, 0.6299787005],
-    ])  # fmt: skip
-    to_lab = np.array([
-        [0.2104542553, 0.7936177850, -0.0040720468],
-        [1.9779984951, -2.4285922050, 0.4505937099],
-        [0.0259040371, 0.7827717662, -0.8086757660],
-    ])  # fmt: skip
-    return np.cbrt(linear(np.asarray(rgb, np.float64)) @ to_cones.T) @ to_lab.T
+    """Apply :func:`svv.core.oklab.rgb_to_oklab` to an array. (..., 3)"""
+    return np.asarray(rgb_to_oklab(torch.from_numpy(np.array(rgb, np.float64))).numpy())
 
 
 def from_oklab(lab: NDArray[np.floating]) -> Array:
-    """Invert :func:`oklab`; the result may lie outside [0, 1]. (..., 3)"""
-    to_cones = np.array([
-        [1.0, 0.3963377774, 0.2158037573], [1.0, -0.1055613458, -0.0638541728], [1.0, -0.0894841775, -1.2914855480],
-    ])  # fmt: skip
-    to_light = np.array([
-        [4.0767416621, -3.3077115913, 0.2309699292],
-        [-1.2684380046, 2.6097574011, -0.3413193965],
-        [-0.0041960863, -0.7034186147, 1.7076147010],
-    ])  # fmt: skip
-    return encoded((np.asarray(lab, np.float64) @ to_cones.T) ** 3 @ to_light.T)
+    """Apply :func:`svv.core.oklab.oklab_to_rgb` to an array. (..., 3)"""
+    return np.asarray(oklab_to_rgb(torch.from_numpy(np.array(lab, np.float64))).numpy())
 
 
 def set_difference(a: Array, b: Array, weights_a: Array, weights_b: Array, vision: VisionName) -> float:

@@ -20,10 +20,10 @@ from svv.errors import BadInput, Progress, silent
 from svv.fields.history import Edits, History, Step, edits_of, named_alone, restyled, with_edits
 from svv.fields.model import Model
 from svv.fields.parts import counted
-from svv.fields.region import Region, checked_name
+from svv.fields.region import Region, checked_name, checked_space
 from svv.fields.splitting import piece_at
 from svv.fields.stroke_edits import checked_edits, said
-from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, SPLIT_LEVEL
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, SPLIT_LEVEL, RecolourName
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -43,6 +43,7 @@ class EditedModel(Model):
         opacity: float | None = None,
         lighting: float | None = None,
         name: str | None = None,
+        recolour_in: RecolourName | None = None,
         **reflects: float | None,
     ) -> Self:
         """Return a scene with one region's colour, opacity, lighting or name changed (photorealistic style editing).
@@ -52,6 +53,7 @@ class EditedModel(Model):
             colour: New palette colour of the region, RGB in [0, 1]; its shades change with it.
             opacity: Factor on the extinction, >= 0; 1 is as trained.
             lighting: Factor on the lighting, >= 0; 1 is as trained, 0 shows the flat material.
+            recolour_in: Space in which its shades follow its colour, ``hsb`` or ``oklab``.
             name: What the region shows, such as ``bone``; empty takes its name away.
             reflects: Reflection coefficients of the region in a scene with an explicit light: ``ambient``, ``diffuse``
                 and ``specular``, fractions of the light, >= 0, and ``shininess``, the highlight's exponent, >= 1.
@@ -62,8 +64,7 @@ class EditedModel(Model):
                 lighting.
         """
         self._check(region)
-        changes: Edits = {}
-        said = []
+        changes, said = Edits(), list[str]()
         if colour is not None:
             if len(colour) != 3 or not all(0.0 <= c <= 1.0 for c in colour):
                 raise BadInput(f"{tuple(colour)} is not a colour: give red, green and blue between 0 and 1.")
@@ -82,9 +83,10 @@ class EditedModel(Model):
                     raise BadInput(f"The {what} factor must be a number of at least 0, not {factor}.")
                 changes[what] = float(factor)
                 said.append(f"{what} {factor:g}")
-        if name is not None:
-            changes["name"] = checked_name(name)
-            said.append("no name" if changes["name"] is None else f"name {changes['name']}")
+        for what, text, checked in (("recolour_in", recolour_in, checked_space), ("name", name, checked_name)):
+            if text is not None:
+                changes[what] = checked(text)
+                said.append(f"{what.replace('_', ' ')} {changes[what] or 'none'}")
         if given := checked_coefficients(reflects):
             self._check_light()
             changes |= given
@@ -132,8 +134,7 @@ class EditedModel(Model):
         Raises:
             BadInput: There is no such region.
         """
-        chosen = regions or tuple(range(len(self.regions)))
-        self._check(*chosen)
+        self._check(*(chosen := regions or tuple(range(len(self.regions)))))
         return self._changed(f"show {_list(regions) or 'all'}", {region: {"hidden": False} for region in chosen})
 
     def isolated(self, *regions: int) -> Self:

@@ -14,6 +14,7 @@ from torch import Tensor
 from svv.core.cameras import Camera, CameraRig
 from svv.core.colour import shift_colours
 from svv.core.light import COEFFICIENTS, Lamp
+from svv.core.oklab import shift_in_oklab
 from svv.core.strokes import Floats
 from svv.errors import BadInput
 from svv.fields.networks import BaseField, FieldSettings, PaletteField, UnrestrictedField
@@ -169,7 +170,8 @@ class Model:
             shown = palette.new_tensor(region.colour)
             target = shown if bool((target == own).all()) else target
             rows = slice(None) if here is None else (here[:, root] == number).nonzero()[:, 0]
-            colours[rows, root] = shift_colours(colours[rows, root, None], shown[None], target[None])[:, 0]
+            shift = shift_in_oklab if region.recolour_in == "oklab" else shift_colours
+            colours[rows, root] = shift(colours[rows, root, None], shown[None], target[None])[:, 0]
         return colours
 
     def paint(self, samples: Samples, network: str, region: Tensor) -> Tensor | None:

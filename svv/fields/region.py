@@ -5,9 +5,10 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 from svv.errors import BadInput
-from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT
+from svv.options.editing import OUTLINE_COLOUR, OUTLINE_WIDTH, PAINT_LIGHT, RecolourName
 
 MOST_RELIEF = 4.0
 """Largest factor on the relief of strokes."""
@@ -82,6 +83,8 @@ class Region:
 
     name: str | None = None
     """What it shows, such as 'bone', in any script; None where nobody named it."""
+    recolour_in: str = "hsb"
+    """Space in which the shades of its colour follow ``edited_colour``: ``hsb`` (the paper's) or ``oklab``."""
 
     outline: float = 0.0
     """Opacity of the ink of its outlines, in [0, 1]; 0 draws none."""
@@ -93,6 +96,8 @@ class Region:
     def __post_init__(self) -> None:
         if not (0.0 <= self.stroke_relief <= MOST_RELIEF and STROKE_WIDTHS[0] <= self.stroke_width <= STROKE_WIDTHS[1]):
             raise ValueError("the relief or the width of strokes is out of range")
+        if self.recolour_in not in get_args(RecolourName):
+            raise ValueError(f"'{self.recolour_in}' is no space to recolour in")
 
     @property
     def seen_opacity(self) -> float:
@@ -132,6 +137,13 @@ def checked_name(name: str) -> str | None:
             "it out."
         )
     return text or None
+
+
+def checked_space(name: str) -> str:
+    """Return the name of a space to recolour in; raises BadInput for any other."""
+    if name not in get_args(RecolourName):
+        raise BadInput(f"Colours cannot be changed in '{name}': choose {' or '.join(get_args(RecolourName))}.")
+    return name
 
 
 def of_layer(regions: Sequence[Region], layer: int) -> tuple[Region, ...]:

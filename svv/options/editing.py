@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from svv.options.described import Setting, Switch
 
 Colour = tuple[float, float, float]
+RecolourName = Literal["hsb", "oklab"]
 DistinctName = Literal["colours", "lightness"]
 
 PAINT_LIGHT = 0.6
@@ -46,6 +47,9 @@ class RegionEdit(Request):
         Colour | None, Setting(metavar="'#rrggbb'", syntax="colour", switch=RECOLOUR, unset=(1.0, 0.5, 0.0))
     ] = None
     """The region's new colour."""
+    recolour_in: Annotated[RecolourName | None, Setting(unset="as it is", advanced=True)] = None
+    """How shades follow the region's new colour: hsb by hue, saturation and brightness, as in the paper, or oklab, in
+    which light and dark differ as they did to the eye."""
     opacity: Annotated[float | None, Setting(least=0, slider=(0.0, 4.0), unset=1.0)] = None
     """Factor on the region's opacity; 1 is as trained."""
     lighting: Annotated[float | None, Setting(least=0, slider=(0.0, 2.0), unset=1.0)] = None

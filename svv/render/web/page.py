@@ -31,6 +31,7 @@ from svv.core.colour import WHITE, over
 from svv.core.colour_vision import MATRICES
 from svv.core.interval_text import interval_text
 from svv.core.light import COEFFICIENTS, NORMAL_SOFTNESS, RIM_COSINE
+from svv.core.oklab import FROM_CONES, FROM_LAB, TO_CONES, TO_LAB
 from svv.errors import BadInput, Progress, part, silent
 from svv.fields.joined import members
 from svv.fields.scene import Scene
@@ -214,10 +215,14 @@ def _regions(scene: Scene) -> list[dict[str, Any]]:
         told.append({
             "name": r.name, "colour": r.colour, "edited": r.edited_colour, "opacity": r.opacity,
             "hidden": r.hidden, "values": values, "lighting": r.lighting, "strength": r.strength,
-            "mean_light": r.mean_light,
+            "mean_light": r.mean_light, "oklab": OKLAB if r.recolour_in == "oklab" else None,
             "reflects": [0.0] * len(COEFFICIENTS) if reflects is None else reflects[number].tolist(),
         })  # fmt: skip
     return told
+
+
+OKLAB = {"to_cones": TO_CONES, "to_lab": TO_LAB, "from_lab": FROM_LAB, "from_cones": FROM_CONES}
+"""Matrices with which a page recolours a region in Oklab."""
 
 
 def numbers_of(scene: Scene) -> list[int]:

@@ -33,6 +33,28 @@ function toRgb(hue, saturation, value, out) {
   return out;
 }
 
+// Oklab, and back (svv/core/oklab.py).
+const times = (matrix, v) => matrix.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
+
+function toOklab(rgb, { to_cones, to_lab }) {
+  const light = rgb.map((v) => Math.max(v, 0)).map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+  return times(to_lab, times(to_cones, light).map(Math.cbrt));
+}
+
+function fromOklab(lab, { from_cones, from_lab }) {
+  const light = times(from_cones, times(from_lab, lab).map((v) => v ** 3));
+  return light.map((v) => (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055));
+}
+
+// As `shifter`, by the difference in Oklab (shift_in_oklab).
+function oklabShifter(palette, target, oklab) {
+  const before = toOklab(palette, oklab), after = toOklab(target, oklab), unit = (v) => Math.min(Math.max(v, 0), 1);
+  return (r, g, b, out) => {
+    const lab = toOklab([r, g, b], oklab).map((v, c) => v + after[c] - before[c]);
+    fromOklab(lab, oklab).forEach((v, c) => (out[c] = unit(v)));
+  };
+}
+
 // Return a function that moves colours by the difference between two palette colours (shift_colours); it changes `out`.
 function shifter(palette, target) {
   const before = toHsb(...palette, []), after = toHsb(...target, []), hsb = [0, 0, 0];
@@ -56,7 +78,7 @@ function valuesOf(field, channel) {
 class Palette {
   // material: intensity, then three channels a region; weights: one a region.
   constructor(material, weights, regions) {
-    this.material = material, this.count = material.count;
+    this.material = material, this.count = material.count, this.spaces = regions.map(({ oklab }) => oklab);
     this.parts = regions.map(() => null); // the contribution of each region, as long as its colour stays
     this.codes = regions.map(() => undefined);
     const share = new Float32Array(this.count);
@@ -87,7 +109,8 @@ class Palette {
   part(region, index) {
     const [red, green, blue] = [0, 1, 2].map((c) => valuesOf(this.material, 1 + 3 * index + c));
     const weights = this.weights[index], out = new Float32Array(3 * this.count), rgb = [0, 0, 0];
-    const shift = region.edited === null ? null : shifter(region.colour, region.edited);
+    const oklab = this.spaces[index], moved = oklab === null ? shifter : oklabShifter;
+    const shift = region.edited === null ? null : moved(region.colour, region.edited, oklab);
     for (let k = 0; k < this.count; k++) {
       const w = weights[k];
       if (w === 0) continue;

@@ -6,7 +6,6 @@ Each name is imported on first use.
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, Any
 
 from svv._version import __version__ as __version__
@@ -69,10 +68,6 @@ PUBLIC = {
 """Public name -> the module that defines it, imported on first access (PEP 562)."""
 
 prefer_own_symbols(TRITON)
-
-# OpenMP reads it when torch is loaded. By default, threads spin between torch's operations, on the very cores that our
-# kernels' threads, ParaView's window or anything else need: training took up to three times as long beside other work.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def __getattr__(name: str) -> Any:

@@ -54,6 +54,7 @@ DIVIDED = (
 def chosen_of(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return those of a panel's values with which a display changes a volume."""
     given = {name: values.get(name, plain) for name, plain in PLAIN.items()}
+    given = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
     if not given["UseCropping"]:
         given |= {name: PLAIN[name] for name in ("CroppingOrigin", "CroppingScale")}
     return {name: value for name, value in given.items() if value != PLAIN[name] and (name, value) != CUBIC}

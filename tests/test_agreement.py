@@ -203,7 +203,7 @@ def test_it_is_left_out_on_request() -> None:
 
 
 def test_views_that_reach_it_are_left_out_or_refused() -> None:
-    columns = (IMAGES[..., 3] > 0).any(axis=1)
+    columns: np.ndarray = np.any(IMAGES[..., 3] > 0, axis=1)
     rightmost = np.array([np.flatnonzero(own).max() for own in columns])
     at = int(np.sort(rightmost)[-5])
     views = ViewSet(tuple(CAMERAS), with_bar(at, 5), tuple(NAMES))

@@ -54,6 +54,7 @@ FIELDS = {
 
 def views_of(values: np.ndarray, mapper: str) -> tuple[np.ndarray, list[tuple[float, float]]]:
     views, _ = make_views(from_array(values), n=3, size=24, mapper=mapper, step=0.5)
+    assert views.classified is not None
     return views.images.astype(float), [(r.low, r.high) for r in views.classified.ranges]
 
 

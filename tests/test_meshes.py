@@ -100,6 +100,7 @@ def test_the_unit_distance_is_that_of_the_mesh() -> None:
         kept = own_unit_distance(as_volume(resampled(mesh, along=along)))
         assert kept == pytest.approx(np.sqrt(12) / np.cbrt(mesh.GetNumberOfCells()), rel=1e-5)
     views, _ = make_views(resampled(unstructured(), along=15), n=3, size=16, mapper="cpu", step=1.0)
+    assert views.meta.tf is not None
     assert views.meta.tf["ScalarOpacityUnitDistance"] == pytest.approx(np.sqrt(12) / 8, rel=1e-5)
 
 
@@ -239,4 +240,4 @@ def test_files_of_meshes_are_volumes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(Appearance.of(found).blank, Appearance.of(expected).blank)
     assert own_unit_distance(found) == own_unit_distance(expected) and found.GetOrigin() == expected.GetOrigin()
     opened = open_volume(tmp_path / "ball.vtu", resample_to=20)
-    assert opened.GetDimensions() == (20, 20, 20)
+    assert isinstance(opened, vtkImageData) and opened.GetDimensions() == (20, 20, 20)

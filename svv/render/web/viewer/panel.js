@@ -152,21 +152,18 @@ class Panel {
 
   // Shows the picture as people with a colour vision deficiency see it, or as a grey print; no edit, and not saved.
   visions() {
-    const { visions } = this.header, namespace = "http://www.w3.org/2000/svg", svg = document.createElementNS(namespace, "svg");
-    svg.setAttribute("width", "0"), svg.setAttribute("height", "0"), svg.setAttribute("aria-hidden", "true");
-    svg.style.position = "absolute";
+    const { visions } = this.header, filters = made("div");
     const select = made("select", { "aria-label": "Colour vision", onchange: () => {
       document.getElementById("picture").style.filter = select.value === "" ? "" : `url(#vision${select.value})`;
     } }, made("option", { value: "" }, "Normal"));
-    Object.entries(visions).forEach(([name, matrix], k) => {
-      const filter = document.createElementNS(namespace, "filter"), rows = document.createElementNS(namespace, "feColorMatrix");
-      filter.id = `vision${k}`;
-      filter.setAttribute("color-interpolation-filters", "linearRGB");
-      rows.setAttribute("values", [...matrix.map((row) => [...row, 0, 0]), [0, 0, 0, 1, 0]].flat().join(" "));
-      filter.append(rows), svg.append(filter);
-      select.append(made("option", { value: k }, name[0].toUpperCase() + name.slice(1)));
+    const matrices = Object.values(visions).map((matrix, k) => {
+      const values = [...matrix.map((row) => [...row, 0, 0]), [0, 0, 0, 1, 0]].flat().map(Number).join(" ");
+      return `<filter id="vision${k}" color-interpolation-filters="linearRGB"><feColorMatrix values="${values}"/></filter>`;
     });
-    return this.section("Seen with", select, svg);
+    // Parsed as HTML, so that elements of SVG need no namespace: the page contains no address at all.
+    filters.innerHTML = `<svg width="0" height="0" aria-hidden="true" style="position: absolute">${matrices.join("")}</svg>`;
+    Object.keys(visions).forEach((name, k) => select.append(made("option", { value: k }, name[0].toUpperCase() + name.slice(1))));
+    return this.section("Seen with", select, filters);
   }
 
   background() {

@@ -100,15 +100,19 @@ def test_a_changed_file_has_another_fingerprint(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "line"), [("a.mhd", "ElementDataFile = voxels.raw"), ("a.nhdr", "data file: voxels.raw")]
+    ("name", "header"),
+    [
+        ("a.mhd", "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementDataFile = voxels.raw\n"),
+        ("a.nhdr", "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\ndata file: voxels.raw\n"),
+    ],
 )
-def test_a_volume_is_known_by_the_voxels_that_its_header_names(tmp_path: Path, name: str, line: str) -> None:
-    (tmp_path / name).write_text(f"NDims = 3\n{line}\n")
-    (tmp_path / "voxels.raw").write_bytes(b"one")
+def test_a_volume_is_known_by_the_voxels_that_its_header_names(tmp_path: Path, name: str, header: str) -> None:
+    (tmp_path / name).write_text(header)
+    (tmp_path / "voxels.raw").write_bytes(b"12345678")
     source = VolumeSource(tmp_path / name)
     before = key_of(source.identity())
     assert key_of(source.identity()) == before
-    (tmp_path / "voxels.raw").write_bytes(b"other")
+    (tmp_path / "voxels.raw").write_bytes(b"87654321")
     assert key_of(source.identity()) != before
 
 

@@ -49,8 +49,10 @@ def _check_rotation(rotation: Array) -> None:
         )
     why = f"R^T R is off by {off:.3g}"
     if 0.0 < scale < np.inf:
-        scale *= float(np.linalg.norm((rotation / scale)[:, 0]))
-        if _off(rotation / scale) <= ROTATION_TOLERANCE:
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # as in _off
+            scale *= float(np.linalg.norm((rotation / scale)[:, 0]))
+            unscaled = _off(rotation / scale)
+        if unscaled <= ROTATION_TOLERANCE:
             why = f"it is scaled by {scale:.6g}: divide it by that, but not the last column"
     raise BadInput(
         "A camera matrix must contain a rotation (no scale, shear or mirror), but its 3x3 part is not one "

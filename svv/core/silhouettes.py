@@ -276,7 +276,8 @@ def _pinhole(matrices: Array, rays: Array, focal: Array, pairs: NDArray[np.intp]
     units = rays / np.linalg.norm(rays, axis=2, keepdims=True)
     ahead = units[i].mean(1) + units[j].mean(1)
     ahead -= np.einsum("pk,pk->p", ahead, line)[:, None] * line
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    size = np.linalg.norm(ahead, axis=1, keepdims=True)
+    ahead /= np.where(size > 0.0, size, np.nan)  # 0 for two cameras that look at each other
     side = np.cross(line, ahead)
     ends, clear = [], np.ones(len(pairs), bool)
     for view in (i, j):

@@ -152,18 +152,19 @@ class Panel {
 
   // Shows the picture as people with a colour vision deficiency see it, or as a grey print; no edit, and not saved.
   visions() {
-    const { visions } = this.header, filters = made("div");
+    const { visions } = this.header, filters = document.getElementById("visions"), [empty] = filters.children;
     const select = made("select", { "aria-label": "Colour vision", onchange: () => {
       document.getElementById("picture").style.filter = select.value === "" ? "" : `url(#vision${select.value})`;
     } }, made("option", { value: "" }, "Normal"));
-    const matrices = Object.values(visions).map((matrix, k) => {
-      const values = [...matrix.map((row) => [...row, 0, 0]), [0, 0, 0, 1, 0]].flat().map(Number).join(" ");
-      return `<filter id="vision${k}" color-interpolation-filters="linearRGB"><feColorMatrix values="${values}"/></filter>`;
+    Object.entries(visions).forEach(([name, matrix], k) => {
+      const filter = empty.cloneNode(true);
+      filter.id = `vision${k}`;
+      const values = [...matrix.map((row) => [...row, 0, 0]), [0, 0, 0, 1, 0]];
+      filter.firstElementChild.setAttribute("values", values.flat().join(" "));
+      filters.append(filter);
+      select.append(made("option", { value: k }, name[0].toUpperCase() + name.slice(1)));
     });
-    // Parsed as HTML, so that elements of SVG need no namespace: the page contains no address at all.
-    filters.innerHTML = `<svg width="0" height="0" aria-hidden="true" style="position: absolute">${matrices.join("")}</svg>`;
-    Object.keys(visions).forEach((name, k) => select.append(made("option", { value: k }, name[0].toUpperCase() + name.slice(1))));
-    return this.section("Seen with", select, filters);
+    return this.section("Seen with", select);
   }
 
   background() {

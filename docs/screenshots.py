@@ -24,7 +24,7 @@ IMAGES = Path(__file__).resolve().parent / "images"
 QUALITY = 82
 """Quality of the JPEG files: text stays sharp, and a window of 1280 x 1024 pixels stays below 150 kB."""
 
-FILTERS, STYLIZED_VIEW, CHOOSE_PRESET, CLOSE = (215, 10), (531, 512), (234, 828), (1032, 724)
+FILTERS, STYLIZED_VIEW, CHOOSE_PRESET, CLOSE = (215, 10), (557, 561), (234, 828), (1032, 724)
 """Positions to click in ParaView 5.11, in pixels: the menu, its item, the preset button, and Close in its dialog."""
 
 DIALOG = (139, 197, 1123, 748)
@@ -179,7 +179,9 @@ def take(window: Window) -> None:
     xdotool(
         "mousemove", 500, 560, "mousedown", 1, "mousemove", 560, 570, "sleep", "1", "mousemove", 640, 590, "mouseup", 1
     )
-    time.sleep(10.0)
+    time.sleep(3.0)  # the small picture of the moving scene comes first
+    window.until(FOLLOWED)
+    time.sleep(5.0)
     window.keep("turned")
 
 

@@ -14,7 +14,7 @@ from paraview.modules.vtkRemotingServerManager import vtkSMProxyIterator, vtkSMP
 
 from svv.errors import BadInput
 from svv.pv import follow, placing
-from svv.pv.display_table import LIGHT_KIT, LIGHTS, light_of, refused_by, value_of
+from svv.pv.display_table import LIGHT_KIT, LIGHTS, light_of, name_in, refused_by, value_of
 from svv.pv.kept_as import KEEPING, watch_kept
 from svv.pv.live import watch_camera, watch_view
 from svv.pv.picking import watch_picks
@@ -105,6 +105,7 @@ def shown_as(display: Any) -> dict[str, Any]:
         raise BadInput(LIGHTS)
     if display.ScalarOpacityFunction is not None:
         table.ScalarOpacityFunction = display.ScalarOpacityFunction
+    names = {name: name_in(display, name) for name in (*COEFFICIENTS, *PLAIN)}
     return {
         "TransferFunction": table,
         "Scalars": [display.ColorArrayName[0], display.ColorArrayName[1]],
@@ -112,7 +113,7 @@ def shown_as(display: Any) -> dict[str, Any]:
         "Shade": shade,
         "Ambient": 0.0 if light == LIGHT_KIT else getattr(display, "Ambient", 0.0),
         "Notice": light,
-        **{name: value_of(display, name) for name in (*COEFFICIENTS, *PLAIN) if hasattr(display, name)},
+        **{name: value_of(display, own) for name, own in names.items() if own is not None},
     }
 
 

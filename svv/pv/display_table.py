@@ -53,6 +53,7 @@ REPRESENTATION: Mapping[str, Row] = {
     "CroppingOrigin": PANEL,
     "CroppingScale": PANEL,
     "Position": PANEL,
+    "Translation": Row(REPRODUCED, "the panel's Position: its name since ParaView 5.13"),
     "Scale": PANEL,
     "Orientation": PANEL,
     "Origin": PANEL,
@@ -184,7 +185,7 @@ def refused_by(display: Any) -> str:
     for name, row in REPRESENTATION.items():
         if row.becomes is not REFUSED or (name in WITH_SHADE and not getattr(display, "Shade", 0)):
             continue
-        value = value_of(display, name) if hasattr(display, name) else None
+        value = None if name_in(display, name) is None else value_of(display, name)
         if value is not None and row.refuses(value):
             return row.why.format(value=value)
     return ""
@@ -200,6 +201,16 @@ def light_of(view: Any) -> str:
         for light in added
     ]
     return "" if alike == [True] else LIGHTS
+
+
+RENAMED = {"Position": "Translation"}
+"""Names of properties since ParaView 5.13, which refuses the old ones."""
+
+
+def name_in(proxy: Any, name: str) -> str | None:
+    """Return the name of a property in this version of ParaView; None if the proxy does not have it."""
+    names = (name, RENAMED.get(name, name))
+    return next((own for own in names if proxy.SMProxy.GetProperty(own) is not None), None)
 
 
 def value_of(proxy: Any, name: str) -> Any:

@@ -13,6 +13,7 @@ import json, sys
 import numpy as np
 from paraview.simple import *
 from paraview import servermanager as sm
+from svv.pv.display_table import name_in
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkImageData, vtkUniformGrid
 from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
@@ -62,7 +63,7 @@ def show(input, association="POINTS", array="s", shade=0, **properties):
     table.RGBPoints = [0, 0, 0, 1, 60, .1, .3, 1, 100, .1, .9, .2, 150, 1, .8, .1, 200, 1, .1, .1]
     opacities.Points = [0, 0, .5, 0, 25, 0, .5, 0, 45, .35, .5, 0, 200, .6, .5, 0]
     for name, value in properties.items():
-        setattr(display, name, value)
+        setattr(display, name_in(display, name) or name, value)
     return display
 
 def drawn():

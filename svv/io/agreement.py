@@ -36,6 +36,10 @@ WORSE = 1.5, 0.3
 FAR_OFF = 1.0
 """Degrees by which cameras would be turned, from which on silhouettes contradict them; at least 1.5 pixels."""
 
+SURE = 2.5
+"""Pixels by which silhouettes must differ for a refusal without a cause: those of small pictures with few views differ
+by up to 2 even if the cameras are right."""
+
 NO_BETTER = 0.7
 """Fraction of the difference in any order from which on cameras agree no better than in any order."""
 
@@ -164,7 +168,7 @@ def _without_cause(
         return _agree(found), None
     far = found > np.maximum(np.radians(FAR_OFF) * outlines.reach, 1.5)
     least = float(found[tells].min())
-    if (far & (found > NO_BETTER * mixed))[tells].all():
+    if least > SURE and (far & (found > NO_BETTER * mixed))[tells].all():
         turned = np.degrees(least / outlines.reach[tells][found[tells].argmin()])
         raise BadInput(
             f"{which} contradict their cameras: silhouettes differ by {least:.1f} pixels, as if the "

@@ -176,12 +176,27 @@ LIGHT_KIT = "Lit from the camera, which is darker than the light kit of ParaView
 """What is said about volumes that are shaded in ParaView's default light."""
 
 
+CROPPED = (
+    "The volume is cropped by its display, which this version of ParaView does in another way than 5.11, and StyleRF "
+    "does not: turn Use Cropping off in the display's properties, and insert the filter Extract Subset."
+)
+
+
+def crops_as_known() -> bool:
+    """Return whether this ParaView crops as 5.11 does: pictures of 6.1 differ, and 5.13 renamed the displays' place."""
+    from paraview.servermanager import vtkSMProxyManager
+
+    return (vtkSMProxyManager.GetVersionMajor(), vtkSMProxyManager.GetVersionMinor()) < (5, 13)
+
+
 def refused_by(display: Any) -> str:
     """Return the sentence that says why a display cannot be reproduced; empty if it can.
 
     Args:
         display: Proxy of a representation.
     """
+    if name_in(display, "UseCropping") is not None and value_of(display, "UseCropping") and not crops_as_known():
+        return CROPPED
     for name, row in REPRESENTATION.items():
         if row.becomes is not REFUSED or (name in WITH_SHADE and not getattr(display, "Shade", 0)):
             continue

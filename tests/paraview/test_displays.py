@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from svv.pv import start
 from svv.pv.display_table import COLOURS, NO_EFFECT, OPACITIES, REFUSED, REPRESENTATION, REPRODUCED
 
 VOLUME = """
@@ -181,8 +182,11 @@ def _said(pvpython: Any, folder: Any, script: str, *arguments: str, **options: A
 @pytest.mark.slow
 def test_what_a_display_does_is_in_the_views(drawn: dict[str, Any]) -> None:
     differences = {name: value for name, value in drawn.items() if name != "stderr"}
-    assert {name: value for name, value in differences.items() if not (isinstance(value, float) and value <= 0.5)} == {}
     assert len(differences) == 21
+    if start.find().version >= (5, 13):  # which crop otherwise
+        for name in ("cropped", "cropped cells", "all"):
+            assert "cropped by its display" in differences.pop(name)
+    assert {name: value for name, value in differences.items() if not (isinstance(value, float) and value <= 0.5)} == {}
 
 
 def test_the_tables_are_complete(pvpython, tmp_path) -> None:

@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from vtkmodules.vtkImagingCore import vtkRTAnalyticSource
 
 from svv.core.camera_mistakes import mistakes
 from svv.core.cameras import Camera, sphere_cameras
+from svv.core.shading import Shading
+from svv.dvr.grids import as_volume
+from svv.dvr.transfer_functions import TransferFunction
+from svv.dvr.views import make_views
 from svv.errors import BadInput
 from svv.io.agreement import Agreement, check_agreement
 from svv.io.on_screen import ignoring_fixed
@@ -147,6 +152,20 @@ def test_a_ball_agrees_with_any_cameras_that_look_at_it() -> None:
     assert check(with_matrices(np.roll(MATRICES, -1, axis=0)), ball).doubt is None
     with pytest.raises(BadInput, match=r"look away from: .* OpenCV"):
         check(with_matrices(MATRICES @ OPENCV), ball)
+
+
+@pytest.mark.parametrize(("views", "size"), [(8, 64), (12, 96), (16, 48)])
+def test_a_light_on_the_camera_does_not_contradict_it(views: int, size: int) -> None:
+    """What is brightest moves over the surface with the light, and its outline with it; alpha stays."""
+    source = vtkRTAnalyticSource()
+    source.SetWholeExtent(-12, 12, -12, 12, -12, 12)
+    source.Update()
+    colours = [(37.4, 0.23, 0.3, 0.75), (157.0, 0.87, 0.87, 0.87), (276.8, 0.7, 0.016, 0.15)]
+    opacities = [(37.0, 0.0, 0.5, 0.0), (200.0, 0.0, 0.5, 0.0), (220.0, 1.0, 0.5, 0.0), (277.0, 1.0, 0.5, 0.0)]
+    volume, tf = as_volume(source.GetOutput(), None, "wavelet"), TransferFunction(colours, opacities, 2.5)
+    lit = Shading(on=True, ambient=0.0, diffuse=1.0, specular=0.0, specular_power=10.0)
+    training, _ = make_views(volume, tf, n=views, size=size, mapper="cpu", shading=lit)
+    assert check_agreement(training.cameras, training.images, training.names).doubt is None
 
 
 def test_cameras_inside_are_mentioned() -> None:

@@ -50,6 +50,9 @@ class Outlines:
     """The silhouettes of these views at each level that has some."""
     reach: Array
     """Radius of a typical silhouette of each level in pixels. (levels,)"""
+    of_alpha: NDArray[np.bool_]
+    """Which are levels of alpha. The others are of brightness, which light from the camera moves over a surface, so
+    they may disagree with right cameras. (levels,)"""
 
     @classmethod
     def of(cls, images: Images) -> Outlines:
@@ -59,15 +62,19 @@ class Outlines:
         for values, levels in ((thin[..., 3], OPACITIES), (_contrast(thin), CONTRASTS)):
             masks += [values > level for level in levels]
         masks += [uniform_filter((thin[..., 3] > level).astype(np.float32), (0, 3, 3)) > 0.5 for level in CLEANED]
-        different = [m for k, m in enumerate(masks) if not any(np.array_equal(m, other) for other in masks[:k])]
-        found = [s for s in (Silhouettes.of(list(mask), step) for mask in different) if s.usable.sum() > 2]
-        return cls(chosen, tuple(found), np.array([_reach(s) for s in found]))
+        of_alpha = np.ones(len(masks), bool)
+        of_alpha[len(OPACITIES) : len(OPACITIES) + len(CONTRASTS)] = False
+        different = [k for k, m in enumerate(masks) if not any(np.array_equal(m, other) for other in masks[:k])]
+        silhouettes = {k: Silhouettes.of(list(masks[k]), step) for k in different}
+        found = {k: s for k, s in silhouettes.items() if s.usable.sum() > 2}
+        return cls(chosen, tuple(found.values()), np.array([_reach(s) for s in found.values()]), of_alpha[list(found)])
 
     def fewer(self, views: int, levels: int, tangents: int = 1) -> Outlines:
         """Return some of the views at some of the levels, spread evenly, with every so many-th tangent."""
         own = _spread(len(self.chosen), views)
         which = _spread(len(self.levels), levels)
-        return Outlines(self.chosen[own], tuple(self.levels[k].take(own, tangents) for k in which), self.reach[which])
+        taken = tuple(self.levels[k].take(own, tangents) for k in which)
+        return Outlines(self.chosen[own], taken, self.reach[which], self.of_alpha[which])
 
     def residuals(self, views: Views, most: int = MOST_PAIRS) -> tuple[Array, NDArray[np.intp]]:
         """Return by how many pixels the silhouettes of each level differ with these cameras.

@@ -36,9 +36,8 @@ WORSE = 1.5, 0.3
 FAR_OFF = 1.0
 """Degrees by which cameras would be turned, from which on silhouettes contradict them; at least 1.5 pixels."""
 
-SURE = 2.5
-"""Pixels by which silhouettes must differ for a refusal without a cause: those of small pictures with few views differ
-by up to 2 even if the cameras are right."""
+SMALL = 5.0
+"""Pixels of radius below which a silhouette says nothing against cameras: its edge is a few pixels of thin matter."""
 
 NO_BETTER = 0.7
 """Fraction of the difference in any order from which on cameras agree no better than in any order."""
@@ -162,13 +161,18 @@ def _check(
 def _without_cause(
     outlines: Outlines, found: Array, mixed: Array, tells: NDArray[np.bool_], which: str
 ) -> tuple[str | None, str | None]:
-    """Judge cameras that no usual mistake explains by the same cameras in another order."""
-    tells = tells & np.isfinite(found) & np.isfinite(mixed)
-    if not tells.any():
+    """Judge cameras that no usual mistake explains by the same cameras in another order, and by alpha alone.
+
+    In fog, the outline of what is dense along rays may move with the view: a level or two of alpha say nothing against
+    cameras with which most agree, and better than in another order.
+    """
+    of_alpha = np.isfinite(found) & np.isfinite(mixed) & outlines.of_alpha & (outlines.reach >= SMALL)
+    tells, agree = tells & of_alpha, of_alpha & (found <= GOOD) & (found <= NO_BETTER * mixed)
+    if tells.sum() <= agree.sum():
         return _agree(found), None
     far = found > np.maximum(np.radians(FAR_OFF) * outlines.reach, 1.5)
     least = float(found[tells].min())
-    if least > SURE and (far & (found > NO_BETTER * mixed))[tells].all():
+    if (far & (found > NO_BETTER * mixed))[tells].all():
         turned = np.degrees(least / outlines.reach[tells][found[tells].argmin()])
         raise BadInput(
             f"{which} contradict their cameras: silhouettes differ by {least:.1f} pixels, as if the "
